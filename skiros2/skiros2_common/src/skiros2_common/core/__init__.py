@@ -1,0 +1,1 @@
+"""Elements, parameters, conditions and skill descriptions. No ROS here."""

@@ -435,12 +435,8 @@ class ConditionRelation(ConditionBase):
             changed = [{"src": subj.id, "type": self._relation, "dst": obj.id}]
         else:
             changed = list(wmi.get_relations(subj.id, self._relation, obj.id))
-        for relation in changed:
-            wmi.set_relation(relation["src"], relation["type"], relation["dst"], self._desired_state)
-        state = self._desired_state
-        self._undo.append(
-            lambda: [wmi.set_relation(r["src"], r["type"], r["dst"], not state) for r in reversed(changed)] and None
-        )
+        _set_relations(changed, self._desired_state, wmi)
+        self._undo.append(lambda: _set_relations(changed, not self._desired_state, wmi))
         return self.evaluate(ph, wmi)
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
@@ -594,13 +590,16 @@ class ConditionFunction(ConditionBase):
         self._keys = [target_key if key == initial_key else key for key in self._keys]
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        return bool(self._function(*(self._value(key, ph) for key in self._keys)) == self._desired_state) == (
-            self._desired_state
-        )
+        return bool(self._function(*(self._value(key, ph) for key in self._keys)))
 
     def fact(self) -> str:
         name = getattr(self._function, "__name__", "function")
         return f"{name}({', '.join(self._name(key) for key in self._keys)})"
+
+
+def _set_relations(relations: Sequence[Any], state: bool, wmi: Any) -> None:
+    for relation in relations:
+        wmi.set_relation(relation["src"], relation["type"], relation["dst"], state)
 
 
 def _restore_property(before: Element, key: str, wmi: Any) -> None:

@@ -1,0 +1,41 @@
+"""Primitives: skills that are code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+
+__all__ = ["Element", "ParamOptions", "ParamTypes", "PrimitiveBase", "SkillCore", "SkillDescription", "State"]
+
+
+class PrimitiveBase(SkillCore):
+    """Base of all primitives.
+
+    Override `createDescription` (with `self.setDescription(Description(), "label")`), `execute`, and where needed
+    `onInit`, `onStart`, `onPreempt` and `onEnd`.
+    """
+
+    def init(self, wmi: Any, _: Any = None) -> bool:
+        """Loads the primitive: declares its description and calls `onInit`. False: it cannot be used."""
+        self._wmi = wmi
+        self._create()
+        if self.onInit() is False:
+            return False
+        self._setState(State.Idle)
+        return True
+
+    def tick(self) -> State:
+        """One `execute`, when the skill runs. Returns the state."""
+        if self._state is State.Running:
+            answer = self.execute()
+            if not isinstance(answer, State):
+                raise TypeError(f"{self._label}.execute returned {answer!r}, expected a State")
+            self._setState(answer)
+        return self._state
+
+    def onInit(self) -> bool | None:
+        """To override: called once when the primitive is loaded. False: it cannot be used."""
+        return True

@@ -1,0 +1,1 @@
+"""What the platform's nodes share: wire formats, logging, start-up."""

@@ -1,0 +1,302 @@
+"""Wire formats: parameters, properties, elements and relations as JSON and as messages.
+
+A parameter travels as one JSON object, an element as one inside it or as a `WmElement`. Types travel by name; a name that
+is none of the built-in ones or of a registered class is refused, so that nothing named by a message is ever called.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_msgs import msg as msgs
+
+_BUILTIN_TYPES: dict[str, type] = {t.__name__: t for t in (str, int, float, bool, list, dict)}
+_PARAM_TYPES = {code: param_type for param_type, code in PARAM_TYPE_CODES.items()}
+
+_types: dict[str, type] = dict(_BUILTIN_TYPES)
+_encoders: dict[type, Callable[..., Any]] = {}
+_decoders: dict[str, Callable[[Any], Any]] = {}
+
+
+def json_loads_byteified(json_text: str) -> Any:
+    """The value that a JSON text holds."""
+    return json.loads(json_text)
+
+
+class ParamsEncoder(json.JSONEncoder):
+    """Encodes parameters, properties, elements and values of registered classes."""
+
+    def default(self, obj: Any) -> Any:
+        for cls in type(obj).__mro__:
+            if cls in _encoders:
+                return _encoders[cls](self, obj)
+        return super().default(obj)
+
+
+def registerDecoder(name: str, func: Callable[[Any], Any]) -> None:
+    """`func` makes a value of the type with that wire name from its JSON form."""
+    _decoders[name] = func
+
+
+def registerEncoder(ctype: type, func: Callable[..., Any]) -> None:
+    """`func(encoder, value)` makes the JSON form of a value of that class."""
+    _encoders[ctype] = func
+
+
+def registerCtype(name: str, class_type: type) -> None:
+    """Gives a class its wire name."""
+    _types[name] = class_type
+
+
+def registerClass(
+    name: str, class_type: type, encoder: Callable[..., Any], decoder: Callable[[Any], Any]
+) -> None:
+    """Gives a Python class a wire name, so that values of it may travel in parameters.
+
+    :param encoder: `encoder(json_encoder, value)` gives a value that JSON can hold.
+    :param decoder: `decoder(json_value)` gives the value back.
+    """
+    registerCtype(name, class_type)
+    registerEncoder(class_type, encoder)
+    registerDecoder(name, decoder)
+
+
+def getStrFromType(obj: Any) -> str:
+    """The wire name of a type, or of a value's type.
+
+    :raises UnknownName: the type has none.
+    """
+    wanted = obj if isinstance(obj, type) else type(obj)
+    for cls in wanted.__mro__:
+        for name, registered in _types.items():
+            if registered is cls:
+                return name
+    raise UnknownName(f"type {wanted.__module__}.{wanted.__name__} has no wire name; see registerClass")
+
+
+def getTypeFromStr(name: str) -> type:
+    """The type with that wire name.
+
+    :raises UnknownName: no type has it.
+    """
+    if name not in _types:
+        raise UnknownName(f"unknown type name {name!r}; known: {', '.join(sorted(_types))}")
+    return _types[name]
+
+
+def encodeParam(encoder: Any, obj: Param) -> dict[str, Any]:
+    """The JSON form of a parameter."""
+    return {
+        "key": obj.key,
+        "description": obj.description,
+        "specType": PARAM_TYPE_CODES[obj.paramType],
+        "type": getStrFromType(obj.dataType()),
+        "values": obj.values,
+    }
+
+
+def decodeParam(p: Any) -> Param:
+    """A parameter from its JSON form (a dict or a text).
+
+    :raises WrongValue: a part is missing or of a wrong type.
+    :raises UnknownName: the type name is unknown.
+    """
+    p = _loaded(p, "parameter")
+    key = _part(p, "key", str, "parameter")
+    code = _part(p, "specType", int, f"parameter {key!r}")
+    if code not in _PARAM_TYPES:
+        raise WrongValue(f"parameter {key!r}: specType {code}, expected 0 (required), 1 (optional) or 2 (inferred)")
+    name = _part(p, "type", str, f"parameter {key!r}")
+    param = Param(key, str(p.get("description", "")), getTypeFromStr(name), _PARAM_TYPES[code])
+    param.makeDefault(_decoded_values(name, _part(p, "values", list, f"parameter {key!r}")))
+    return param
+
+
+def encodeProperty(encoder: Any, obj: Property) -> dict[str, Any]:
+    """The JSON form of a property."""
+    return {"key": obj.key, "type": getStrFromType(obj.dataType()), "values": obj.values}
+
+
+def decodeProperty(p: Any) -> Property:
+    """A property from its JSON form (a dict or a text).
+
+    :raises WrongValue: a part is missing or of a wrong type.
+    :raises UnknownName: the type name is unknown.
+    """
+    p = _loaded(p, "property")
+    key = _part(p, "key", str, "property")
+    name = _part(p, "type", str, f"property {key!r}")
+    prop = Property(key, getTypeFromStr(name))
+    prop.assign(_decoded_values(name, _part(p, "values", list, f"property {key!r}")))
+    return prop
+
+
+def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
+    """The JSON form of an element."""
+    return {
+        "id": obj.id,
+        "label": obj.label,
+        "type": obj.type,
+        "last_update": obj.getLastUpdate(),
+        "properties": {key: encodeProperty(encoder, prop) for key, prop in obj._props.items()},
+        "relations": list(obj._rels),
+    }
+
+
+def decodeElement(json_string: Any) -> Element:
+    """An element from its JSON form (a dict or a text).
+
+    :raises WrongValue: a part is missing or of a wrong type.
+    :raises UnknownName: the type name of a property is unknown.
+    """
+    e = _loaded(json_string, "element")
+    element = Element(
+        _part(e, "type", str, "element"), _part(e, "label", str, "element"), _part(e, "id", str, "element")
+    )
+    for prop in _part(e, "properties", dict, f"element {element!r}").values():
+        decoded = decodeProperty(prop)
+        element._put(decoded.key, decoded)
+    for r in _part(e, "relations", list, f"element {element!r}"):
+        r = _loaded(r, "relation")
+        src, pred, dst = (_part(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
+        element.addRelation(src, pred, dst, bool(r.get("state", True)), bool(r.get("abstract", False)))
+    element._last_update = float(e.get("last_update") or 0.0)
+    return element
+
+
+registerClass("skiros_wm::Element", Element, encodeElement, decodeElement)
+registerEncoder(Param, encodeParam)
+registerEncoder(Property, encodeProperty)
+
+# -- messages ------------------------------------------------------------------------------------------------------
+
+
+def serializeParamMap(param_map: Mapping[str, Param] | ParamHandler) -> list[Any]:
+    """Parameters as a list of `Param` messages."""
+    return [msgs.Param(json.dumps(param, cls=ParamsEncoder)) for param in param_map.values()]
+
+
+def deserializeParamMap(params: Iterable[Any]) -> dict[str, Param]:
+    """Parameters by key, from `Param` messages.
+
+    :raises WrongValue: a message is no parameter, or two have one key.
+    :raises UnknownName: a type name is unknown.
+    """
+    decoded: dict[str, Param] = {}
+    for message in params:
+        param = decodeParam(message.param)
+        if param.key in decoded:
+            raise WrongValue(f"parameter {param.key!r} is given twice")
+        decoded[param.key] = param
+    return decoded
+
+
+def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
+    """Properties as a list of `Property` messages."""
+    return [
+        msgs.Property(prop.key, json.dumps(prop.values, cls=ParamsEncoder), getStrFromType(prop.dataType()))
+        for prop in p_map.values()
+    ]
+
+
+def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
+    """Properties by key, from `Property` messages.
+
+    :raises WrongValue: a value is no JSON list.
+    :raises UnknownName: a type name is unknown.
+    :raises WrongType: a value is not of the type that the message names.
+    """
+    properties: dict[str, Property] = {}
+    for message in msg:
+        prop = Property(message.key, getTypeFromStr(message.dataType))
+        try:
+            values = json.loads(message.dataValue)
+        except ValueError as error:
+            raise WrongValue(f"property {message.key!r}: {message.dataValue!r} is no JSON list: {error}") from None
+        prop.assign(_decoded_values(message.dataType, values if isinstance(values, list) else [values]))
+        properties[message.key] = prop
+    return properties
+
+
+def element2msg(element: Element) -> Any:
+    """An element as a `WmElement`. Elements kept aside as children are not in it."""
+    return msgs.WmElement(
+        element.id,
+        element.type,
+        element.label,
+        serializePropertyMap(element._props),
+        [relation2msg(r) for r in element._rels if r["state"]],
+    )
+
+
+def msg2element(msg: Any) -> Element:
+    """An element from a `WmElement`.
+
+    :raises WrongValue: a property or relation cannot be read.
+    :raises UnknownName: a type name is unknown.
+    """
+    element = Element(msg.type, msg.label, msg.id)
+    try:
+        for key, prop in deserializePropertyMap(msg.properties).items():
+            element._put(key, prop)
+    except ValueError as error:
+        raise WrongValue(f"element {element!r}: {error}") from None
+    element._rels = [msg2relation(r) for r in msg.relations]
+    return element
+
+
+def relation2msg(r: RelationDict) -> Any:
+    """A relation dict as a `Relation` message."""
+    return msgs.Relation(r["src"], r["type"], r["dst"])
+
+
+def msg2relation(msg: Any) -> RelationDict:
+    """A relation dict from a `Relation` message."""
+    return makeRelation(msg.subjectId, msg.predicate, msg.objectId)
+
+
+def makeRelation(subj: str, pred: str, obj: str) -> RelationDict:
+    """A relation dict."""
+    return {"src": subj, "type": pred, "dst": obj, "state": True, "abstract": False}
+
+
+def makeRelationMsg(subj: str, pred: str, obj: str) -> Any:
+    """A `Relation` message."""
+    return msgs.Relation(subj, pred, obj)
+
+
+def makeStatementMsg(subj: str, pred: str, obj: str, value: bool) -> Any:
+    """A `Statement` message: the relation is to be there (True) or not."""
+    return msgs.Statement(makeRelationMsg(subj, pred, obj), value)
+
+
+# -- checks --------------------------------------------------------------------------------------------------------
+
+
+def _loaded(value: Any, what: str) -> dict[str, Any]:
+    if isinstance(value, (str, bytes)):
+        try:
+            value = json.loads(value)
+        except ValueError as error:
+            raise WrongValue(f"{what} is not JSON: {error} in {value!r}") from None
+    if not isinstance(value, dict):
+        raise WrongValue(f"{what}: expected a JSON object, got {value!r}")
+    return value
+
+
+def _part(value: dict[str, Any], name: str, expected: type, what: str) -> Any:
+    part = value.get(name)
+    if not isinstance(part, expected) or (expected is int and isinstance(part, bool)):
+        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {part!r}")
+    return part
+
+
+def _decoded_values(name: str, values: list[Any]) -> list[Any]:
+    decoder = _decoders.get(name)
+    return [decoder(v) for v in values] if decoder is not None else values

@@ -1,0 +1,36 @@
+"""Small class helpers that skill libraries use."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["PrettyObject", "abstractmethod", "prevent"]
+
+
+class PrettyObject:
+    """An object whose text is its class name."""
+
+    @property
+    def class_name(self) -> str:
+        return self.__class__.__name__
+
+    def __str__(self) -> str:
+        return self.class_name
+
+
+def prevent(**attributes: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A method so decorated is not called, and gives None, while the object has all these attribute values."""
+
+    def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
+        def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:
+            if all(getattr(self, name, None) == value for name, value in attributes.items()):
+                return None
+            return method(self, *args, **kwargs)
+
+        guarded.__name__ = method.__name__
+        guarded.__doc__ = method.__doc__
+        return guarded
+
+    return decorate

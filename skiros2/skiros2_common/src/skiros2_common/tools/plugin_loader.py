@@ -1,0 +1,112 @@
+"""Finds the subclasses of a class in a package and everything below it."""
+
+from __future__ import annotations
+
+import builtins
+import importlib
+import inspect
+import logging
+import pkgutil
+import traceback
+from types import ModuleType
+from typing import Any
+
+from skiros2_common.core.errors import ConfigurationError
+
+log = logging.getLogger(__name__)
+
+
+class PluginLoader:
+    """The plugins of some packages. A module that cannot be imported is reported, and the rest loads.
+
+    `failures` maps the name of each such module to the cause.
+    """
+
+    def __init__(self) -> None:
+        self._plugins: dict[str, type] = {}
+        self.failures: dict[str, str] = {}
+
+    def signature(self, plugin: type) -> str:
+        """`module.Class`."""
+        return f"{plugin.__module__}.{plugin.__name__}"
+
+    def split(self, plugin: type) -> tuple[str, str]:
+        """The module and the class name."""
+        return plugin.__module__, plugin.__name__
+
+    def match(self, plugin: type, desc: Any = None) -> bool:
+        """Whether the plugin is called `desc`, with its module or without; None matches all."""
+        return desc is None or desc in (plugin.__name__, self.signature(plugin))
+
+    def instance(self, plugin: type, args_dict: dict[str, Any]) -> Any:
+        """A new instance."""
+        return plugin(**args_dict)
+
+    def load(self, folder: Any, base_class: Any) -> list[type]:
+        """Adds the subclasses of `base_class` (one, or a tuple) that a package and all below it define.
+
+        :param folder: the package's name, or the imported package.
+        :returns: the plugins found now.
+        :raises ConfigurationError: there is no such package, or it cannot be imported.
+        """
+        package = folder if isinstance(folder, ModuleType) else self._import_package(folder)
+        found: list[type] = []
+        for module in self._modules(package):
+            for _, cls in inspect.getmembers(module, inspect.isclass):
+                if issubclass(cls, base_class) and cls.__module__ == module.__name__ and not inspect.isabstract(cls):
+                    self._plugins[self.signature(cls)] = cls
+                    found.append(cls)
+        return found
+
+    def size(self) -> int:
+        return len(self._plugins)
+
+    def create(self, args_dict: dict[str, Any] = {}) -> builtins.list[Any]:  # noqa: B006 - the contract's default, never changed
+        """A new instance of each plugin."""
+        return [self.instance(plugin, args_dict) for plugin in self._plugins.values()]
+
+    def getPluginByName(self, name: str) -> type | None:
+        """The first plugin called so, with its module or without; None when there is none."""
+        return next((p for p in self._plugins.values() if self.match(p, name)), None)
+
+    def list(self) -> builtins.list[type]:
+        """All plugins, in the order they were found."""
+        return [*self._plugins.values()]
+
+    def _import_package(self, name: str) -> ModuleType:
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name and (name == error.name or name.startswith(error.name + ".")):
+                raise ConfigurationError(f"library {name!r}: there is no Python package of that name") from None
+            raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
+        except Exception as error:
+            raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
+
+    def _modules(self, package: ModuleType) -> builtins.list[ModuleType]:
+        modules = [package]
+        if not hasattr(package, "__path__"):
+            return modules
+        names = sorted(info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".", self._skip))
+        for name in names:
+            try:
+                modules.append(importlib.import_module(name))
+            except Exception as error:
+                self._report(name, error)
+        return modules
+
+    def _skip(self, name: str) -> None:
+        """walk_packages could not import a subpackage; `_modules` imports it again and reports it."""
+
+    def _report(self, name: str, error: Exception) -> None:
+        self.failures[name] = _cause(error)
+        log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
+
+
+def _cause(error: Exception) -> str:
+    """The error with the file and line it came from."""
+    if isinstance(error, SyntaxError):
+        return f"{error.filename}, line {error.lineno}: {error.msg}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
+    place = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+    return f"{place}{type(error).__name__}: {error}"

@@ -1,0 +1,32 @@
+# `make` lists what there is. Everything is run from here; each target sets up what is missing first.
+.DEFAULT_GOAL := help
+.PHONY: help setup build demo test lint bench clean
+
+python := .venv/bin/python3
+
+help:  ## show this list
+	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
+
+setup:  ## set up what is missing: Debian packages, .venv, the build in install/
+	@.ci/setup
+
+build:  ## build and install anew, also when nothing has changed
+	@rm -rf build install
+	@.ci/setup
+
+demo: setup  ## plan and run the pick-and-place on real nodes, and prove its end state from the bag
+	@exec .ci/in_ros rosrun skiros2_demo_skills pick_place_demo
+
+test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
+	@exec .ci/in_ros $(python) -m pytest $(PYTEST_ARGS)
+
+lint: setup  ## check style and types
+	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .
+	@echo "mypy" && $(python) -m mypy --no-error-summary
+
+bench: setup  ## measure, print a table, write build/bench.json
+	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
+
+clean:  ## remove what was built and the tools' caches (the environment in .venv stays)
+	@rm -rf build install .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@find . -path ./.venv -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Behaviour trees of skills, and the manager that runs them on one robot."""

@@ -107,7 +107,7 @@ class Param(Property):
     def setDefault(self) -> None:
         """Sets the values back to the default."""
         # An abstract element may get data while the skill runs: the declared one stays as it is.
-        self._values = [v.copy() if isinstance(v, Element) else v for v in self._default]
+        self._values = [v.view() if isinstance(v, Element) else v for v in self._default]
         self._last_update = time_module.time()
 
     @property

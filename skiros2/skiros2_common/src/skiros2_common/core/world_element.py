@@ -153,6 +153,10 @@ class Element:
             changes.removed_relations = [r for r in origin.relations if r not in self._rels]
         return changes
 
+    def view(self) -> Element:
+        """An element over this one's content, copied only when it is changed there; `changes` counts from now."""
+        return Element.shared(self._type, self._label, self._id, self._props, self._rels, self._version)
+
     def copy(self) -> Element:
         """A copy that shares nothing that can be changed."""
         copy = Element(self._type, self._label, self._id)
@@ -337,7 +341,7 @@ class Element:
             self.removeRelations(self.getRelations("", predicate, "-1"))
         self.addRelation(subj, predicate, obj)
 
-    def getRelations(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> list[RelationDict]:  # noqa: B006 - the contract's default, never changed
+    def getRelations(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> list[RelationDict]:
         """The relations with that subject, predicate (one or several) and object; an empty one matches any."""
         names = {full_name(p) for p in ([pred] if isinstance(pred, str) else pred) if p}
         return [
@@ -346,7 +350,7 @@ class Element:
             if (not subj or r["src"] == subj) and (not names or r["type"] in names) and (not obj or r["dst"] == obj)
         ]
 
-    def getRelation(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> RelationDict | None:  # noqa: B006 - the contract's default, never changed
+    def getRelation(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> RelationDict | None:
         """The first of `getRelations`, or None."""
         found = self.getRelations(subj, pred, obj)
         return found[0] if found else None

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 
 import rospy
-from rosgraph.names import valid_name
 
 from skiros2_common.core.errors import ConfigurationError
 
@@ -35,20 +34,24 @@ class RosoutHandler(logging.Handler):
             rospy.logdebug("%s", text)
 
 
-def bridge_logging(verbose: bool = False) -> None:
-    """Sends the records of all `skiros2...` loggers to rosout, from now on.
+    def filter(self, record: logging.LogRecord) -> bool:
+        # rospy's own records reach rosout by themselves.
+        return not record.name.startswith(("ros", "topics", "xmlrpc"))
 
-    :param verbose: debug records too.
+
+def bridge_logging(verbose: bool = False) -> None:
+    """Sends what the process logs through Python's `logging` to rosout, from now on.
+
+    :param verbose: the debug records of this platform too.
     """
-    for name in [n for n in logging.root.manager.loggerDict if n.startswith("skiros2")] + ["skiros2"]:
-        root = name.split(".")[0]
-        logger = logging.getLogger(root)
-        if not any(isinstance(h, RosoutHandler) for h in logger.handlers):
-            logger.addHandler(RosoutHandler())
-        logger.setLevel(logging.DEBUG if verbose else logging.INFO)
-        logger.propagate = False
-    if not any(isinstance(h, RosoutHandler) for h in logging.getLogger("skiros2").handlers):
-        logging.getLogger("skiros2").addHandler(RosoutHandler())
+    root = logging.getLogger()
+    if not any(isinstance(handler, RosoutHandler) for handler in root.handlers):
+        handler = RosoutHandler()
+        handler.setFormatter(logging.Formatter("%(message)s"))
+        root.addHandler(handler)
+    root.setLevel(logging.INFO)
+    for name in ("skiros2", "skiros2_common", "skiros2_world_model", "skiros2_skill", "skiros2_task"):
+        logging.getLogger(name).setLevel(logging.DEBUG if verbose else logging.INFO)
 
 
 def run_node(name: str, main: Callable[[], None], **init_options: object) -> None:

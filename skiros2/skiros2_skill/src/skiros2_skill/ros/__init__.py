@@ -1,0 +1,1 @@
+"""The skill manager's node and its clients."""

@@ -1,0 +1,1 @@
+"""Behaviour trees of skills: nodes, processors, the tick, parameters, inference. No ROS here."""

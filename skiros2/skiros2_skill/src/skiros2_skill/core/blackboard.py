@@ -1,0 +1,226 @@
+"""How the parameters of a running node come from, and go back to, the nodes above it.
+
+A node's key is looked up level by level: the parent may declare it, rename it, or pass it on; the root keeps what
+nobody declares. A value is *taken* from above, *fixed* (by `specify`, or a default), *inferred*, or *changed* by the
+skill's own code. Changed values go back at once, fixed ones when the skill has succeeded, inferred ones never: they
+belong to the skill that inferred them.
+"""
+
+from __future__ import annotations
+
+import logging
+from enum import Enum
+from typing import Any
+
+from skiros2_common.core.errors import WrongType
+from skiros2_common.core.params import Param, ParamHandler
+from skiros2_common.core.world_element import Element
+
+from skiros2_skill.core.node import SkillInterface
+
+log = logging.getLogger(__name__)
+
+Source = Enum("Source", "Unset Taken Fixed Inferred Changed")
+
+
+class Slot:
+    """One parameter of a running node: where its values came from, and what they were when last looked at."""
+
+    __slots__ = ("known", "param", "seen_above", "source")
+
+    def __init__(self, param: Param, source: Source) -> None:
+        self.param = param
+        self.source = source
+        self.known: list[Any] = param.values
+        self.seen_above: list[Any] | None = None
+
+
+def declared_above(node: SkillInterface, key: str) -> tuple[Param | None, ParamHandler, str]:
+    """The parameter that a node's key stands for above it.
+
+    :returns: the parameter, None when nobody has it yet; the handler that has it or would get it; its name there.
+    """
+    name = node.name_above(key)
+    above = node._parent
+    holder = node._params
+    while above is not None:
+        holder = above._params
+        param = holder._params.get(name)
+        if param is not None:
+            return param, holder, name
+        if above._parent is None:
+            break
+        name = above.name_above(name)
+        above = above._parent
+    return None, holder, name
+
+
+def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
+    """Slots for the parameters of a node that starts: set to their defaults, then to what the node was given.
+
+    :raises UnknownName: a fixed parameter is none of the skill's.
+    :raises WrongType: a fixed value is of another type.
+    """
+    for param in params.values():
+        param.setDefault()
+    slots = {
+        key: Slot(param, Source.Fixed if param.hasSpecifiedDefault() else Source.Unset)
+        for key, param in params.items()
+    }
+    for name, values in node._specified.items():
+        key = node.own_name(name)
+        params.specify(key, _own(values))
+        slots[key].source = Source.Fixed
+    for slot in slots.values():
+        slot.known = slot.param.values
+    return list(slots.values())
+
+
+def take(node: SkillInterface, slots: list[Slot]) -> bool:
+    """Takes the values from above that are new there. Returns whether any was.
+
+    :raises WrongType: a value above is of another type.
+    """
+    new = False
+    for slot in slots:
+        if slot.source not in (Source.Unset, Source.Taken):
+            continue
+        above, _, name = declared_above(node, slot.param.key)
+        if above is None or above._values is slot.seen_above:
+            continue
+        if not above.isSpecified() and slot.source is Source.Unset:
+            continue
+        slot.seen_above = above._values
+        if above.isSpecified():
+            _assign(slot.param, above._values, name)
+            slot.source = Source.Taken
+        else:
+            slot.param.setDefault()
+            slot.source = Source.Unset
+        slot.known = slot.param.values
+        new = True
+    return new
+
+
+def renew(slots: list[Slot], wmi: Any) -> None:
+    """Reads the elements among the values anew from the world model; one that is gone leaves its parameter unset."""
+    for slot in slots:
+        param = slot.param
+        if not param.is_element or not param._values:
+            continue
+        renewed = []
+        for value in param._values:
+            if value.isAbstract():
+                renewed.append(value)
+            else:
+                found = wmi.find_element(value.id)
+                if found is not None:
+                    renewed.append(value if found.version == value.version and not value.touched else found)
+        if len(renewed) == len(param._values) and all(a is b for a, b in zip(renewed, param._values)):
+            continue
+        if renewed:
+            param._values = renewed
+        else:
+            param.unset()
+        slot.known = param._values
+
+
+def write_elements(slots: list[Slot], wmi: Any) -> None:
+    """Writes the elements that the skill changed through its parameters; adds abstract ones that got data.
+
+    :param slots: those of element type.
+    :raises WmException: the world model refuses.
+    """
+    for slot in slots:
+        for element in slot.param._values:
+            if not element.touched:
+                continue
+            changes = element.changes()
+            if element.isAbstract():
+                if changes or element.local_relations or (changes is None and _has_data(element)):
+                    wmi.add_element(element)
+            elif changes or element.local_relations:
+                wmi.update_element(element)
+
+
+def drop_changes(slots: list[Slot], wmi: Any) -> None:
+    """Forgets the changes that the world model refused: the elements are read anew."""
+    for slot in slots:
+        values = []
+        for element in slot.param._values:
+            found = None if element.isAbstract() else wmi.find_element(element.id)
+            if found is not None:
+                values.append(found)
+        slot.param._values = values
+        slot.known = values
+
+
+def give_changed(node: SkillInterface, slots: list[Slot]) -> bool:
+    """Passes the values that were changed here to the nodes above. Returns whether there were any."""
+    given = False
+    params = node._params._params
+    if len(params) != len(slots):  # the skill has declared parameters while it runs
+        known = {slot.param.key for slot in slots}
+        slots += [Slot(param, Source.Changed) for key, param in params.items() if key not in known]
+    for slot in slots:
+        param = params.get(slot.param.key)
+        if param is None:
+            continue
+        slot.param = param
+        if param._values is not slot.known:
+            slot.known = param._values
+            slot.source = Source.Changed
+            given |= _give(node, param)
+    return given
+
+
+def give_fixed(node: SkillInterface, slots: list[Slot]) -> bool:
+    """Passes the fixed values of a skill that has succeeded to the nodes above. Returns whether any was new there."""
+    given = False
+    for slot in slots:
+        if slot.source is Source.Fixed and slot.param.isSpecified():
+            given |= _give(node, slot.param)
+    return given
+
+
+def _give(node: SkillInterface, param: Param) -> bool:
+    above, holder, name = declared_above(node, param.key)
+    if node._parent is None:
+        return False
+    if above is None:
+        if not param.isSpecified():
+            return False
+        holder.addParam(name, param.dataType(), param.paramType, param.description)
+        above = holder._params[name]
+        above._default = [v for v in param._default if isinstance(v, Element) and v.isAbstract()]
+    elif above._values == param._values:
+        return False
+    try:
+        above.assign(list(param._values))
+    except WrongType as error:
+        log.error(
+            "%s gives its parameter %r to %r above, which is of another type: %s",
+            node.printState(), param.key, name, error,
+        )  # fmt: skip
+        return False
+    return True
+
+
+def _assign(param: Param, values: list[Any], name: str) -> None:
+    try:
+        param.assign(_own(values))
+    except WrongType as error:
+        raise WrongType(f"parameter {param.key!r} takes the value of {name!r}: {error}") from None
+
+
+def _own(values: Any) -> Any:
+    """The values with elements of one's own, so that what is changed here is seen only when it is written."""
+    if isinstance(values, Element):
+        return values.view()
+    if isinstance(values, (list, tuple)):
+        return [v.view() if isinstance(v, Element) else v for v in values]
+    return values
+
+
+def _has_data(element: Element) -> bool:
+    return bool(element.label or element.available_properties or element.getRelations())

@@ -1,0 +1,233 @@
+"""How a node ticks its children.
+
+A processor belongs to one node and remembers where it was between ticks. `children` are tree nodes; `visitor` is the
+executor, which ticks a node (`child.visit(visitor)` gives its state) and preempts one (`child.visitPreempt(visitor)`).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence as Children
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+
+_SUCCESS: State = State.Success
+_FAILURE: State = State.Failure
+_RUNNING: State = State.Running
+
+
+class Processor:
+    """Base of all processors."""
+
+    symbol = ""
+
+    def printType(self) -> str:
+        """The symbol that stands for the processor in a printed tree."""
+        return self.symbol
+
+    def reset(self) -> None:
+        """Called when the node starts: begin with the first child."""
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        """One tick of the children. Returns the state that follows for the node."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define processChildren")
+
+    def fresh(self) -> Any:
+        """A processor of the same kind for another node."""
+        new = copy.copy(self)
+        new.reset()
+        return new
+
+
+def _preempt_running(children: Children[Any], visitor: Any) -> None:
+    for child in children:
+        if child.state is _RUNNING:
+            child.visitPreempt(visitor)
+
+
+class NoProcessor(Processor):
+    """Ticks no children."""
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        return _SUCCESS
+
+
+class Serial(Processor):
+    """Ticks the children in order, from the first each time, until one is not Success."""
+
+    symbol = "->"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        for index, child in enumerate(children):
+            state: State = child.visit(visitor)
+            if state is not _SUCCESS:
+                self.stopAll(children, visitor, index)
+                return state
+        return _SUCCESS
+
+    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
+        """Preempts the running children after `index`."""
+        _preempt_running(children[index + 1 :], visitor)
+
+
+class SerialStar(Processor):
+    """Ticks the children in order, going on at the one that was running, until one is not Success."""
+
+    symbol = "->*"
+
+    def __init__(self) -> None:
+        self._index = 0
+
+    def reset(self) -> None:
+        self._index = 0
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        # The list may grow while it is processed: a skill may add children to its node.
+        while self._index < len(children):
+            state: State = children[self._index].visit(visitor)
+            if state is not _SUCCESS:
+                return state
+            self._index += 1
+        return _SUCCESS
+
+
+class Sequential(SerialStar):
+    """`SerialStar` under its other name; the default."""
+
+
+class Selector(Processor):
+    """Ticks the children in order, from the first each time, until one is Success or Running."""
+
+    symbol = "?"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        for index, child in enumerate(children):
+            state: State = child.visit(visitor)
+            if state is not _FAILURE:
+                self.stopAll(children, visitor, index)
+                return state
+        return _FAILURE
+
+    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
+        """Preempts the running children after `index`."""
+        _preempt_running(children[index + 1 :], visitor)
+
+
+class SelectorStar(Processor):
+    """Ticks the children in order, going on at the one that was running, until one is Success or Running."""
+
+    symbol = "?*"
+
+    def __init__(self) -> None:
+        self._index = 0
+
+    def reset(self) -> None:
+        self._index = 0
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        while self._index < len(children):
+            state: State = children[self._index].visit(visitor)
+            if state is not _FAILURE:
+                return state
+            self._index += 1
+        return _FAILURE
+
+    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
+        """Preempts the running children after `index`."""
+        _preempt_running(children[index + 1 :], visitor)
+
+
+class _Parallel(Processor):
+    def __init__(self) -> None:
+        self._succeeded: set[int] = set()
+
+    def reset(self) -> None:
+        self._succeeded = set()
+
+    def stopAll(self, children: Children[Any], visitor: Any) -> None:
+        """Preempts all running children."""
+        _preempt_running(children, visitor)
+
+
+class ParallelFf(_Parallel):
+    """Ticks all children. Fails when one fails (the others are preempted), succeeds when all have."""
+
+    symbol = "|ff|"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        succeeded = self._succeeded
+        for index, child in enumerate(children):
+            if succeeded and index in succeeded:
+                continue
+            state = child.visit(visitor)
+            if state is _FAILURE:
+                self.stopAll(children, visitor)
+                return _FAILURE
+            if state is _SUCCESS:
+                succeeded.add(index)
+        return _SUCCESS if len(succeeded) == len(children) else _RUNNING
+
+
+class ParallelFs(_Parallel):
+    """Ticks all children. Ends as soon as one ends, with its state (the others are preempted)."""
+
+    symbol = "|fs|"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        for child in children:
+            state: State = child.visit(visitor)
+            if state is not _RUNNING:
+                self.stopAll(children, visitor)
+                return state
+        return _RUNNING if children else _SUCCESS
+
+
+class NoFail(Processor):
+    """As another processor; a failure counts as Success.
+
+    :param processor: the other processor.
+    """
+
+    def __init__(self, processor: Any) -> None:
+        self._processor = processor
+
+    def reset(self) -> None:
+        self._processor.reset()
+
+    def fresh(self) -> Any:
+        return NoFail(self._processor.fresh())
+
+    def printType(self) -> str:
+        return f"nofail({self._processor.printType()})"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        state: State = self._processor.processChildren(children, visitor)
+        return State.Success if state is State.Failure else state
+
+
+class RetryOnFail(SerialStar):
+    """As `Sequential`; after a failure it starts again from the first child, and is Running in between.
+
+    :param max_retries: how often; -1: without limit.
+    """
+
+    def __init__(self, max_retries: int = -1) -> None:
+        super().__init__()
+        self._max_retries = max_retries
+        self._retries = 0
+
+    def reset(self) -> None:
+        super().reset()
+        self._retries = 0
+
+    def printType(self) -> str:
+        return f"retry({self._max_retries})"
+
+    def processChildren(self, children: Children[Any], visitor: Any) -> State:
+        state = super().processChildren(children, visitor)
+        if state is not _FAILURE or (0 <= self._max_retries <= self._retries):
+            return state
+        self._retries += 1
+        self._index = 0
+        return _RUNNING

@@ -1,0 +1,48 @@
+"""What skill authors import: compounds, nodes and processors."""
+
+from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+
+from skiros2_skill.core.compound import SkillBase
+from skiros2_skill.core.groups import Root, Skill
+from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.preemption import SkillPreempted
+from skiros2_skill.core.processors import (
+    NoFail,
+    NoProcessor,
+    ParallelFf,
+    ParallelFs,
+    RetryOnFail,
+    Selector,
+    SelectorStar,
+    Sequential,
+    Serial,
+    SerialStar,
+)
+from skiros2_skill.core.wrapper import SkillWrapper
+
+__all__ = [
+    "Element",
+    "NoFail",
+    "NoProcessor",
+    "ParallelFf",
+    "ParallelFs",
+    "ParamOptions",
+    "ParamTypes",
+    "RetryOnFail",
+    "Root",
+    "Selector",
+    "SelectorStar",
+    "Sequential",
+    "Serial",
+    "SerialStar",
+    "Skill",
+    "SkillBase",
+    "SkillCore",
+    "SkillDescription",
+    "SkillInterface",
+    "SkillPreempted",
+    "SkillWrapper",
+    "State",
+]

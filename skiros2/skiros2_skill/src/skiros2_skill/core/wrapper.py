@@ -1,0 +1,111 @@
+"""A node that stands for a skill by name; the implementation is chosen when it starts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.names import full_name
+from skiros2_common.core.params import ParamHandler
+
+from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.processors import Sequential
+
+
+class SkillWrapper(SkillInterface):
+    """A node for a skill of a type and, when given, a label.
+
+    :param ptype: the skill's type: `Pick`, `:Pick` or `skiros:Pick`.
+    :param plabel: the implementation's label; "" for any.
+    :param instanciator: the library that the implementation is taken from.
+    """
+
+    def __init__(self, ptype: str, plabel: str, instanciator: Any = None) -> None:
+        super().__init__(Sequential())
+        self._type = full_name(ptype)
+        self._label = plabel
+        self._asked_label = plabel
+        self._instanciator = instanciator
+        # The executor's notes on the node while it runs.
+        self.implementation: Any = None
+        self.expanded = False
+        self.slots: list[Any] = []
+        self.element_slots: list[Any] = []
+        self.seen_stamp = -1
+        self.volatile = False
+        self.runs_after_children = False
+        self.locked: list[str] = []
+        self.verdict: tuple[str, int] | None = None
+        if instanciator is not None:
+            self._wmi = instanciator.wmi
+        self._setState(State.Idle)
+
+    @property
+    def label(self) -> str:
+        """The label of the implementation that was chosen; before, the one that was asked for."""
+        return self._label
+
+    @property
+    def asked_label(self) -> str:
+        """The label that was asked for, "" for any implementation."""
+        return self._asked_label
+
+    def getLightCopy(self) -> SkillWrapper:
+        copy = SkillWrapper(self._type, self._asked_label, self._instanciator)
+        self._copy_to(copy)
+        copy._label = self._asked_label
+        return copy
+
+    def hasInstance(self) -> bool:
+        """Whether an implementation is chosen."""
+        return self._instance is not None
+
+    def setInstance(self, instance: Any) -> None:
+        """Takes an implementation: its label, parameters and conditions become the node's."""
+        self._instance = instance
+        self._label = instance.label
+        self._description = instance
+        self._processor = Sequential()
+        self.adopt_description()
+
+    def adopt_description(self) -> None:
+        """Takes the parameters and conditions of the implementation, which may have changed them at the start."""
+        instance = self._instance
+        self._params: ParamHandler = instance._params
+        self._options = instance._options
+        self._pre_conditions = [*instance._pre_conditions, *self._own_pre_conditions]
+        self._hold_conditions = instance._hold_conditions
+        self._post_conditions = instance._post_conditions
+
+    def getInstance(self) -> Any:
+        """The implementation, None before one is chosen."""
+        return self._instance
+
+    def release_instance(self) -> Any:
+        """Gives the implementation back, with parameters of its own; the node keeps what they were."""
+        instance = self._instance
+        self._instance = None
+        return instance
+
+    def wrapper_expand(self) -> None:
+        """Makes the subtree that the implementation describes, in the place of an earlier one."""
+        for child in self._children:
+            child._parent = None
+        self._children = []
+        self._latched = None
+        instance = self._instance
+        instance._expands_into = self
+        instance.expand(self)
+
+    def onReset(self) -> None:
+        if self._instance is not None:
+            self._instance.onReset()
+
+    def onPreempt(self) -> Any:
+        return self._instance.onPreempt() if self._instance is not None else None
+
+    def onStart(self) -> bool | None:
+        return self._instance.onStart() if self._instance is not None else False
+
+    def execute(self) -> State | None:
+        return self._instance.execute() if self._instance is not None else State.Failure

@@ -1,0 +1,117 @@
+"""Stand-ins for the motions: they take time, report progress, and tell the world model what a robot would have done."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+from skiros2_std_skills.clock import now
+
+from skiros2_demo_skills.motions import CloseGripper, MoveArm, MoveBase, OpenGripper, TuckArm
+from skiros2_demo_skills.poses import composed, get_pose, set_pose
+
+
+class TimedMotion(PrimitiveBase, ABC):
+    """Base of the stand-ins: runs for `Duration` seconds. Subclasses say what they do meanwhile."""
+
+    @abstractmethod
+    def createDescription(self) -> None:
+        """To override: calls `describe`."""
+
+    def describe(self, description: SkillDescription, duration: float) -> None:
+        """Takes over the description and adds how long the motion takes (s)."""
+        self.setDescription(description, self.__class__.__name__)
+        self.addParam("Duration", duration, ParamTypes.Optional, description="How long the motion takes (s)")
+
+    def doing(self) -> str:
+        """To override: what the motion does, for progress messages."""
+        return self.label
+
+    def arrive(self) -> None:
+        """To override: what the motion changes in the world model, at its end."""
+
+    def onStart(self) -> bool:
+        self._started_at = now()
+        return True
+
+    def onPreempt(self) -> State:
+        return self.fail(f"{self.doing()}: stopped half-way", -1)
+
+    def execute(self) -> State:
+        if self._started_at == 0.0:
+            self._started_at = now()  # simulated time had not begun
+        passed, duration = now() - self._started_at, self.params["Duration"].value
+        if passed < duration:
+            return self.step(f"{self.doing()}: {passed / duration:.0%}")
+        self.arrive()
+        return self.success(f"{self.doing()}: done")
+
+
+class move_base_timed(TimedMotion):
+    """Ends with the robot's pose at the approach pose of the place, or at the place itself where it has none."""
+
+    def createDescription(self) -> None:
+        self.describe(MoveBase(), 2.0)
+
+    def doing(self) -> str:
+        return f"Driving to {self.params['TargetLocation'].value.label}"
+
+    def arrive(self) -> None:
+        robot, place = self.params["Robot"].value, self.params["TargetLocation"].value
+        pose = get_pose(place)
+        if pose is None:
+            return
+        approach = self._approach_pose(place)
+        relative = get_pose(approach) if approach is not None else None
+        set_pose(robot, composed(pose, relative) if relative is not None else pose)
+        self.wmi.update_element_properties(robot)
+
+    def _approach_pose(self, place: Element) -> Element | None:
+        for relation in place.getRelations("-1", "skiros:hasA"):
+            part: Element = self.wmi.get_element(relation["dst"])
+            if part.type == "skiros:ApproachPose":
+                return part
+        return None
+
+
+class move_arm_timed(TimedMotion):
+    """Leaves the poses of arm and gripper as they are."""
+
+    def createDescription(self) -> None:
+        self.describe(MoveArm(), 1.0)
+
+    def doing(self) -> str:
+        return f"Reaching for {self.params['Target'].value.label}"
+
+
+class tuck_arm_timed(TimedMotion):
+    """Leaves the poses of arm and gripper as they are."""
+
+    def createDescription(self) -> None:
+        self.describe(TuckArm(), 1.0)
+
+    def doing(self) -> str:
+        return "Tucking the arm"
+
+
+class open_gripper_timed(TimedMotion):
+    """Changes nothing."""
+
+    def createDescription(self) -> None:
+        self.describe(OpenGripper(), 0.5)
+
+    def doing(self) -> str:
+        return "Opening the gripper"
+
+
+class close_gripper_timed(TimedMotion):
+    """Changes nothing."""
+
+    def createDescription(self) -> None:
+        self.describe(CloseGripper(), 0.5)
+
+    def doing(self) -> str:
+        return f"Grasping {self.params['Object'].value.label}"

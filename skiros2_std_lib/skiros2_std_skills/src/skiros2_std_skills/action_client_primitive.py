@@ -1,0 +1,177 @@
+"""Base of primitives that have an action server do the work."""
+
+from __future__ import annotations
+
+import queue
+import time
+from abc import ABC, abstractmethod
+from typing import Any
+
+from actionlib_msgs.msg import GoalStatus
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.primitive import PrimitiveBase
+
+__all__ = ["PrimitiveActionClient"]
+
+#: How long an action server may take to appear, or be silent, before it counts as missing (s of wall time).
+#: A server publishes its status five times a second.
+SERVER_TIMEOUT = 5.0
+
+
+class PrimitiveActionClient(PrimitiveBase, ABC):
+    """Sends a goal to an action server and follows it. Override `buildClient` and `buildGoal`, and where needed
+    `onFeedback` and `onDone`.
+
+    No hook waits: the tree goes on while the server is looked for and while it works.
+
+    Attributes for subclasses:
+
+    - `client`: the `actionlib.SimpleActionClient`;
+    - `build_client_onstart`: True makes a client at each start, so that it may depend on the parameters; False makes
+      one when the skill is loaded;
+    - `fb`, `res`: queues that `_feedbackCb` and `_doneCb` fill from the client's thread, with feedback messages and
+      with (status, result message). An `onStart` of a subclass passes the two to `client.send_goal`.
+    """
+
+    build_client_onstart = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.client: Any = None
+        self.fb: queue.Queue[Any] = queue.Queue()
+        self.res: queue.Queue[tuple[int, Any]] = queue.Queue()
+        self._goal: Any = None  # waits to be sent
+        self._heard: tuple[Any, float] = (self, 0.0)  # the server's last status message, and when it came
+
+    # -- to override -------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def createDescription(self) -> None:
+        """To override: `self.setDescription(Description(), "label")`."""
+
+    def buildClient(self) -> Any:
+        """To override: the `actionlib.SimpleActionClient`."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define buildClient")
+
+    def buildGoal(self) -> Any:
+        """To override: the goal message, from the parameters. Called at each start."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define buildGoal")
+
+    def onFeedback(self, msg: Any) -> State:
+        """To override: called with each feedback message, by the thread that ticks. Returns a state."""
+        return self.step()
+
+    def onDone(self, status: int, msg: Any) -> State:
+        """To override: called once at the end, with the status (`actionlib_msgs/GoalStatus`) and the result message.
+
+        Returns `success(...)` or `fail(...)`, or `restart(...)` to go on.
+        """
+        if status == GoalStatus.SUCCEEDED:
+            return self.success(self.get_result_msg())
+        return self.fail(self.get_result_msg(), status)
+
+    # -- hooks of the skill ------------------------------------------------------------------------------------
+
+    def onInit(self) -> bool:
+        if not self.build_client_onstart:
+            self.client = self.buildClient()
+        return True
+
+    def onStart(self) -> bool:
+        if self.build_client_onstart:
+            if self.client is not None:
+                self.client.action_client.stop()
+            self.client = self.buildClient()
+        self._goal = self.buildGoal()
+        self._heard = (None, time.monotonic())
+        return True
+
+    def execute(self) -> State:
+        if self._goal is not None:
+            return self._send()
+        while not self.fb.empty():
+            state = self.onFeedback(self.fb.get())
+            if state not in (State.Running, None):
+                return state
+        if not self.res.empty():
+            return self.onDone(*self.res.get())
+        if self._server_is_silent():
+            return self.fail(f"The action server {self._server()} has not been heard of for {SERVER_TIMEOUT} s", -102)
+        return self.step(self._progress_msg)
+
+    def onPreempt(self) -> State:
+        self._give_up()
+        return self.fail("Stopped, the goal is cancelled", -103)
+
+    def onEnd(self) -> bool:
+        # The client stays until the next start: closed now, it might take an unsent cancellation with it.
+        self._goal = None
+        self._forget_answers()
+        return True
+
+    # -- for subclasses ----------------------------------------------------------------------------------------
+
+    def restart(self, goal: Any, text: str = "Restarting action.") -> State:
+        """For `execute`, `onFeedback` and `onDone`: gives up the present goal and sends another. Returns Running."""
+        self._give_up()
+        self._forget_answers()
+        self._goal = goal
+        self._heard = (None, time.monotonic())
+        return self.step(text)
+
+    def get_result_msg(self) -> str:
+        """How the goal ended: the server's text, or the name of the status."""
+        text = self.client.get_goal_status_text()
+        status = self.client.get_state()
+        names = {value: name for name, value in vars(GoalStatus).items() if name.isupper()}
+        return str(text) if text else f"{self._server()}: {names.get(status, status)}"
+
+    def _feedbackCb(self, msg: Any) -> None:
+        self.fb.put(msg)
+
+    def _doneCb(self, status: int, msg: Any) -> None:
+        self.res.put((status, msg))
+
+    # -- inside ------------------------------------------------------------------------------------------------
+
+    def _give_up(self) -> None:
+        if self._goal is None:
+            self.client.cancel_goal()
+            self.client.stop_tracking_goal()
+
+    def _forget_answers(self) -> None:
+        self.fb = queue.Queue()
+        self.res = queue.Queue()
+
+    def _send(self) -> State:
+        """Sends the goal as soon as the server is connected."""
+        if self._server_is_connected():
+            goal, self._goal = self._goal, None
+            self._heard = (None, time.monotonic())
+            self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
+            return self.step("Goal sent")
+        if time.monotonic() - self._heard[1] > SERVER_TIMEOUT:
+            return self.fail(f"There is no action server {self._server()}", -101)
+        return self.step(f"Waiting for the action server {self._server()}")
+
+    def _server(self) -> str:
+        return str(self.client.action_client.ns)
+
+    def _server_is_connected(self) -> bool:
+        # As SimpleActionClient.wait_for_server, which sleeps, and for ever when simulated time stands still.
+        client = self.client.action_client
+        if not client.last_status_msg:
+            return False
+        server = client.last_status_msg._connection_header["callerid"]
+        return (
+            client.pub_goal.impl.has_connection(server)
+            and client.pub_cancel.impl.has_connection(server)
+            and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
+            and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
+        )
+
+    def _server_is_silent(self) -> bool:
+        status = self.client.action_client.last_status_msg
+        if status is not self._heard[0]:
+            self._heard = (status, time.monotonic())
+        return time.monotonic() - self._heard[1] > SERVER_TIMEOUT

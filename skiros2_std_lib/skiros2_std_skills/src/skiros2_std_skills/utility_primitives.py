@@ -1,0 +1,250 @@
+"""Waiting, counting, and edits of the world model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+
+from skiros2_std_skills.clock import now
+
+SPATIAL_RELATION = "skiros:spatiallyRelated"
+CONTAINER_STATE = "skiros:ContainerState"
+FRAME_ID = "skiros:FrameId"
+SPATIAL_REASONER = "AauSpatialReasoner"
+
+
+class Wait(SkillDescription):
+    """Lets time pass."""
+
+    def createDescription(self) -> None:
+        self.addParam("Duration", 0.0, ParamTypes.Required, description="How long to wait (s)")
+
+
+class wait(PrimitiveBase):
+    """Runs for `Duration` seconds of ROS time."""
+
+    def createDescription(self) -> None:
+        self.setDescription(Wait(), self.__class__.__name__)
+
+    def onPreempt(self) -> State:
+        return self.fail("Stopped while waiting", -1)
+
+    def onStart(self) -> bool:
+        self._started_at = now()
+        return True
+
+    def execute(self) -> State:
+        if self._started_at == 0.0:
+            self._started_at = now()  # simulated time had not begun
+        duration = self.params["Duration"].value
+        passed = now() - self._started_at
+        if passed >= duration:
+            return self.success(f"Waited {duration:.1f} s")
+        return self.step(f"Waiting: {passed:.1f} of {duration:.1f} s")
+
+
+class WmSetRelation(SkillDescription):
+    """Adds or removes a relation between two elements."""
+
+    def createDescription(self) -> None:
+        self.addParam("Src", Element("sumo:Object"), ParamTypes.Required, description="The subject")
+        self.addParam("Dst", Element("sumo:Object"), ParamTypes.Required, description="The object")
+        self.addParam("Relation", str, ParamTypes.Required, description="The relation, such as skiros:contain")
+        self.addParam("RelationState", True, ParamTypes.Required, description="True adds it, False removes it")
+        self.addParam(
+            "OldDstToRemove",
+            Element("sumo:Object"),
+            ParamTypes.Optional,
+            description="Removes the relation from Src to this one, too",
+        )
+        self.addParam(
+            "OldSrcToRemove",
+            Element("sumo:Object"),
+            ParamTypes.Optional,
+            description="Removes the relation from this one to Dst, too",
+        )
+
+
+class wm_set_relation(PrimitiveBase):
+    """Sets the relation in one step; old relations go in the same change of the element they belong to."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WmSetRelation(), self.__class__.__name__)
+
+    def execute(self) -> State:
+        source, target = self.params["Src"].value, self.params["Dst"].value
+        relation, state = self.params["Relation"].value, self.params["RelationState"].value
+        old_target, old_source = self.params["OldDstToRemove"].value, self.params["OldSrcToRemove"].value
+        try:
+            if _in_scene(old_target):
+                source.removeRelation2("-1", relation, old_target.id)
+                _put_relation(source, "-1", relation, target.id, state)
+                self.wmi.update_element(source)
+            if _in_scene(old_source):
+                target.removeRelation2(old_source.id, relation, "-1")
+                _put_relation(target, source.id, relation, "-1", state)
+                self.wmi.update_element(target)
+            if not (_in_scene(old_target) or _in_scene(old_source)):
+                self.wmi.set_relation(source.id, relation, target.id, state)
+        except SkirosError as error:
+            return self.fail(str(error), -1)
+        return self.success(f"{source!r} {relation} {target!r}: {'set' if state else 'removed'}")
+
+
+class WmSetProperties(SkillDescription):
+    """Sets properties of an element."""
+
+    def createDescription(self) -> None:
+        self.addParam("Src", Element("sumo:Object"), ParamTypes.Required, description="The element")
+        self.addParam("Properties", dict, ParamTypes.Required, description="Property to value, or list of values")
+
+
+class wm_set_properties(PrimitiveBase):
+    """Sets all of the properties in one change, or none."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WmSetProperties(), self.__class__.__name__)
+
+    def execute(self) -> State:
+        element, wanted = self.params["Src"].value.copy(), self.params["Properties"].value
+        try:
+            for key, value in wanted.items():
+                element.setProperty(key, value)
+                now_there = element.getProperty(key)
+                if now_there.values != (value if isinstance(value, list) else [value]):
+                    return self.fail(
+                        f"{element!r}: {key} takes values of type {now_there.dataType().__name__}, got {value!r}", -1
+                    )
+            self.wmi.update_element_properties(element)
+        except SkirosError as error:
+            return self.fail(str(error), -2)
+        self.params.specify("Src", element)
+        return self.success(f"{element!r}: set {', '.join(wanted) or 'nothing'}")
+
+
+class WmMoveObject(SkillDescription):
+    """Tells the world model that an object has moved from one place to another."""
+
+    def createDescription(self) -> None:
+        self.addParam("StartLocation", Element("sumo:Object"), ParamTypes.Inferred, description="Where it was")
+        self.addParam(
+            "TargetLocation",
+            Element("sumo:Object"),
+            ParamTypes.Optional,
+            description="Where it is now; unset: at the start again",
+        )
+        self.addParam("Object", Element("sumo:Object"), ParamTypes.Required, description="What has moved")
+        self.addParam("Relation", "skiros:contain", ParamTypes.Required, description="How the target holds it")
+        self.addPreCondition(
+            self.getRelationCond("ObjectAtStart", SPATIAL_RELATION, "StartLocation", "Object", True)
+        )
+
+
+class wm_move_object(PrimitiveBase):
+    """Moves the object; its pose follows when the spatial reasoner looks after it."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WmMoveObject(), self.__class__.__name__)
+
+    def onEnd(self) -> bool:
+        # The object is there no more: the next run has to look again.
+        self.params["StartLocation"].unset()
+        return True
+
+    def execute(self) -> State:
+        try:
+            return self.success(_move(self.wmi, self.params))
+        except SkirosError as error:
+            return self.fail(str(error), -1)
+
+
+class wm_move_and_transform_object(PrimitiveBase):
+    """Moves the object and writes its pose in the frame of the target."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WmMoveObject(), self.__class__.__name__)
+
+    def onEnd(self) -> bool:
+        self.params["StartLocation"].unset()
+        return True
+
+    def transform_to_frame(self, element: Element, target_frame: str) -> bool:
+        """Expresses the pose of `element` in another tf frame, without writing it to the world model.
+
+        :returns: False when the transform between the frames is not known.
+        """
+        return bool(element._getReasoner(SPATIAL_REASONER).transform(element, target_frame))  # type: ignore[attr-defined]
+
+    def execute(self) -> State:
+        moved = self.params["Object"].value
+        target = self.params["TargetLocation"].value or self.params["StartLocation"].value
+        frame = target.value_of(FRAME_ID) or target.id
+        try:
+            if not self.transform_to_frame(moved, frame):
+                return self.fail(f"{moved!r}: no transform to frame {frame!r} is known", -2)
+            return self.success(_move(self.wmi, self.params))
+        except SkirosError as error:
+            return self.fail(str(error), -1)
+
+
+class Counter(SkillDescription):
+    """Counts ticks."""
+
+    def createDescription(self) -> None:
+        self.addParam("CountTarget", int, ParamTypes.Required, description="How many ticks to run")
+
+
+class counter(PrimitiveBase):
+    """Succeeds at its `CountTarget`-th tick."""
+
+    def createDescription(self) -> None:
+        self.setDescription(Counter(), self.__class__.__name__)
+
+    def onPreempt(self) -> State:
+        return self.fail(f"Stopped at {self._count}", -1)
+
+    def onStart(self) -> bool:
+        self._count = 0
+        return True
+
+    def execute(self) -> State:
+        self._count += 1
+        target = self.params["CountTarget"].value
+        if self._count >= target:
+            return self.success(f"Counted to {target}")
+        return self.step(f"{self._count} of {target}")
+
+
+def _in_scene(element: Element | None) -> bool:
+    return element is not None and not element.isAbstract()
+
+
+def _put_relation(element: Element, source: str, relation: str, target: str, state: bool) -> None:
+    if state:
+        element.addRelation(source, relation, target)
+    else:
+        element.removeRelation2(source, relation, target)
+
+
+def _move(wmi: Any, params: Any) -> str:
+    """Moves `Object` from `StartLocation` to `TargetLocation` in the world model and says so.
+
+    :raises SkirosError: the world model refuses.
+    """
+    moved, start = params["Object"].value, params["StartLocation"].value
+    target = params["TargetLocation"].value
+    if not _in_scene(target):
+        target = start
+    spatial = [SPATIAL_RELATION, *wmi.get_sub_properties(SPATIAL_RELATION)]
+    moved.removeRelations(moved.getRelations(start.id, spatial, "-1"))
+    moved.addRelation(target.id, params["Relation"].value, "-1")
+    wmi.update_element(moved)
+    for place, content in ((start, "Empty"), (target, "Full")):
+        place.setProperty(CONTAINER_STATE, content)
+        wmi.update_element_properties(place)
+    return f"{moved!r} moved from {start!r} to {target!r}"

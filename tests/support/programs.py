@@ -1,0 +1,189 @@
+"""Programs run as child processes: their output as it comes, their end, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+#: What terminals take for colours and titles; roslaunch and rospy print it also when there is none.
+_TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
+
+#: roslaunch gives its nodes 15 s for a clean end, then 2 s more.
+STOP_TIMEOUT = 20.0
+
+
+class Program:
+    """A started program, in a process group of its own, with stdout and stderr read together, line by line.
+
+    :param command: the program and its arguments.
+    :param env: its whole environment; by default this process's.
+    :param cwd: the folder it runs in.
+    """
+
+    def __init__(self, command: Sequence[str], env: Mapping[str, str] | None = None, cwd: Path | None = None) -> None:
+        self.command = [str(part) for part in command]
+        self._lines: list[str] = []
+        self._change = threading.Condition()
+        self._closed = False
+        self._process = subprocess.Popen(
+            self.command,
+            env=None if env is None else dict(env),
+            cwd=cwd,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, name=f"output of {self.command[0]}", daemon=True)
+        self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """The exit status, negative for a signal; None while it runs."""
+        return self._process.poll()
+
+    @property
+    def running(self) -> bool:
+        return self.status is None
+
+    @property
+    def output(self) -> str:
+        """What it has printed so far, without colours."""
+        with self._change:
+            return "\n".join(self._lines)
+
+    def wait_for_line(self, pattern: str, timeout: float = 30.0) -> re.Match[str]:
+        """Waits until it has printed a line in which the pattern is found, and returns the match.
+
+        :raises AssertionError: it ended without, or the time (s) is over; with all that it has printed.
+        """
+        expression = re.compile(pattern)
+        seen = 0
+        end = time.monotonic() + timeout
+        with self._change:
+            while True:
+                for line in self._lines[seen:]:
+                    if match := expression.search(line):
+                        return match
+                seen = len(self._lines)
+                left = end - time.monotonic()
+                if self._closed or left <= 0:
+                    why = "ended" if self._closed else f"ran for {timeout:g} s"
+                    raise AssertionError(f"{self} {why} without a line like {pattern!r}; it printed:\n{self.output_tail()}")
+                self._change.wait(left)
+
+    def wait(self, timeout: float = 30.0) -> int:
+        """Waits for its end and returns the exit status.
+
+        :raises AssertionError: it has not ended within that time (s).
+        """
+        try:
+            status = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"{self} has not ended in {timeout:g} s; it printed:\n{self.output_tail()}") from None
+        self._reader.join(5.0)
+        return status
+
+    def interrupt(self) -> None:
+        """As Ctrl-C in a terminal: SIGINT to its whole process group."""
+        self.signal(signal.SIGINT)
+
+    def signal(self, number: int) -> None:
+        """Sends a signal to its whole process group; nothing when that has ended."""
+        if self.running:
+            os.killpg(self.pid, number)
+
+    def stop(self, timeout: float = STOP_TIMEOUT) -> None:
+        """Ends it and all that it has started: as Ctrl-C; what is still there after that time (s) is killed."""
+        family = descendants(self.pid) if self.running else []
+        self.interrupt()
+        try:
+            self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            family += descendants(self.pid)
+            self.signal(signal.SIGKILL)
+            self._process.wait()
+        for process in family:
+            process.kill()
+        self._reader.join(5.0)
+
+    def output_tail(self, lines: int = 80) -> str:
+        with self._change:
+            return "\n".join(self._lines[-lines:])
+
+    def __str__(self) -> str:
+        return " ".join(os.path.basename(part) if index == 0 else part for index, part in enumerate(self.command))
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._change:
+                self._lines.append(_TERMINAL_CODES.sub("", line.rstrip("\n")))
+                self._change.notify_all()
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+
+
+class ProcessId:
+    """One process of the system, told from a later one with the same number by the time it started."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._started = _started_at(pid)
+
+    @property
+    def running(self) -> bool:
+        return self._started is not None and _started_at(self.pid) == self._started
+
+    def kill(self) -> None:
+        if self.running:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def __repr__(self) -> str:
+        try:
+            command = Path(f"/proc/{self.pid}/cmdline").read_bytes().replace(b"\0", b" ").decode().strip()
+        except OSError:
+            command = "(ended)"
+        return f"{self.pid} {command}"
+
+
+def descendants(pid: int) -> list[ProcessId]:
+    """The processes that a process has started, those which they have started, and so on."""
+    children: dict[int, list[int]] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and (fields := _stat(int(entry.name))):
+            children.setdefault(int(fields[1]), []).append(int(entry.name))
+    found: list[int] = []
+    heads = [pid]
+    while heads:
+        heads = [child for head in heads for child in children.get(head, [])]
+        found += heads
+    return [ProcessId(number) for number in found]
+
+
+def _stat(pid: int) -> list[str] | None:
+    """The fields of /proc/PID/stat after the name: state, parent, ...; None for one that has ended."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return None
+    fields = text.rpartition(")")[2].split()
+    return None if fields[0] in "ZX" else fields
+
+
+def _started_at(pid: int) -> str | None:
+    fields = _stat(pid)
+    return fields[19] if fields else None

@@ -1,0 +1,320 @@
+"""A ROS master of its own, and nodes and launch files from install/ on it.
+
+A test in tests/system asks for the fixture `ros` (tests/system/conftest.py), a `Ros`:
+
+    def test_the_world_model_has_a_root(ros):
+        ros.launch("skiros2", "world_model_server.launch", gui=False)
+        get = ros.service("/wm/get", WmGet)
+        assert get(action="get", element=WmElement(id="skiros:Scene-0")).elements
+
+- One master and one node in the test process serve the whole session, because rospy can be initialised once in a
+  process. Each test starts the platform's nodes that it needs; they, and the parameters they set, go with the test.
+- Nothing sleeps: wait for a service, a message, a line of output, an exit, or (`wait_until`) any condition.
+- What the programs printed is shown with a test that fails.
+- A test of roslaunch's own end, or of a missing master, takes another master: `with RosMaster(tmp_path) as master:` and
+  `ros.launch(..., env=master.env)`.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import socket
+import subprocess
+import threading
+import time
+import xmlrpc.client
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from support.programs import Program
+
+ROOT = Path(__file__).resolve().parents[2]
+INSTALL = ROOT / "install"
+
+#: Of these, a test's programs get no other values than the harness gives them.
+_ROS_VARIABLES = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "ROS_NAMESPACE", "ROS_IP", "ROS_LOG_DIR")
+
+
+@functools.cache
+def install_environment(setup: Path = INSTALL / "setup.bash") -> dict[str, str]:
+    """The environment of a shell that has sourced this set-up file, and no other workspace's."""
+    if not setup.is_file():
+        raise FileNotFoundError(f"{setup} is not there; run: make setup")
+    clean = {key: value for key, value in os.environ.items() if key not in _ROS_VARIABLES}
+    dump = subprocess.run(
+        ["bash", "-c", 'source "$1" && exec env -0', "bash", str(setup)],
+        env=clean, stdout=subprocess.PIPE, check=True, text=True,
+    ).stdout
+    return dict(line.split("=", 1) for line in dump.split("\0") if line)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("localhost", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], Any], timeout: float = 30.0, what: str = "") -> Any:
+    """Asks every 20 ms until the condition is true, and returns its value. For what cannot be waited for otherwise.
+
+    :raises AssertionError: it is not true within that time (s).
+    """
+    end = time.monotonic() + timeout
+    while True:
+        if value := condition():
+            return value
+        if time.monotonic() > end:
+            raise AssertionError(f"not within {timeout:g} s: {what or condition}")
+        time.sleep(0.02)
+
+
+class RosMaster:
+    """`roscore` on a free port with a `ROS_HOME` of its own; a context manager.
+
+    :param home: its `ROS_HOME`, where logs go too.
+    """
+
+    def __init__(self, home: Path) -> None:
+        self.home = home
+        self.port = free_port()
+        self.uri = f"http://localhost:{self.port}"
+        #: For programs that are to use this master.
+        self.env = {
+            **install_environment(),
+            "ROS_MASTER_URI": self.uri,
+            "ROS_HOSTNAME": "localhost",
+            "ROS_HOME": str(home),
+            "HOME": str(home),
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._roscore: Program | None = None
+
+    def start(self) -> None:
+        self._roscore = Program(["roscore", "-p", str(self.port)], self.env)
+        self._roscore.wait_for_line(r"started core service")
+        wait_until(lambda: "/rosout" in self.nodes(), what="rosout on the new master")
+
+    def stop(self) -> None:
+        if self._roscore is not None:
+            self._roscore.stop()
+
+    def __enter__(self) -> RosMaster:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
+
+    # -- what the master knows ------------------------------------------------------------------------------------
+
+    def nodes(self) -> set[str]:
+        """The names of all nodes that are registered."""
+        return {node for kind in self._state() for _, nodes in kind for node in nodes}
+
+    def services(self) -> set[str]:
+        return {name for name, _ in self._state()[2]}
+
+    def topics(self) -> set[str]:
+        """The topics that somebody publishes."""
+        return {name for name, _ in self._state()[0]}
+
+    def subscribers(self, topic: str) -> set[str]:
+        return {node for name, nodes in self._state()[1] if name == topic for node in nodes}
+
+    def parameters(self) -> set[str]:
+        return set(self._ask("getParamNames"))
+
+    def parameter(self, name: str) -> Any:
+        return self._ask("getParam", name)
+
+    def set_parameter(self, name: str, value: Any) -> None:
+        self._ask("setParam", name, value)
+
+    def delete_parameter(self, name: str) -> None:
+        self._ask("deleteParam", name)
+
+    def node_pid(self, node: str) -> int:
+        """The process number of a node, as it says itself."""
+        uri = self._ask("lookupNode", node)
+        return int(xmlrpc.client.ServerProxy(uri).getPid("/tests")[2])  # type: ignore[index, call-overload]
+
+    def _state(self) -> Any:
+        return self._ask("getSystemState")
+
+    def _ask(self, call: str, *arguments: Any) -> Any:
+        with xmlrpc.client.ServerProxy(self.uri) as master:
+            code, text, value = getattr(master, call)("/tests", *arguments)
+        if code != 1:
+            raise LookupError(f"{call}{arguments}: {text}")
+        return value
+
+
+class Ros:
+    """The programs of one test on a master, and what it waits for. `stop` ends them and takes their parameters away."""
+
+    def __init__(self, master: RosMaster) -> None:
+        self.master = master
+        self.programs: list[Program] = []
+        self._subscriptions: list[Messages] = []
+        self._nodes_before = master.nodes()
+        self._parameters_before = master.parameters()
+
+    # -- starting -------------------------------------------------------------------------------------------------
+
+    def launch(
+        self, package: str, file: str, *, namespace: str = "", env: Mapping[str, str] | None = None, **arguments: Any
+    ) -> Program:
+        """`roslaunch package file name:=value ...`; does not wait for the nodes.
+
+        :param namespace: put all of it below this name.
+        :param env: another environment than this master's, `RosMaster.env` for example.
+        :param arguments: launch arguments; bool and list are written as YAML.
+        """
+        return self._start([*_ROSLAUNCH, package, file, *_launch_arguments(arguments)], namespace, env)
+
+    def launch_file(
+        self, path: Path, *, namespace: str = "", env: Mapping[str, str] | None = None, **arguments: Any
+    ) -> Program:
+        """Likewise, a launch file by its path."""
+        return self._start([*_ROSLAUNCH, str(path), *_launch_arguments(arguments)], namespace, env)
+
+    def run(
+        self,
+        package: str,
+        node: str,
+        *arguments: str,
+        name: str = "",
+        params: Mapping[str, Any] | None = None,
+        namespace: str = "",
+        env: Mapping[str, str] | None = None,
+    ) -> Program:
+        """`rosrun package node arguments`; does not wait until it is ready.
+
+        :param name: another name for the node.
+        :param params: its private parameters, `{"verbose": True}`: set on the master first, so they need `name`.
+        """
+        if params and not name:
+            raise ValueError("private parameters need the node's name")
+        for key, value in (params or {}).items():
+            self.master.set_parameter(_full_name(namespace, name, key), value)
+        remap = [f"__name:={name}"] if name else []
+        return self._start(["rosrun", package, node, *arguments, *remap], namespace, env)
+
+    def program(self, *command: str, env: Mapping[str, str] | None = None) -> Program:
+        """Any other program in this master's environment."""
+        return self._start(list(command), "", env)
+
+    # -- waiting --------------------------------------------------------------------------------------------------
+
+    def service(self, name: str, kind: Any, timeout: float = 30.0) -> Callable[..., Any]:
+        """Waits until the service is there, and returns what calls it (a `rospy.ServiceProxy`)."""
+        import rospy
+
+        try:
+            rospy.wait_for_service(name, timeout)
+        except rospy.ROSException:
+            raise AssertionError(f"no service {name} in {timeout:g} s; there are {sorted(self.master.services())}") from None
+        return rospy.ServiceProxy(name, kind)  # type: ignore[no-any-return]
+
+    def messages(self, topic: str, kind: Any) -> Messages:
+        """Collects what is published on a topic, from now on; a latched message comes first."""
+        messages = Messages(topic, kind)
+        self._subscriptions.append(messages)
+        return messages
+
+    def wait_for_node(self, name: str, timeout: float = 30.0) -> None:
+        wait_until(lambda: name in self.master.nodes(), timeout, f"a node {name}")
+
+    def wait_until_gone(self, name: str, timeout: float = 30.0) -> None:
+        wait_until(lambda: name not in self.master.nodes(), timeout, f"no node {name} any more")
+
+    # -- the end --------------------------------------------------------------------------------------------------
+
+    def stop(self) -> None:
+        for messages in self._subscriptions:
+            messages.close()
+        for program in reversed(self.programs):
+            program.stop()
+        for name in self.master.parameters() - self._parameters_before:
+            self.master.delete_parameter(name)
+        if self.master.nodes() - self._nodes_before:  # killed ones have not said goodbye to the master
+            subprocess.run(["rosnode", "cleanup"], env=self.master.env, input=b"y\n", capture_output=True, check=True)
+
+    def _start(self, command: list[str], namespace: str, env: Mapping[str, str] | None) -> Program:
+        environment = dict(env or self.master.env)
+        if namespace:
+            environment["ROS_NAMESPACE"] = namespace
+        program = Program(command, environment, cwd=self.master.home)
+        self.programs.append(program)
+        return program
+
+
+class Messages:
+    """The messages of a topic, oldest first, as they come; thread-safe."""
+
+    def __init__(self, topic: str, kind: Any) -> None:
+        import rospy
+
+        self.topic = topic
+        self._all: list[Any] = []
+        self._change = threading.Condition()
+        self._subscriber = rospy.Subscriber(topic, kind, self._take)
+
+    @property
+    def all(self) -> list[Any]:
+        with self._change:
+            return list(self._all)
+
+    def wait_for(self, condition: Callable[[Any], Any] = lambda message: True, timeout: float = 30.0) -> Any:
+        """The first message, of those that have come and will come, for which the condition is true.
+
+        :raises AssertionError: there is none within that time (s).
+        """
+        seen = 0
+        end = time.monotonic() + timeout
+        with self._change:
+            while True:
+                for message in self._all[seen:]:
+                    if condition(message):
+                        return message
+                seen = len(self._all)
+                left = end - time.monotonic()
+                if left <= 0:
+                    last = str(self._all[-1])[:2000] if self._all else ""
+                    raise AssertionError(f"{seen} messages on {self.topic} in {timeout:g} s, none as wanted; last:\n{last}")
+                self._change.wait(left)
+
+    def clear(self) -> None:
+        """Forgets what has come so far."""
+        with self._change:
+            self._all.clear()
+
+    def close(self) -> None:
+        self._subscriber.unregister()
+
+    def _take(self, message: Any) -> None:
+        with self._change:
+            self._all.append(message)
+            self._change.notify_all()
+
+
+_ROSLAUNCH = ("roslaunch", "--skip-log-check", "--disable-title", "--no-summary")
+
+
+def _launch_arguments(arguments: Mapping[str, Any]) -> list[str]:
+    return [f"{name}:={_yaml(value)}" for name, value in arguments.items()]
+
+
+def _full_name(*parts: str) -> str:
+    return "/" + "/".join(part.strip("/") for part in parts if part)
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_yaml(item) for item in value) + "]"
+    return str(value)

@@ -202,8 +202,8 @@ class ConditionOr(ConditionBase):
         return self._matches(other) and bool(self._desired_state != other._desired_state)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        # All are evaluated, so that the description names what each was checked on.
-        return any([c.evaluate(ph, wmi) for c in self._conditions])
+        checked = [c.evaluate(ph, wmi) for c in self._conditions]  # all, so that the description names them all
+        return any(checked)
 
     def fact(self) -> str:
         return "(" + " or ".join(c.getDescription() for c in self._conditions) + ")"
@@ -235,7 +235,7 @@ class ConditionOr(ConditionBase):
         return (
             isinstance(other, ConditionOr)
             and len(self._conditions) == len(other._conditions)
-            and all(a.isEqual(b) for a, b in zip(self._conditions, other._conditions))
+            and all(a.isEqual(b) for a, b in zip(self._conditions, other._conditions, strict=True))
         )
 
 

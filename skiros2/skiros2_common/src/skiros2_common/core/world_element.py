@@ -244,7 +244,7 @@ class Element:
         return self._props
 
     def hasProperty(self, key: str, value: Any = None, not_none: bool = False) -> bool:
-        """Whether the property is there; with `value`, that it is among its values; with `not_none`, that it has one."""
+        """Whether the property is there; with `value`, whether it has that one; with `not_none`, whether it has one."""
         prop = self._props.get(full_name(key))
         if prop is None:
             return False

@@ -81,3 +81,16 @@ def _die(line: str, status: int) -> None:
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
     os._exit(status)
+
+
+def list_param(name: str) -> list[str]:
+    """A parameter that is a list of names; a missing or empty one is an empty list.
+
+    :raises ConfigurationError: it is something else.
+    """
+    value = rospy.get_param(name, [])
+    if value in ("", None):
+        return []
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a list of names")
+    return value

@@ -1,7 +1,7 @@
 """Wire formats: parameters, properties, elements and relations as JSON and as messages.
 
-A parameter travels as one JSON object, an element as one inside it or as a `WmElement`. Types travel by name; a name that
-is none of the built-in ones or of a registered class is refused, so that nothing named by a message is ever called.
+A parameter travels as one JSON object, an element as one inside it or as a `WmElement`. Types travel by name; a name
+that is none of the built-in ones or of a registered class is refused: nothing named by a message is ever called.
 """
 
 from __future__ import annotations

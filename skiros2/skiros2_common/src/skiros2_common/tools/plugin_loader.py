@@ -87,7 +87,8 @@ class PluginLoader:
         modules = [package]
         if not hasattr(package, "__path__"):
             return modules
-        names = sorted(info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".", self._skip))
+        prefix = package.__name__ + "."
+        names = sorted(info.name for info in pkgutil.walk_packages(package.__path__, prefix, self._skip))
         for name in names:
             try:
                 modules.append(importlib.import_module(name))

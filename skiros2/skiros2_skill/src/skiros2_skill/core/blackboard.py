@@ -116,7 +116,7 @@ def renew(slots: list[Slot], wmi: Any) -> None:
                 found = wmi.find_element(value.id)
                 if found is not None:
                     renewed.append(value if found.version == value.version and not value.touched else found)
-        if len(renewed) == len(param._values) and all(a is b for a, b in zip(renewed, param._values)):
+        if len(renewed) == len(param._values) and all(a is b for a, b in zip(renewed, param._values, strict=True)):
             continue
         if renewed:
             param._values = renewed

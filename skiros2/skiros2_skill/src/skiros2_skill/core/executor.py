@@ -79,11 +79,11 @@ class Executor:
 
     def preempt(self, node: Any) -> State:
         """Ends a running node, leaves first; nodes call it from `visitPreempt`. Running: it needs more time."""
-        if node._state is not _RUNNING:
+        if not node.hasState(_RUNNING):
             state: State = node._state
             return state
         for child in node._children:
-            if child._state is _RUNNING:
+            if child.hasState(_RUNNING):
                 child.visitPreempt(self)
         if not isinstance(node, SkillWrapper):
             self._set_state(node, _FAILURE)
@@ -134,7 +134,11 @@ class Executor:
             blackboard.take(node, slots)
         except SkirosError as error:
             return str(error)
+        given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
         blackboard.renew(slots, self._wmi)
+        for key, value in given.items():
+            if value is not None and not params.getParamValues(key):
+                return f"parameter {key!r} is {value!r}, which is not in the scene"
         conditions = [*implementation.declared.pre_conditions, *node._own_pre_conditions]
         unset = {p.key for p in inferable(params)}
         try:

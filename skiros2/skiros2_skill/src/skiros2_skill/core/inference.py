@@ -1,8 +1,8 @@
 """Finding elements for unset parameters, so that all pre-conditions that speak of them hold.
 
-A constraint search with backtracking: the parameter with the fewest candidates is bound first, and a condition is checked
-as soon as all its keys are bound. Candidates are tried preferred ones first, then ordered by id, so that the same
-scene gives the same answer.
+A constraint search with backtracking: the parameter with the fewest candidates is bound first, and a condition is
+checked as soon as all its keys are bound. Candidates are tried preferred ones first, then ordered by id, so that the
+same scene gives the same answer.
 """
 
 from __future__ import annotations

@@ -237,7 +237,8 @@ class SkillInterface(SkillCore):
 
     def hold(self) -> bool:
         """Makes the hold-conditions true in the world model. False when one could not be."""
-        return all([c.setTrue(self._params, self._wmi) for c in self._hold_conditions])
+        made = [c.setTrue(self._params, self._wmi) for c in self._hold_conditions]
+        return all(made)
 
     def revertHold(self) -> None:
         """Takes back what `hold` changed."""
@@ -246,7 +247,8 @@ class SkillInterface(SkillCore):
 
     def simulate(self) -> bool:
         """Makes the post-conditions true in the world model. False when one could not be."""
-        return all([c.setTrue(self._params, self._wmi) for c in self._post_conditions])
+        made = [c.setTrue(self._params, self._wmi) for c in self._post_conditions]
+        return all(made)
 
     def revertSimulation(self) -> None:
         """Takes back what `simulate` changed."""

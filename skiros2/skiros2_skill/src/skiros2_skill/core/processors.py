@@ -160,7 +160,7 @@ class ParallelFf(_Parallel):
         for index, child in enumerate(children):
             if succeeded and index in succeeded:
                 continue
-            state = child.visit(visitor)
+            state: State = child.visit(visitor)
             if state is _FAILURE:
                 self.stopAll(children, visitor)
                 return _FAILURE

@@ -112,10 +112,6 @@ class Ticker:
         with self._lock:
             return list(self._tasks.values())
 
-    def wake(self) -> None:
-        """Ticks now instead of at the end of the period."""
-        self._wake.set()
-
     def stop(self, timeout: float = 2.0) -> None:
         """Preempts all tasks, ticks until they have ended, and ends the thread.
 
@@ -147,10 +143,8 @@ class Ticker:
 
     def _sleep_until(self, due: float | None) -> None:
         """Until the time comes or somebody wakes the thread; without a time, until somebody does."""
-        if due is None:
-            waiting = self._keep_alive if self.tasks() else None
-        else:
-            waiting = max(0.0, due - time.monotonic())
+        idle = self._keep_alive if self.tasks() else None
+        waiting = idle if due is None else max(0.0, due - time.monotonic())
         self._wake.wait(waiting)
         self._wake.clear()
 

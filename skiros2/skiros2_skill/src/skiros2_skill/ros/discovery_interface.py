@@ -1,0 +1,83 @@
+"""How nodes of a kind find each other: one topic asks, on the other each names itself."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import rospy
+from std_msgs.msg import Empty, String
+
+#: A node unseen for this many discovery periods counts as down.
+PERIODS_UNTIL_DOWN = 2
+
+
+class DiscoverableNode:
+    """A node that names itself, at the start and whenever somebody asks."""
+
+    def init_discovery(self, namespace: str, node_id: str) -> None:
+        """Starts to answer.
+
+        :param namespace: of the two topics, such as `/skill_managers`.
+        :param node_id: the name to give.
+        """
+        self._description_pub = rospy.Publisher(f"{namespace}/description", String, queue_size=10, latch=True)
+        self._description_pub.publish(node_id)
+        self._discovery_sub = rospy.Subscriber(
+            f"{namespace}/discovery", Empty, lambda _: self._description_pub.publish(node_id)
+        )
+
+    def stop_discovery(self) -> None:
+        """No more answers."""
+        self._discovery_sub.unregister()
+        self._description_pub.unregister()
+
+
+class DiscoveryInterface:
+    """Follows which nodes are there."""
+
+    def init_discovery(
+        self,
+        namespace: str,
+        on_active: Callable[[str], Any],
+        on_inactive: Callable[[str], Any],
+        discovery_period: Any = rospy.Duration(1),  # noqa: B008 - the contract's default
+    ) -> None:
+        """Starts to follow. The callbacks are called from ROS's threads, one at a time.
+
+        :param namespace: of the two topics.
+        :param on_active: called with the name of a node that has come up.
+        :param on_inactive: called with the name of one that has gone.
+        :param discovery_period: how often to ask.
+        """
+        self._on_active, self._on_inactive = on_active, on_inactive
+        self._seen: dict[str, float] = {}
+        self._discovery_lock = threading.RLock()
+        self._down_after = PERIODS_UNTIL_DOWN * discovery_period.to_sec()
+        self._ask_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
+        self._names_sub = rospy.Subscriber(f"{namespace}/description", String, self._on_name)
+        self._timer = rospy.Timer(discovery_period, self._ask)
+        self._ask(None)
+
+    def stop_discovery(self) -> None:
+        """Follows no more."""
+        self._timer.shutdown()
+        self._names_sub.unregister()
+        self._ask_pub.unregister()
+
+    def _on_name(self, message: Any) -> None:
+        with self._discovery_lock:
+            new = message.data not in self._seen
+            self._seen[message.data] = rospy.get_time()
+            if new:
+                self._on_active(message.data)
+
+    def _ask(self, _: Any) -> None:
+        now = rospy.get_time()
+        with self._discovery_lock:
+            for name, seen in list(self._seen.items()):
+                if now - seen > self._down_after:
+                    del self._seen[name]
+                    self._on_inactive(name)
+        self._ask_pub.publish()

@@ -1,0 +1,118 @@
+"""The robot of a skill manager and its skills, as the world model has them."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.names import DEFAULT_PREFIX, full_name
+from skiros2_common.core.world_element import Element
+
+from skiros2_skill.core.library import Implementation
+
+log = logging.getLogger(__name__)
+
+SCENE_ID = "skiros:Scene-0"
+SKILL_CHILDREN = ["skiros:hasParam", "skiros:hasPreCondition", "skiros:hasHoldCondition", "skiros:hasPostCondition"]
+
+
+class Registration:
+    """Keeps the world model's picture of one manager: its robot, and its skills under `skiros:hasSkill`.
+
+    :param wmi: the world model.
+    :param robot_name: the manager's name without slash; with the prefix, the label of the robot's template.
+    :param manager: the manager's node name, with its slash.
+    """
+
+    def __init__(self, wmi: Any, prefix: str, robot_name: str, manager: str) -> None:
+        self._wmi = wmi
+        self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
+        self._manager = manager
+        self.robot_id = ""
+
+    @property
+    def robot(self) -> Element:
+        """The robot as it is now."""
+        found: Element = self._wmi.get_element(self.robot_id)
+        return found
+
+    def register_robot(self) -> None:
+        """Finds the robot in the scene, or makes it from its template, and places it.
+
+        :raises ConfigurationError: the scene has no such robot and the ontology no such template.
+        """
+        found = self._wmi.resolve_elements(Element("cora:Robot", self._label))
+        robot = found[0] if found else self._instantiate()
+        if len(found) > 1:
+            log.warning("%s robots are labelled %s; taking %s", len(found), self._label, robot.id)
+        robot.setProperty("skiros:SkillMgr", self._manager)
+        self._wmi.update_element_properties(robot)
+        self.robot_id = robot.id
+        self._place()
+
+    def register_skills(self, implementations: Iterable[Implementation]) -> None:
+        """Adds the skills in the place of what an earlier life of the manager left."""
+        self.remove_skills()
+        for implementation in implementations:
+            self._declare_classes(implementation)
+            element = implementation.declared.toElement()
+            element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
+            self._wmi.add_element(element)
+
+    def remove_skills(self) -> None:
+        """Takes away all skills of the robot, with their parameters and conditions."""
+        for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""):
+            self._wmi.remove_element(self._wmi.get_element(relation["dst"]), True, "skiros:skillProperty")
+
+    def _instantiate(self) -> Element:
+        relation = {"src": SCENE_ID, "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}
+        try:
+            robot: Element = self._wmi.instanciate(self._label, True, [relation])
+        except SkirosError as error:
+            raise ConfigurationError(
+                f"robot {self._label}: the scene has no cora:Robot with that label, and it cannot be made from a "
+                f"template: {error}"
+            ) from error
+        return robot
+
+    def _place(self) -> None:
+        """Puts a robot that is nowhere at its start location, which is made from its template where needed."""
+        if self._wmi.get_relations(self.robot_id, "skiros:at", ""):
+            return
+        for start in self._wmi.get_relations(self.robot_id, "skiros:hasStartLocation", ""):
+            location = self._location(start["dst"])
+            if location is not None:
+                self._wmi.set_relation(self.robot_id, "skiros:at", location, True)
+                return
+        log.info("%s has no start location; it is placed nowhere", self.robot_id)
+
+    def _location(self, name: str) -> str | None:
+        """The id of the scene's element for a start location: an id, or a template."""
+        if self._wmi.find_element(name) is not None:
+            return name
+        found = self._wmi.resolve_elements(Element("sumo:Object", name))
+        if found:
+            return str(found[0].id)
+        relation = {"src": SCENE_ID, "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}
+        try:
+            return str(self._wmi.instanciate(name, False, [relation]).id)
+        except SkirosError as error:
+            log.warning("%s: start location %s cannot be made: %s", self._label, name, error)
+            return None
+
+    def _declare_classes(self, implementation: Implementation) -> None:
+        """Declares `skiros:Skill` > package > modules > type, where the ontology does not know the type."""
+        description = implementation.declared._description
+        parent = "skiros:Skill"
+        for part in type(description).__module__.split("."):
+            name = full_name(_camel_case(part))
+            self._wmi.add_class(name, parent)
+            parent = name
+        self._wmi.add_class(implementation.type, parent)
+
+
+def _camel_case(name: str) -> str:
+    return "".join(part.capitalize() for part in re.split(r"[^0-9A-Za-z]+", name) if part)

@@ -1,0 +1,97 @@
+"""A client of all skill managers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from skiros2_common.core.errors import UnknownName
+
+from skiros2_skill.ros.discovery_interface import DiscoveryInterface
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+
+NAMESPACE = "/skill_managers"
+
+
+class SkillLayerInterface(DiscoveryInterface):
+    """Finds the skill managers that run, and gives a client of each.
+
+    :param author: stands in the managers' logs as who asked.
+    """
+
+    def __init__(self, author: str = "unknown") -> None:
+        self._author = author
+        self._agents: dict[str, SkillManagerInterface] = {}
+        self._changed = False
+        self._monitor_cb: Callable[[Any], None] | None = None
+        self._debug: bool | None = None
+        self.init_discovery(NAMESPACE, self._on_agent, self._on_agent_gone)
+
+    @property
+    def agent(self) -> SkillManagerInterface:
+        """The only manager, or the first."""
+        return self.get_agent()
+
+    @property
+    def agents(self) -> dict[str, SkillManagerInterface]:
+        """The managers that run, by node name."""
+        with self._discovery_lock:
+            return dict(self._agents)
+
+    @property
+    def has_changes(self) -> bool:
+        """Whether managers have come or gone since this was read last."""
+        changed, self._changed = self._changed, False
+        return changed
+
+    @property
+    def has_active_agents(self) -> bool:
+        return bool(self._agents)
+
+    def get_agent(self, agent: str | None = None) -> SkillManagerInterface:
+        """The client of a manager, by default of the first.
+
+        :param agent: the manager's node name, with its leading slash or without.
+        :raises UnknownName: no such manager runs.
+        """
+        agents = self.agents
+        if agent is None and agents:
+            return next(iter(agents.values()))
+        for name in (agent, f"/{agent}"):
+            if name in agents:
+                return agents[name]
+        raise UnknownName(f"no skill manager {agent or ''} runs; there are: {', '.join(agents) or 'none'}")
+
+    def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
+        """`cb` is called, in a thread of ROS, with each `TreeProgress` of each manager."""
+        self._monitor_cb = cb
+        for agent in self.agents.values():
+            agent.set_monitor_cb(cb)
+
+    def set_debug(self, state: bool) -> None:
+        """Whether the parameters travel with the progress."""
+        self._debug = state
+        for agent in self.agents.values():
+            agent.set_debug(state)
+
+    def print_state(self) -> str:
+        """The managers and their skills."""
+        return "\n".join(agent.print_state() for agent in self.agents.values())
+
+    def shutdown(self) -> None:
+        """Follows the managers no more."""
+        self.stop_discovery()
+        for agent in self.agents.values():
+            agent.shutdown()
+
+    def _on_agent(self, name: str) -> None:
+        agent = SkillManagerInterface(name, self._author)
+        agent.set_monitor_cb(self._monitor_cb)
+        if self._debug is not None:
+            agent.set_debug(self._debug)
+        self._agents[name] = agent
+        self._changed = True
+
+    def _on_agent_gone(self, name: str) -> None:
+        self._agents.pop(name).shutdown()
+        self._changed = True

@@ -1,0 +1,194 @@
+"""A client of one skill manager."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rospy
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.ros import utils
+from std_msgs.msg import Bool, Empty
+
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from skiros2_skill.ros.utils import SkillHolder
+
+log = logging.getLogger(__name__)
+
+
+class SkillManagerInterface:
+    """Starts and stops tasks of a manager and follows them. All methods may be called from any thread.
+
+    :param manager_name: the manager's node name.
+    :param author_name: stands in the manager's log as who asked.
+    """
+
+    def __init__(self, manager_name: str, author_name: str) -> None:
+        self._name = manager_name
+        self._author = author_name
+        self._lock = threading.RLock()
+        self._skills: dict[str, SkillHolder] = {}
+        self._tasks: dict[int, Any] = {}
+        self._task = -1
+        self._monitor_cb: Callable[[Any], None] | None = None
+        self._tick_times: list[float] = []
+        self.last_error = ""
+        self._get_skills = rospy.ServiceProxy(f"{manager_name}/get_skills", srvs.ResourceGetDescriptions)
+        self._command = rospy.ServiceProxy(f"{manager_name}/command", srvs.SkillCommand)
+        self._debug_pub = rospy.Publisher(f"{manager_name}/set_debug", Bool, queue_size=1, latch=True)
+        self._monitor_sub = rospy.Subscriber(
+            f"{manager_name}/monitor", msgs.TreeProgress, self._on_progress, queue_size=100
+        )
+        self._tick_sub = rospy.Subscriber(f"{manager_name}/tick_rate", Empty, self._on_tick)
+
+    @property
+    def name(self) -> str:
+        """The manager's node name."""
+        return self._name
+
+    @property
+    def task(self) -> int:
+        """The id of the task started last by this client, -1 before."""
+        return self._task
+
+    @property
+    def tasks(self) -> dict[int, Any]:
+        """The last `TreeProgress` of each task that has not ended, by its id."""
+        with self._lock:
+            return dict(self._tasks)
+
+    @property
+    def skills(self) -> dict[str, SkillHolder]:
+        """The skills that the manager offers, by label."""
+        return self.get_skill_list()
+
+    def shutdown(self) -> None:
+        """Follows the manager no more."""
+        for connection in (self._monitor_sub, self._tick_sub, self._debug_pub):
+            connection.unregister()
+
+    def print_state(self) -> str:
+        """The manager and its skills, a line each."""
+        return "\n".join([f"{self._name}:", *(f"  {s.type}-{s.name}" for s in self.skills.values())])
+
+    def set_debug(self, state: bool) -> None:
+        """Whether the parameters travel with the progress."""
+        self._debug_pub.publish(state)
+
+    # -- skills ------------------------------------------------------------------------------------------------
+
+    def get_skill_list(self, update: bool = False) -> dict[str, SkillHolder]:
+        """The skills that the manager offers, by label. Waits until it has loaded them.
+
+        :param update: ask the manager, even when the list is known.
+        """
+        if update or not self._skills:
+            answer = self.call(self._get_skills, srvs.ResourceGetDescriptionsRequest())
+            if answer is not None:
+                with self._lock:
+                    self._skills = {
+                        s.name: SkillHolder(self._name, s.type, s.name, utils.deserializeParamMap(s.params))
+                        for s in answer.list
+                    }
+        return self._skills
+
+    def get_skill(self, name: str) -> SkillHolder:
+        """The skill with that label, with parameters that may be set and sent.
+
+        :raises UnknownName: the manager has none.
+        """
+        found = self.get_skill_list().get(name) or self.get_skill_list(update=True).get(name)
+        if found is None:
+            raise UnknownName(f"{self._name} has no skill {name!r}; it has: {', '.join(self._skills) or 'none'}")
+        params = {key: param.clone() for key, param in found.ph.items()}
+        return SkillHolder(found.manager, found.type, found.name, params)
+
+    # -- commands ----------------------------------------------------------------------------------------------
+
+    def execute(
+        self,
+        execution_id: int = -1,
+        skill_list: Sequence[SkillHolder] | None = None,
+        action: str = srvs.SkillCommandRequest().START,
+    ) -> int:
+        """Sends a command. Returns the task's id, or -1 when the manager refuses; `last_error` tells why.
+
+        :param execution_id: the task; -1 with `start` is a new one that runs the skills one after the other.
+        :param skill_list: the skills of a new task.
+        """
+        request = srvs.SkillCommandRequest(
+            author=self._author,
+            action=action,
+            execution_id=execution_id,
+            skills=[skill.toMsg() for skill in skill_list or ()],
+        )
+        answer = self.call(self._command, request)
+        if answer is None or not answer.ok:
+            return -1
+        if action in (request.START, request.TICK_ONCE):
+            self._task = answer.execution_id
+        return int(answer.execution_id)
+
+    def tick_once(self, execution_id: int = -1, skill_list: Sequence[SkillHolder] | None = None) -> int:
+        """Ticks a task once and pauses it; with skills, a new one."""
+        return self.execute(execution_id, skill_list, srvs.SkillCommandRequest.TICK_ONCE)
+
+    def preempt_one(self, execution_id: int | None = None) -> int:
+        """Ends a task, by default the one started last."""
+        return self.execute(self._task if execution_id is None else execution_id, None, srvs.SkillCommandRequest.PREEMPT)
+
+    def preempt_all(self) -> int:
+        """Ends all tasks."""
+        return self.execute(-1, None, srvs.SkillCommandRequest.PREEMPT)
+
+    def pause_one(self, execution_id: int | None = None) -> int:
+        """Pauses a task, by default the one started last."""
+        return self.execute(self._task if execution_id is None else execution_id, None, srvs.SkillCommandRequest.PAUSE)
+
+    def pause_all(self) -> int:
+        """Pauses all tasks."""
+        return self.execute(-1, None, srvs.SkillCommandRequest.PAUSE)
+
+    def call(self, service: Any, msg: Any) -> Any:
+        """Calls a service of the manager. None when it does not answer or refuses; the reason is logged."""
+        try:
+            return service(msg)
+        except rospy.ServiceException as error:
+            self.last_error = str(error)
+            log.error("%s: %s", self._name, error)
+            return None
+
+    # -- following ---------------------------------------------------------------------------------------------
+
+    def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
+        """`cb` is called, in a thread of ROS, with each `TreeProgress` of the manager."""
+        self._monitor_cb = cb
+
+    def get_tick_rate(self) -> float:
+        """Ticks per second since the last reset, over the last hundred at most; 0.0 when there were none."""
+        with self._lock:
+            times = self._tick_times[-100:]
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+
+    def reset_tick_rate(self) -> None:
+        with self._lock:
+            self._tick_times = []
+
+    def _on_tick(self, _: Any) -> None:
+        with self._lock:
+            self._tick_times = [*self._tick_times[-99:], time.monotonic()]
+
+    def _on_progress(self, message: Any) -> None:
+        root = message.progress[0] if message.progress else None
+        if root is not None:
+            with self._lock:
+                if abs(root.progress_code) == 1:
+                    self._tasks.pop(root.id, None)
+                else:
+                    self._tasks[root.id] = message
+        if self._monitor_cb is not None:
+            self._monitor_cb(message)

@@ -1,0 +1,167 @@
+"""The public surface is frozen: every line of public_api.txt holds in the code."""
+
+from __future__ import annotations
+
+import enum
+import importlib
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LISTING = Path(__file__).with_name("public_api.txt")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the listing: what kind of thing, its text, and where it belongs."""
+
+    module: str
+    owner: str
+    kind: str
+    text: str
+
+    def __str__(self) -> str:
+        return ".".join(part for part in (self.module, self.owner, f"{self.kind} {self.text}".strip()) if part)
+
+
+def entries() -> Iterator[Entry]:
+    module = owner = ""
+    for line in LISTING.read_text().splitlines():
+        if not line.strip() or line.startswith("#"):
+            continue
+        kind, _, text = line.strip().partition(" ")
+        if kind == "module":
+            module, owner = text, ""
+            yield Entry(module, "", kind, "")
+            continue
+        if not line.startswith("    "):
+            owner = ""
+        yield Entry(module, owner, kind, text)
+        if kind == "class":
+            owner = re.match(r"\w+", text).group()
+
+
+@pytest.mark.parametrize("entry", sorted(set(entries()), key=str), ids=str)
+def test_it_is_there_as_others_use_it(entry: Entry) -> None:
+    place: Any = importlib.import_module(entry.module)
+    if entry.owner:
+        place = getattr(place, entry.owner)
+    CHECKS[entry.kind](place, entry.text)
+
+
+def test_the_listing_covers_every_package_with_a_public_surface() -> None:
+    packages = {entry.module.partition(".")[0] for entry in entries()}
+    assert packages == {
+        "skiros2_common",
+        "skiros2_world_model",
+        "skiros2_skill",
+        "skiros2_task",
+        "skiros2_std_skills",
+        "skiros2_std_reasoners",
+    }
+
+
+def check_module(module: Any, text: str) -> None:
+    assert inspect.ismodule(module)
+
+
+def check_names(module: Any, text: str) -> None:
+    assert not [name for name in text.split() if not hasattr(module, name)]
+
+
+def check_star(module: Any, text: str) -> None:
+    scope: dict[str, Any] = {}
+    exec(f"from {module.__name__} import *", scope)
+    assert not [name for name in text.split() if name not in scope]
+
+
+def check_enum(module: Any, text: str) -> None:
+    name, members = text.split(": ")
+    kind = getattr(module, name)
+    assert issubclass(kind, enum.Enum)
+    assert [member.name for member in kind] == members.split()
+
+
+def check_class(module: Any, text: str) -> None:
+    name, bases = re.fullmatch(r"(\w+)(?:\((.*)\))?", text).groups()
+    kind = getattr(module, name)
+    assert inspect.isclass(kind)
+    ancestors = [base.__name__ for base in kind.__mro__]
+    for base in (bases or "object").split(", "):
+        assert base in ancestors
+
+
+def check_function(module: Any, text: str) -> None:
+    name = text.partition("(")[0]
+    assert_signature(inspect.signature(getattr(module, name)), text)
+
+
+def check_method(kind: type, text: str) -> None:
+    name = text.partition("(")[0]
+    found = inspect.getattr_static(kind, name)
+    signature = inspect.signature(getattr(found, "__func__", found))
+    if not isinstance(found, staticmethod):
+        signature = signature.replace(parameters=list(signature.parameters.values())[1:])
+    assert_signature(signature, text)
+
+
+def check_property(kind: type, text: str) -> None:
+    assert isinstance(inspect.getattr_static(kind, text), property)
+
+
+def check_attribute(kind: type, text: str) -> None:
+    name, _, value = text.partition(" = ")
+    if value:
+        assert getattr(kind, name) == eval(value)
+    else:
+        assert hasattr(kind, name) or any(
+            re.search(rf"\bself\.{name}\b[^=\n]*=", textwrap.dedent(inspect.getsource(base)))
+            for base in kind.__mro__
+            if base.__module__.startswith("skiros2_")
+        )
+
+
+CHECKS = {
+    name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
+}
+
+
+def assert_signature(signature: inspect.Signature, text: str) -> None:
+    """The listed arguments, in that order and with those defaults; beyond them only optional keyword-only ones."""
+    listed = arguments_of(text)
+    positional = {
+        name: argument.default
+        for name, argument in signature.parameters.items()
+        if argument.kind is argument.POSITIONAL_OR_KEYWORD or argument.kind is argument.VAR_POSITIONAL
+    }
+    extra = [argument for argument in signature.parameters.values() if argument.kind is argument.KEYWORD_ONLY]
+    assert list(positional) == list(listed), f"is {signature}"
+    for name, default in listed.items():
+        assert same_default(positional[name], default), f"{name}: is {positional[name]!r}, listed as {default!r}"
+    assert not [argument.name for argument in extra if argument.default is argument.empty]
+
+
+def arguments_of(text: str) -> dict[str, Any]:
+    """Argument names of `name(a, b=1, *c)` with their defaults, evaluated."""
+    import rospy
+    import skiros2_msgs.srv as srvs
+
+    scope = {"rospy": rospy, "srvs": srvs}
+    if "Sequential()" in text:
+        scope["Sequential"] = importlib.import_module("skiros2_skill.core.processors").Sequential
+    exec(f"def listed{text[text.index('('):]}: ...", scope)
+    return {name: argument.default for name, argument in inspect.signature(scope["listed"]).parameters.items()}
+
+
+def same_default(found: Any, listed: Any) -> bool:
+    if found is inspect.Parameter.empty or listed is inspect.Parameter.empty:
+        return found is listed
+    if type(listed).__module__.startswith("skiros2_"):  # an instance stands for itself
+        return type(found) is type(listed)
+    return type(found) is type(listed) and bool(found == listed)

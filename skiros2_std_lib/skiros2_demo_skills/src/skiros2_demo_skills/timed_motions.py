@@ -8,10 +8,9 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_std_skills.clock import now
-
 from skiros2_demo_skills.motions import CloseGripper, MoveArm, MoveBase, OpenGripper, TuckArm
 from skiros2_demo_skills.poses import composed, get_pose, set_pose
+from skiros2_std_skills.clock import now
 
 
 class TimedMotion(PrimitiveBase, ABC):

@@ -74,12 +74,8 @@ class Place(Manipulation):
         self.addParam("Container", Element("skiros:Container"), ParamTypes.Required, description="Where to put it")
         self.add_common("The object to put down")
         self.addPreCondition(self.getRelationCond("ObjectInGripper", "skiros:contain", "Gripper", "Object", True))
-        self.addPostCondition(
-            self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True)
-        )
-        self.addPostCondition(
-            self.getRelationCond("ObjectNotInGripper", "skiros:contain", "Gripper", "Object", False)
-        )
+        self.addPostCondition(self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True))
+        self.addPostCondition(self.getRelationCond("ObjectNotInGripper", "skiros:contain", "Gripper", "Object", False))
         self.addPostCondition(self.getPropCond("GripperNotFull", CONTAINER_STATE, "Gripper", "=", "Full", False))
         self.addPostCondition(self.getPropCond("GripperEmpty", CONTAINER_STATE, "Gripper", "=", "Empty", True))
 
@@ -115,9 +111,7 @@ class pick(SkillBase):
             self.skill("MoveArm", "", remap={"Target": "Object"}),
             self.skill("CloseGripper", ""),
             self.skill("WmMoveObject", "wm_move_object", remap={"TargetLocation": "Gripper"}),
-            self.skill(
-                "WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.0)}
-            ),
+            self.skill("WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.0)}),
             self.skill("TuckArm", ""),
         )
 
@@ -134,9 +128,7 @@ class place(SkillBase):
             self.skill("MoveArm", "", remap={"Target": "Container"}),
             self.skill("OpenGripper", ""),
             self.skill("WmMoveObject", "wm_move_object", remap={"TargetLocation": "Container"}),
-            self.skill(
-                "WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.06)}
-            ),
+            self.skill("WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.06)}),
             self.skill("TuckArm", ""),
         )
 

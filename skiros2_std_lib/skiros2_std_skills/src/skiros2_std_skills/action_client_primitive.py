@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from actionlib_msgs.msg import GoalStatus
+
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive import PrimitiveBase
 

@@ -9,7 +9,6 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-
 from skiros2_std_skills.clock import now
 
 SPATIAL_RELATION = "skiros:spatiallyRelated"
@@ -140,9 +139,7 @@ class WmMoveObject(SkillDescription):
         )
         self.addParam("Object", Element("sumo:Object"), ParamTypes.Required, description="What has moved")
         self.addParam("Relation", "skiros:contain", ParamTypes.Required, description="How the target holds it")
-        self.addPreCondition(
-            self.getRelationCond("ObjectAtStart", SPATIAL_RELATION, "StartLocation", "Object", True)
-        )
+        self.addPreCondition(self.getRelationCond("ObjectAtStart", SPATIAL_RELATION, "StartLocation", "Object", True))
 
 
 class wm_move_object(PrimitiveBase):

@@ -1,0 +1,93 @@
+"""What differs between two states of the world, in words."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from typing import Any
+
+from skiros2_demo.world_state import Thing, WorldState
+
+#: Relations that put a thing in a place: which side the thing is on, and how one says it.
+_PLACES = {
+    "skiros:contain": ("object", "in"),
+    "skiros:hasA": ("object", "part of"),
+    "skiros:at": ("subject", "at"),
+}
+_POSE = re.compile(r"skiros:(Position|Orientation)[XYZW]$")
+#: Set anew with every pose.
+_BOOKKEEPING = ("skiros:BaseFrameId", "skiros:TfTimeStamp")
+
+
+def changes(before: WorldState, after: WorldState) -> list[str]:
+    """A line for each thing that is new, gone, elsewhere or otherwise than before, ordered by thing."""
+    lines: list[str] = []
+    for thing_id in sorted({*before.things, *after.things}, key=_order):
+        was, now = before.things.get(thing_id), after.things.get(thing_id)
+        if was is None:
+            lines.append(f"{after.name(thing_id)} is new")
+        elif now is None:
+            lines.append(f"{before.name(thing_id)} is gone")
+        else:
+            facts = _moves(thing_id, before, after) + _relations(thing_id, before, after) + _properties(was, now)
+            lines += [f"{after.name(thing_id)} {fact}" for fact in facts]
+    return lines
+
+
+def _moves(thing_id: str, before: WorldState, after: WorldState) -> list[str]:
+    facts = []
+    for predicate, (side, word) in _PLACES.items():
+        was, now = (_places(thing_id, predicate, side, world) for world in (before, after))
+        if was != now:
+            there = " and ".join(after.name(i) for i in now) or "nothing"
+            gone = " and ".join(before.name(i) for i in was) or "nothing"
+            facts.append(f"is {word} {there}; it was {word} {gone}")
+    return facts
+
+
+def _places(thing_id: str, predicate: str, side: str, world: WorldState) -> list[str]:
+    if side == "object":
+        return world.holders(thing_id, predicate)
+    return sorted(o for s, p, o in world.relations if s == thing_id and p == predicate)
+
+
+def _relations(thing_id: str, before: WorldState, after: WorldState) -> list[str]:
+    def others(world: WorldState) -> set[tuple[str, str]]:
+        return {
+            (p, o) for s, p, o in world.relations
+            if s == thing_id and p not in _PLACES and o in before.things and o in after.things
+        }  # fmt: skip
+
+    was, now = others(before), others(after)
+    new = [f"now {p.rpartition(':')[2]} {after.name(o)}" for p, o in sorted(now - was)]
+    return new + [f"no longer {p.rpartition(':')[2]} {before.name(o)}" for p, o in sorted(was - now)]
+
+
+def _properties(was: Thing, now: Thing) -> list[str]:
+    facts, moved = [], defaultdict(bool)
+    for key in sorted({*was.properties, *now.properties}):
+        old, new = was.properties.get(key, []), now.properties.get(key, [])
+        if old == new or key in _BOOKKEEPING:
+            continue
+        if _POSE.match(key):
+            moved["pose"] = True
+        else:
+            facts.append(f"has {key.rpartition(':')[2]} {_shown(new)}; it was {_shown(old)}")
+    if moved["pose"]:
+        position = ", ".join(f"{_number(now, axis):.2f}" for axis in "XYZ")
+        facts.append(f"is at ({position}) m in the frame of what it hangs on")
+    return facts
+
+
+def _number(thing: Thing, axis: str) -> float:
+    values = thing.properties.get(f"skiros:Position{axis}", [])
+    return float(values[0]) if values else float("nan")
+
+
+def _shown(values: list[Any]) -> str:
+    return ", ".join(str(v) for v in values) or "nothing"
+
+
+def _order(thing_id: str) -> tuple[int, str]:
+    number = re.search(r"-(\d+)$", thing_id)
+    return int(number.group(1)) if number else -1, thing_id

@@ -1,0 +1,209 @@
+"""A system of its own for the demo: a master on a free port, a recorder, and what the launch file starts.
+
+All processes are in sessions of their own, so that Ctrl-C reaches only the demo, which then ends them in order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+from xmlrpc.client import ServerProxy
+
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+
+#: How long a process may take to end when asked to (s), before it is killed. roslaunch gives its nodes 15 s.
+END_TIMEOUT = 20.0
+#: How long a part of the system may take to start (s).
+START_TIMEOUT = 30.0
+
+
+class SystemDown(SkirosError):
+    """A part of the system could not start, or has ended."""
+
+
+class System:
+    """A running system; a context manager. Sets `ROS_MASTER_URI` and `ROS_HOME` for this process and its children.
+
+    :param folder: where the log of the processes, and the bag, go.
+    :param port: the master's; 0 takes a free one.
+    """
+
+    def __init__(self, folder: Path, port: int = 0) -> None:
+        self.bag = folder / "run.bag"
+        self.log = folder / "system.log"
+        self.port = port or _free_port()
+        self._folder = folder
+        self._home = ""
+        self._environment: dict[str, str | None] = {}
+        self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
+        self._output: IO[bytes] | None = None
+
+    def __enter__(self) -> System:
+        """:raises Refused: the port is in use."""
+        if not _is_free(self.port):
+            raise Refused(f"port {self.port} is in use; give a free one, or none")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for old in (self.bag, self.log, self.bag.with_suffix(".bag.active")):
+            old.unlink(missing_ok=True)
+        self._home = tempfile.mkdtemp(prefix="skiros2-demo-")
+        self._output = self.log.open("ab")
+        wanted = {
+            "ROS_MASTER_URI": f"http://localhost:{self.port}",
+            "ROS_HOME": self._home,
+            "ROS_LOG_DIR": f"{self._home}/log",
+            "ROS_HOSTNAME": "localhost",
+        }
+        self._environment = {key: os.environ.get(key) for key in wanted}
+        os.environ.update(wanted)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends all processes, the last one first. The bag and the log stay."""
+        while self._running:
+            _, process = self._running.pop()
+            _end(process)
+        if self._output is not None:
+            self._output.close()
+        shutil.rmtree(self._home, ignore_errors=True)
+        for key, value in self._environment.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value
+
+    def start_master(self) -> None:
+        """Starts the master and waits for it.
+
+        :raises SystemDown: it ends.
+        :raises TimedOut: it does not answer.
+        """
+        self._start("the master", ["roscore", "-p", str(self.port)])
+        self.wait_for(self._master_answers, "the master")
+
+    def start_recording(self, topics: Sequence[str]) -> None:
+        """Starts a recorder of these topics and waits until it has subscribed to all of them.
+
+        :raises SystemDown: it ends.
+        :raises TimedOut: it does not subscribe.
+        """
+        self._start("the recorder", ["rosbag", "record", "-O", str(self.bag), *topics, "__name:=recorder"])
+        self.wait_for(lambda: self._subscribed("/recorder", topics), "the recorder's subscriptions")
+
+    def launch(self, package: str, file: str, *arguments: str) -> None:
+        """Starts a launch file. Does not wait for its nodes."""
+        self._start("the system", ["roslaunch", package, file, *arguments])
+
+    def stop_recording(self) -> None:
+        """Ends the recorder, so that the bag is whole."""
+        self._running, recorders = (
+            [r for r in self._running if r[0] != "the recorder"],
+            [r for r in self._running if r[0] == "the recorder"],
+        )
+        for _, process in recorders:
+            _end(process)
+
+    def check(self) -> None:
+        """:raises SystemDown: one of the processes has ended; the text has what it said last."""
+        for name, process in self._running:
+            if process.poll() is not None:
+                raise SystemDown(f"{name} has ended with status {process.returncode}:\n{self._last_words()}")
+
+    def wait_for(self, condition: Callable[[], Any], what: str, timeout: float = START_TIMEOUT) -> None:
+        """Waits until a condition holds; looks 20 times a second.
+
+        :param what: what is waited for, in words.
+        :raises SystemDown: a process has ended meanwhile.
+        :raises TimedOut: it does not hold within `timeout` (s).
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            self.check()
+            if time.monotonic() > deadline:
+                raise TimedOut(f"waited {timeout:.0f} s for {what} in vain:\n{self._last_words()}")
+            time.sleep(0.05)
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _start(self, name: str, command: list[str]) -> None:
+        if shutil.which(command[0]) is None:
+            raise SystemDown(f"{name} cannot be started: there is no program {command[0]!r}; is ROS installed?")
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        self._running.append((name, process))
+
+    def _master_answers(self) -> bool:
+        try:
+            return bool(self._ask_master("getPid"))
+        except OSError:
+            return False
+
+    def _subscribed(self, node: str, topics: Sequence[str]) -> bool:
+        _, subscribers, _ = self._ask_master("getSystemState")
+        return {topic for topic, nodes in subscribers if node in nodes} >= set(topics)
+
+    def _ask_master(self, call: str) -> Any:
+        with ServerProxy(f"http://localhost:{self.port}") as master:
+            _, _, answer = getattr(master, call)("/demo")
+        return answer
+
+    def _last_words(self) -> str:
+        """The last lines of the log that speak of a failure, or the last ones of all."""
+        lines = [line for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
+        bad = [
+            line for line in lines if any(word in line.lower() for word in ("error", "failed", "cannot", "exception"))
+        ]
+        return "\n".join(f"    {line}" for line in (bad or lines)[-5:]) + f"\n  (all of it: {self.log})"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Ends a process and all that it has started: asks, and after a while kills."""
+    family = [process.pid, *_descendants(process.pid)]
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            family += _descendants(process.pid)
+            process.kill()
+    process.wait()
+    for pid in family[1:]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _descendants(pid: int) -> list[int]:
+    """The processes that a process has started, and those that these have."""
+    try:
+        children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+    return children + [below for child in children for below in _descendants(child)]
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("localhost", 0))
+        return int(probe.getsockname()[1])
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return False
+    return True

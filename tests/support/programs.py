@@ -81,7 +81,9 @@ class Program:
                 left = end - time.monotonic()
                 if self._closed or left <= 0:
                     why = "ended" if self._closed else f"ran for {timeout:g} s"
-                    raise AssertionError(f"{self} {why} without a line like {pattern!r}; it printed:\n{self.output_tail()}")
+                    raise AssertionError(
+                        f"{self} {why} without a line like {pattern!r}; it printed:\n{self.output_tail()}"
+                    )
                 self._change.wait(left)
 
     def wait(self, timeout: float = 30.0) -> int:

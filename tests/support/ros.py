@@ -216,7 +216,8 @@ class Ros:
         try:
             rospy.wait_for_service(name, timeout)
         except rospy.ROSException:
-            raise AssertionError(f"no service {name} in {timeout:g} s; there are {sorted(self.master.services())}") from None
+            there = sorted(self.master.services())
+            raise AssertionError(f"no service {name} in {timeout:g} s; there are {there}") from None
         return rospy.ServiceProxy(name, kind)  # type: ignore[no-any-return]
 
     def messages(self, topic: str, kind: Any) -> Messages:
@@ -284,7 +285,9 @@ class Messages:
                 left = end - time.monotonic()
                 if left <= 0:
                     last = str(self._all[-1])[:2000] if self._all else ""
-                    raise AssertionError(f"{seen} messages on {self.topic} in {timeout:g} s, none as wanted; last:\n{last}")
+                    raise AssertionError(
+                        f"{seen} messages on {self.topic} in {timeout:g} s, none as wanted; last:\n{last}"
+                    )
                 self._change.wait(left)
 
     def clear(self) -> None:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 
 import pytest
+
 from support.ros import Ros, RosMaster
 
 _ROS = pytest.StashKey[Ros]()

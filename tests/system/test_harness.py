@@ -2,6 +2,7 @@
 
 import pytest
 from std_msgs.msg import String
+
 from support.programs import Program, descendants
 from support.ros import Ros, RosMaster
 

@@ -1,0 +1,124 @@
+"""Parameters and the handler that holds them."""
+
+import logging
+import time
+
+import pytest
+
+from skiros2_common.core.errors import UnknownName, WrongType
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
+
+
+def handler(**values):
+    made = ParamHandler()
+    for key, value in values.items():
+        made.addParam(key, value, ParamTypes.Required)
+    return made
+
+
+def test_print_state_is_key_and_values_with_a_space_after_each():
+    assert handler(MyDict=dict, MyFloat=1.0).printState() == "MyDict:[] MyFloat:[1.0] "
+
+
+def test_a_type_is_no_default_and_a_value_is_one():
+    assert not Param("A", "", str, ParamTypes.Required).hasDefaultValues()
+    assert Param("A", "", "x", ParamTypes.Required).default == "x"
+
+
+def test_an_abstract_element_is_a_default_but_no_value():
+    param = Param("Object", "", Element("skiros:Product"), ParamTypes.Inferred)
+    assert not param.isSpecified()
+    assert param.hasDefaultValues()
+    assert not param.hasSpecifiedDefault()
+    assert param.element_type == "skiros:Product"
+
+
+def test_changing_an_abstract_value_leaves_the_declared_one_alone():
+    param = Param("Object", "", Element("skiros:Product"), ParamTypes.Inferred)
+    param.setDefault()
+    param.value.setProperty("skiros:Weight", 1.0)
+    assert not param.default.hasProperty("skiros:Weight")
+
+
+def test_has_changes_tells_whether_it_was_set_since():
+    param = Param("A", "", 1, ParamTypes.Required)
+    now = time.time()
+    assert not param.hasChanges(now)
+    param.value = 2
+    assert param.hasChanges(now)
+
+
+def test_an_unknown_key_logs_and_gives_none(caplog):
+    params = handler(A=1)
+    with caplog.at_level(logging.ERROR):
+        assert params["B"] is None
+    assert "no parameter 'B'; there are: A" in caplog.text
+
+
+def test_setting_an_unknown_key_or_a_wrong_type_is_an_error():
+    params = handler(A=1)
+    with pytest.raises(UnknownName):
+        params.specify("B", 1)
+    with pytest.raises(WrongType):
+        params.specify("A", "x")
+    assert params.getParamValue("A") == 1
+
+
+def test_merge_gives_the_union_where_the_other_wins_and_drops_what_the_other_has_unset():
+    params = handler(A=1, B=2, C=3)
+    params.merge(handler(B=20, C=int, D=40))
+    assert {key: p.value for key, p in params.items()} == {"A": 1, "B": 20, "D": 40}
+
+
+def test_remap_renames_a_key():
+    params = handler(A=1, B=2)
+    params.remap("A", "X")
+    assert list(params.keys()) == ["X", "B"]
+    assert params["X"].key == "X"
+    with pytest.raises(UnknownName):
+        params.remap("A", "Y")
+
+
+def test_specify_params_keeps_a_default_that_is_no_abstract_element():
+    params = handler(A=1, E=Element("skiros:Product"))
+    other = handler(A=2, E=Element("skiros:Product", "", "skiros:Product-1"), Z=3)
+    params.specifyParams(other, keep_default=True)
+    assert params.getParamValue("A") == 1
+    assert params.getParamValue("E").id == "skiros:Product-1"
+    params.specifyParams(other, keep_default=False)
+    assert params.getParamValue("A") == 2
+    assert not params.hasParam("Z")
+
+
+def test_get_copy_shares_nothing_that_can_be_set():
+    params = handler(A=1)
+    params.getCopy()["A"].value = 2
+    assert params.getParamValue("A") == 1
+
+
+def test_filter_by_type():
+    params = ParamHandler()
+    params.addParam("A", 1, ParamTypes.Required)
+    params.addParam("B", 1, ParamTypes.Optional)
+    params.addParam("C", Element("skiros:Product"), ParamTypes.Inferred)
+    assert list(params.getParamMapFiltered(ParamTypes.Optional)) == ["B"]
+    assert list(params.getParamMapFiltered([ParamTypes.Required, ParamTypes.Inferred])) == ["A", "C"]
+    assert [p.key for p in params.getElementParams()] == ["C"]
+
+
+def test_the_world_model_form_of_a_parameter():
+    element = Param("Speed", "how fast", 0.5, ParamTypes.Optional).toElement()
+    assert (element.type, element.label) == ("skiros:Parameter", "Speed")
+    assert element.getProperty("rdfs:comment").value == "how fast"
+    assert element.getProperty("skiros:ParameterType").value == 1
+    assert element.getProperty("skiros:DataType").value == "float"
+    assert element.getProperty("skiros:Default").values == [0.5]
+    assert element.getProperty("skiros:Value").values == [0.5]
+
+
+def test_the_world_model_form_of_an_element_parameter():
+    param = Param("Object", "", Element("skiros:Product"), ParamTypes.Required)
+    assert param.toElement().getProperty("skiros:DataType").value == "skiros:Product"
+    param.value = Element("skiros:Product", "", "skiros:Product-4")
+    assert param.toElement().hasRelation("-1", "skiros:hasValue", "skiros:Product-4")

@@ -1,0 +1,73 @@
+"""Plugins are found in a package and everything below it; what cannot be imported is reported."""
+
+import sys
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.tools.plugin_loader import PluginLoader
+
+
+class Base:
+    pass
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """Makes a package of these files and removes it from the interpreter afterwards."""
+    made = []
+
+    def make(name, **files):
+        root = tmp_path / name
+        for path, text in {"__init__": "", **files}.items():
+            file = root / (path.replace("__", "/") if path != "__init__" else path)
+            file = file.with_suffix(".py")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            (file.parent / "__init__.py").touch()
+            file.write_text(text)
+        made.append(name)
+        return name
+
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setitem(sys.modules, "base_of_plugins", sys.modules[__name__])
+    yield make
+    for module in [m for m in sys.modules if m.split(".")[0] in made]:
+        del sys.modules[module]
+
+
+PLUGIN = "from base_of_plugins import Base\nclass {0}(Base):\n    pass\n"
+
+
+def test_subclasses_of_a_package_and_its_subpackages_are_found(package):
+    name = package("lib_found", arm=PLUGIN.format("Arm"), base__drive=PLUGIN.format("Drive"), other="x = 1\n")
+    loader = PluginLoader()
+    assert {p.__name__ for p in loader.load(name, Base)} == {"Arm", "Drive"}
+    assert loader.size() == 2
+    assert loader.getPluginByName("Arm").__name__ == "Arm"
+    assert loader.getPluginByName(f"{name}.base.drive.Drive").__name__ == "Drive"
+    assert loader.getPluginByName("Leg") is None
+    assert len(loader.create()) == 2
+
+
+def test_a_class_that_a_module_only_imports_is_not_its_plugin(package):
+    name = package("lib_imports", arm=PLUGIN.format("Arm"), user="from lib_imports.arm import Arm\n")
+    assert len(PluginLoader().load(name, Base)) == 1
+
+
+def test_a_module_that_cannot_be_imported_is_reported_with_its_cause_and_the_rest_loads(package):
+    name = package("lib_broken", arm=PLUGIN.format("Arm"), bad="def f(:\n", worse="import no_such_thing\n")
+    loader = PluginLoader()
+    assert [p.__name__ for p in loader.load(name, Base)] == ["Arm"]
+    assert "line 1" in loader.failures["lib_broken.bad"]
+    assert "No module named 'no_such_thing'" in loader.failures["lib_broken.worse"]
+
+
+def test_a_package_that_does_not_exist_is_a_configuration_error_that_names_it():
+    with pytest.raises(ConfigurationError, match="library 'no_such_library': there is no Python package of that name"):
+        PluginLoader().load("no_such_library", Base)
+
+
+def test_a_package_that_cannot_be_imported_is_a_configuration_error_that_tells_why(package):
+    name = package("lib_dead", __init__="1 / 0\n")
+    with pytest.raises(ConfigurationError, match=r"lib_dead.*line 1: ZeroDivisionError"):
+        PluginLoader().load(name, Base)

@@ -1,0 +1,123 @@
+"""What travels between nodes: parameters, properties, elements as JSON and as messages."""
+
+import json
+
+import pytest
+from skiros2_msgs import msg as msgs
+
+from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros import utils
+
+
+def product():
+    element = Element("skiros:Product", "skiros:starter", "skiros:Product-3")
+    element.setProperty("skiros:Weight", 1.5)
+    element.setProperty("skiros:Empty", str)
+    element.addRelation("skiros:Tray-1", "skiros:contain", "-1")
+    return element
+
+
+def through_the_wire(param):
+    return utils.deserializeParamMap(utils.serializeParamMap({param.key: param}))[param.key]
+
+
+@pytest.mark.parametrize("value", ["x", 1, 1.5, True, {"a": 1}, [1, 2], str, dict])
+def test_a_parameter_comes_out_as_it_went_in(value):
+    sent = Param("P", "what it is", value, ParamTypes.Optional)
+    got = through_the_wire(sent)
+    assert (got.key, got.description, got.paramType) == ("P", "what it is", ParamTypes.Optional)
+    assert got.values == sent.values
+    assert got.dataType() is sent.dataType()
+
+
+def test_the_json_of_a_parameter_is_the_contract_s():
+    sent = Param("Object", "it", product(), ParamTypes.Inferred)
+    encoded = json.loads(utils.serializeParamMap({"Object": sent})[0].param)
+    assert {k: encoded[k] for k in ("key", "description", "specType", "type")} == {
+        "key": "Object", "description": "it", "specType": 2, "type": "skiros_wm::Element",
+    }  # fmt: skip
+    element = encoded["values"][0]
+    assert sorted(element) == ["id", "label", "last_update", "properties", "relations", "type"]
+    assert element["properties"]["skiros:Weight"] == {"key": "skiros:Weight", "type": "float", "values": [1.5]}
+    assert element["relations"] == [
+        {"src": "skiros:Tray-1", "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}
+    ]
+
+
+def test_an_element_comes_out_as_it_went_in():
+    for got in (
+        through_the_wire(Param("O", "", product(), ParamTypes.Required)).value,
+        utils.msg2element(utils.element2msg(product())),
+    ):
+        assert (got.id, got.type, got.label) == ("skiros:Product-3", "skiros:Product", "skiros:starter")
+        assert got.getProperty("skiros:Weight").values == [1.5]
+        assert got.getProperty("skiros:Empty").values == []
+        assert got.hasRelation("skiros:Tray-1", "skiros:contain", "-1")
+
+
+def test_a_whole_number_in_json_may_be_a_float():
+    param = utils.decodeParam('{"key": "D", "specType": 0, "type": "float", "values": [2]}')
+    assert param.value == 2.0
+    assert isinstance(param.value, float)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "named"),
+    [
+        ("{", WrongValue, "not JSON"),
+        ("[]", WrongValue, "expected a JSON object"),
+        ('{"specType": 0, "type": "int", "values": []}', WrongValue, "'key'"),
+        ('{"key": "K", "specType": 7, "type": "int", "values": []}', WrongValue, "specType 7"),
+        ('{"key": "K", "specType": true, "type": "int", "values": []}', WrongValue, "specType"),
+        ('{"key": "K", "specType": 0, "type": "os.system", "values": ["x"]}', UnknownName, "os.system"),
+        ('{"key": "K", "specType": 0, "type": "eval", "values": ["x"]}', UnknownName, "eval"),
+        ('{"key": "K", "specType": 0, "type": "int", "values": ["x"]}', WrongType, "K: expected"),
+        ('{"key": "K", "specType": 0, "type": "skiros_wm::Element", "values": [5]}', WrongValue, "element"),
+        ('{"key": "K", "specType": 0, "type": "int", "values": 5}', WrongValue, "'values'"),
+    ],
+)
+def test_broken_parameters_are_refused_by_name(text, error, named):
+    with pytest.raises(error, match=named):
+        utils.deserializeParamMap([msgs.Param(text)])
+
+
+def test_a_key_given_twice_is_refused():
+    param = utils.serializeParamMap({"A": Param("A", "", 1, ParamTypes.Required)})
+    with pytest.raises(WrongValue, match="'A' is given twice"):
+        utils.deserializeParamMap(param * 2)
+
+
+@pytest.mark.parametrize(
+    ("value", "datatype", "error"), [("[1", "int", WrongValue), ("[1]", "nope", UnknownName), ('["a"]', "int", WrongType)]
+)
+def test_broken_properties_are_refused(value, datatype, error):
+    with pytest.raises(error):
+        utils.deserializePropertyMap([msgs.Property("skiros:P", value, datatype)])
+
+
+def test_properties_come_out_as_they_went_in():
+    sent = {"skiros:P": Property("skiros:P", [1, 2]), "skiros:Q": Property("skiros:Q", bool)}
+    got = utils.deserializePropertyMap(utils.serializePropertyMap(sent))
+    assert got["skiros:P"].values == [1, 2]
+    assert got["skiros:Q"].dataType() is bool
+
+
+def test_a_registered_class_may_travel():
+    class Colour:
+        def __init__(self, name):
+            self.name = name
+
+    utils.registerClass("test::Colour", Colour, lambda encoder, c: c.name, Colour)
+    got = through_the_wire(Param("C", "", Colour("red"), ParamTypes.Required))
+    assert isinstance(got.value, Colour)
+    assert got.value.name == "red"
+    assert utils.getStrFromType(Colour) == "test::Colour"
+    assert utils.getTypeFromStr("test::Colour") is Colour
+
+
+def test_a_class_without_a_wire_name_is_refused():
+    with pytest.raises(UnknownName, match="no wire name"):
+        utils.serializeParamMap({"X": Param("X", "", object(), ParamTypes.Required)})

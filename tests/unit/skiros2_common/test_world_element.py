@@ -1,0 +1,185 @@
+"""Elements: identity, properties, relations, and what was changed since a world model gave them out."""
+
+import logging
+
+import pytest
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element
+
+
+def given_out(**properties):
+    return Element.shared(
+        "skiros:Product",
+        "skiros:starter",
+        "skiros:Product-3",
+        {f"skiros:{key}": Property(f"skiros:{key}", value) for key, value in properties.items()},
+        ({"src": "skiros:Tray-1", "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False},),
+        7,
+    )
+
+
+class FlatClasses:
+    """A world model that knows no class hierarchy."""
+
+    def is_subclass(self, child, parent):
+        return child == parent
+
+
+def test_without_an_id_an_element_is_abstract():
+    assert Element("skiros:Product").isAbstract()
+    assert not Element("skiros:Product", "", "skiros:Product-1").isAbstract()
+
+
+def test_set_uri_gives_type_and_number():
+    element = Element("skiros:Product")
+    assert element.getIdNumber() == -1
+    element.setUri(12)
+    assert element.id == "skiros:Product-12"
+    assert element.getIdNumber() == 12
+
+
+def test_repr_is_id_and_label_or_type_and_label():
+    assert repr(Element("skiros:Product", "a")) == "skiros:Product-a"
+    assert repr(Element("skiros:Product", "a", "skiros:Product-1")) == "skiros:Product-1-a"
+
+
+def test_a_missing_property_is_named():
+    with pytest.raises(UnknownName, match="no property skiros:Weight; it has: skiros:Size"):
+        given_out(Size=1.0).getProperty("Weight")
+
+
+@pytest.mark.parametrize(
+    ("datatype", "given", "kept"),
+    [("xsd:float", "1.5", 1.5), ("xsd:double", 2, 2.0), ("xsd:int", "3", 3), ("xsd:boolean", "False", False),
+     ("xsd:string", "x", "x"), ("xsd:int", 3.0, 3)],
+)  # fmt: skip
+def test_a_datatype_sets_the_type_and_converts(datatype, given, kept):
+    element = Element("skiros:Product")
+    element.setProperty("skiros:P", given, datatype)
+    assert element.getProperty("skiros:P").value == kept
+    assert type(element.getProperty("skiros:P").value) is type(kept)
+
+
+def test_an_unknown_datatype_and_an_unusable_value_are_errors():
+    element = Element("skiros:Product")
+    with pytest.raises(UnknownName, match="xsd:colour"):
+        element.setProperty("skiros:P", "red", "xsd:colour")
+    with pytest.raises(WrongValue, match="'red' cannot be made a float"):
+        element.setProperty("skiros:P", "red", "xsd:float")
+    assert not element.hasProperty("skiros:P")
+
+
+def test_a_value_of_another_type_is_refused_unless_converted(caplog):
+    element = given_out(Weight=1.0)
+    with caplog.at_level(logging.ERROR):
+        element.setProperty("skiros:Weight", "2.5")
+    assert element.getProperty("skiros:Weight").value == 1.0
+    element.setProperty("skiros:Weight", "2.5", force_convertion=True)
+    assert element.getProperty("skiros:Weight").value == 2.5
+
+
+def test_has_property_with_a_value_looks_among_all_and_reads_text():
+    element = given_out(Flag="True", Names=["a", "b"], Nothing=str)
+    assert element.hasProperty("skiros:Flag", True)
+    assert element.hasProperty("skiros:Names", "b")
+    assert element.hasProperty("skiros:Nothing")
+    assert not element.hasProperty("skiros:Nothing", not_none=True)
+
+
+def test_set_relation_takes_the_place_of_the_one_before():
+    element = given_out()
+    element.setRelation("skiros:Tray-2", "contain", "-1")
+    assert [r["src"] for r in element.getRelations(pred="skiros:contain", obj="-1")] == ["skiros:Tray-2"]
+    element.addRelation("-1", "skiros:at", "skiros:Location-1")
+    element.setRelation("-1", "skiros:at", "skiros:Location-2")
+    assert element.getRelation("-1", "skiros:at")["dst"] == "skiros:Location-2"
+
+
+def test_an_element_as_object_is_kept_aside():
+    parent, child = Element("skiros:Tray"), Element("skiros:Product")
+    parent.addRelation("-1", "skiros:contain", child)
+    assert parent.local_relations == [("-1", "skiros:contain", child)]
+    assert parent.getRelations() == []
+
+
+def test_relations_are_removed_by_their_parts():
+    element = given_out()
+    element.removeRelation2("", "skiros:contain", "-1")
+    assert not element.hasRelation("", "skiros:contain", "-1")
+
+
+def test_what_was_given_out_is_never_changed_through_the_element():
+    shared = {"skiros:Weight": Property("skiros:Weight", 1.0)}
+    relations = ({"src": "-1", "type": "skiros:at", "dst": "x", "state": True, "abstract": False},)
+    element = Element.shared("skiros:Product", "l", "skiros:Product-1", shared, relations)
+    element.getProperty("skiros:Weight").value = 2.0
+    element.setProperty("skiros:New", 1)
+    element._relations[0]["dst"] = "y"
+    element._properties["skiros:Weight"].addValue(3.0)
+    assert shared["skiros:Weight"].values == [1.0]
+    assert list(shared) == ["skiros:Weight"]
+    assert relations[0]["dst"] == "x"
+
+
+def test_changes_are_exactly_what_differs():
+    element = given_out(Weight=1.0, Size=2.0, Name="a")
+    assert not element.touched
+    assert not element.changes()
+    element.getProperty("skiros:Weight").value = 1.0  # the same again
+    assert not element.changes()
+    element.getProperty("skiros:Weight").value = 3.0
+    element.removeProperty("skiros:Name")
+    element.setRelation("skiros:Tray-9", "skiros:contain", "-1")
+    element.label = "other"
+    changes = element.changes()
+    assert element.touched
+    assert list(changes.properties) == ["skiros:Weight"]
+    assert changes.removed_properties == ["skiros:Name"]
+    assert [r["src"] for r in changes.added_relations] == ["skiros:Tray-9"]
+    assert [r["src"] for r in changes.removed_relations] == ["skiros:Tray-1"]
+    assert changes.label == "other"
+
+
+def test_an_element_made_by_hand_has_no_changes_to_tell():
+    assert Element("skiros:Product").changes() is None
+
+
+def test_a_view_counts_changes_from_the_view_on():
+    element = Element("skiros:Product", "l")
+    element.setProperty("skiros:Weight", 1.0)
+    view = element.view()
+    assert not view.touched
+    view.setProperty("skiros:Weight", 2.0)
+    assert list(view.changes().properties) == ["skiros:Weight"]
+    assert element.getProperty("skiros:Weight").value == 1.0
+
+
+def test_data_of_a_code_that_no_reasoner_has_is_an_error():
+    with pytest.raises(KeyError, match="no reasoner is called or owns ':Colour'"):
+        Element("skiros:Product").getData(":Colour")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "is_one"),
+    [
+        (Element("skiros:Product"), True),
+        (Element("skiros:Tray"), False),
+        (Element("skiros:Product", "skiros:starter"), True),
+        (Element("skiros:Product", "skiros:other"), False),
+    ],
+)
+def test_is_instance_compares_class_and_label(pattern, is_one):
+    assert given_out().isInstance(pattern, FlatClasses()) is is_one
+
+
+def test_is_instance_compares_values_and_relations():
+    pattern = Element("skiros:Product")
+    pattern.setProperty("skiros:Weight", 1.0)
+    assert given_out(Weight=1.0).isInstance(pattern, FlatClasses())
+    assert not given_out(Weight=2.0).isInstance(pattern, FlatClasses())
+    pattern.addRelation("skiros:Tray-1", "skiros:contain", "-1")
+    assert given_out(Weight=1.0).isInstance(pattern, FlatClasses())
+    pattern.addRelation("skiros:Tray-2", "skiros:contain", "-1")
+    assert not given_out(Weight=1.0).isInstance(pattern, FlatClasses())

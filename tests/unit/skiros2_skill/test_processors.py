@@ -1,0 +1,131 @@
+"""Processors: which children a tick reaches, and what state follows."""
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_skill.core.processors import (
+    NoFail,
+    NoProcessor,
+    ParallelFf,
+    ParallelFs,
+    RetryOnFail,
+    Selector,
+    SelectorStar,
+    Sequential,
+    Serial,
+    SerialStar,
+)
+
+STATES = {"S": State.Success, "F": State.Failure, "R": State.Running}
+
+
+class Child:
+    """A node that gives the next of its states at each tick, and the last one from then on."""
+
+    def __init__(self, states):
+        self._states = [STATES[s] for s in states]
+        self.ticks = 0
+        self.preempted = 0
+        self.state = State.Idle
+
+    def visit(self, visitor):
+        self.state = self._states[min(self.ticks, len(self._states) - 1)]
+        self.ticks += 1
+        return self.state
+
+    def visitPreempt(self, visitor):
+        self.preempted += 1
+        self.state = State.Failure
+
+
+def run(processor, *states):
+    """Ticks until the end. The states of each tick, and the children."""
+    children = [Child(s) for s in states]
+    trace = ""
+    while not trace or (trace[-1] == "R" and len(trace) < 20):
+        trace += processor.processChildren(children, None).name[0]
+    return trace, children
+
+
+@pytest.mark.parametrize(
+    ("processor", "states", "trace", "ticks"),
+    [
+        # in order, from the first each time
+        (Serial(), ["S", "RS", "S"], "RS", [2, 2, 1]),
+        (Serial(), ["S", "F", "S"], "F", [1, 1, 0]),
+        (Serial(), [], "S", []),
+        # going on at the one that was running
+        (SerialStar(), ["S", "RS", "S"], "RS", [1, 2, 1]),
+        (SerialStar(), ["S", "RF", "S"], "RF", [1, 2, 0]),
+        (Sequential(), ["S", "RS", "S"], "RS", [1, 2, 1]),
+        # until one is Success or Running
+        (Selector(), ["F", "RS", "S"], "RS", [2, 2, 0]),
+        (Selector(), ["F", "F"], "F", [1, 1]),
+        (Selector(), [], "F", []),
+        (SelectorStar(), ["F", "RS", "S"], "RS", [1, 2, 0]),
+        (SelectorStar(), ["RF", "F"], "RF", [2, 1]),
+        # all; those that have succeeded are not ticked again
+        (ParallelFf(), ["S", "RRS"], "RRS", [1, 3]),
+        (ParallelFf(), ["R", "RF"], "RF", [2, 2]),
+        (ParallelFf(), [], "S", []),
+        # all, until one ends
+        (ParallelFs(), ["RRS", "RS"], "RS", [2, 2]),
+        (ParallelFs(), ["R", "RF"], "RF", [2, 2]),
+        # a failure counts as Success
+        (NoFail(Sequential()), ["S", "F"], "S", [1, 1]),
+        (NoFail(Sequential()), ["RS"], "RS", [2]),
+        # from the first child again after a failure
+        (RetryOnFail(1), ["S", "FS"], "RS", [2, 2]),
+        (RetryOnFail(0), ["F"], "F", [1]),
+        (RetryOnFail(2), ["F"], "RRF", [3]),
+        (RetryOnFail(), ["FFFFS"], "RRRRS", [5]),
+        (NoProcessor(), ["F"], "S", [0]),
+    ],
+)
+def test_which_children_are_ticked_and_what_follows(processor, states, trace, ticks):
+    got, children = run(processor, *states)
+    assert got == trace
+    assert [c.ticks for c in children] == ticks
+
+
+@pytest.mark.parametrize(
+    ("processor", "states", "preempted"),
+    [
+        (Serial(), ["SF", "R"], [0, 1]),  # an earlier child fails while a later one runs
+        (Selector(), ["FS", "R"], [0, 1]),
+        (ParallelFf(), ["R", "RF", "R"], [1, 0, 1]),
+        (ParallelFs(), ["R", "RS", "R"], [1, 0, 1]),
+    ],
+)
+def test_running_children_are_preempted_when_the_node_ends_without_them(processor, states, preempted):
+    _, children = run(processor, *states)
+    assert [c.preempted for c in children] == preempted
+
+
+@pytest.mark.parametrize(
+    ("processor", "symbol"),
+    [
+        (Serial(), "->"), (SerialStar(), "->*"), (Sequential(), "->*"), (Selector(), "?"), (SelectorStar(), "?*"),
+        (ParallelFf(), "|ff|"), (ParallelFs(), "|fs|"),
+    ],
+)  # fmt: skip
+def test_symbols(processor, symbol):
+    assert processor.printType() == symbol
+
+
+@pytest.mark.parametrize("processor", [SerialStar(), SelectorStar(), ParallelFf(), RetryOnFail(3), NoFail(SerialStar())])
+def test_a_fresh_one_does_not_share_where_it_is(processor):
+    processor.processChildren([Child("S"), Child("R")], None)
+    children = [Child("R"), Child("R")]
+    processor.fresh().processChildren(children, None)
+    assert children[0].ticks == 1
+
+
+@pytest.mark.parametrize("processor", [SerialStar(), SelectorStar(), RetryOnFail(3), NoFail(SerialStar())])
+def test_reset_begins_with_the_first_child(processor):
+    first = "F" if isinstance(processor, SelectorStar) else "S"
+    processor.processChildren([Child(first), Child("R")], None)
+    processor.reset()
+    children = [Child("R"), Child("R")]
+    processor.processChildren(children, None)
+    assert [c.ticks for c in children] == [1, 0]

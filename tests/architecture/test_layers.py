@@ -1,0 +1,52 @@
+"""Who may import whom (the architecture's layers), read from the syntax trees."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from support.source import PACKAGES, SourceFile, source_files
+
+FILES = source_files()
+CORES = [file for file in FILES if file.part in ("core", "tools")]
+
+#: What the core of a package may import beside the standard library, itself and `skiros2_common`.
+OUTSIDE = {
+    "skiros2_common": {"numpy"},
+    "skiros2_world_model": {"numpy", "rdflib", "pyoxigraph", "oxrdflib", "pyshacl"},
+    "skiros2_skill": {"numpy"},
+    "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
+}
+#: Of lower packages, only the port.
+PORTS = {
+    "skiros2_skill": {"skiros2_world_model.core.world_model_abstract_interface"},
+    "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
+}
+
+
+def test_every_package_is_looked_at() -> None:
+    assert {file.package for file in FILES} == set(PACKAGES)
+
+
+@pytest.mark.parametrize("file", CORES, ids=str)
+def test_a_core_imports_only_its_own_layer_and_those_below(file: SourceFile) -> None:
+    allowed = sys.stdlib_module_names | OUTSIDE[file.package]
+    own = ("skiros2_common.core", "skiros2_common.tools", f"{file.package}.core", f"{file.package}.tools")
+    wrong = [
+        f"{file}:{line}: {name}"
+        for line, name in file.imports()
+        if name.partition(".")[0] not in allowed and not _under(name, (*own, *PORTS.get(file.package, ())))
+    ]
+    assert not wrong, "a core has no ROS and no layer above it"
+
+
+@pytest.mark.parametrize("file", FILES, ids=str)
+def test_no_package_imports_one_that_stands_above_it(file: SourceFile) -> None:
+    order = list(PACKAGES)
+    above = order[order.index(file.package) + 1 :]
+    assert not [f"{file}:{line}: {name}" for line, name in file.imports() if name.partition(".")[0] in above]
+
+
+def _under(name: str, modules: tuple[str, ...]) -> bool:
+    return any(name == module or name.startswith(module + ".") for module in modules)

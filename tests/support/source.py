@@ -1,0 +1,83 @@
+"""The project's Python source as syntax trees."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from support.ros import ROOT
+
+#: The folders of the packages, bottom first: a package imports itself and what stands before it.
+PACKAGES = {
+    "skiros2_common": "skiros2/skiros2_common",
+    "skiros2_world_model": "skiros2/skiros2_world_model",
+    "skiros2_skill": "skiros2/skiros2_skill",
+    "skiros2_task": "skiros2/skiros2_task",
+    "skiros2_std_reasoners": "skiros2_std_lib/skiros2_std_reasoners",
+    "skiros2_std_skills": "skiros2_std_lib/skiros2_std_skills",
+    "skiros2_demo_skills": "skiros2_std_lib/skiros2_demo_skills",
+    "skiros2_gui": "skiros2_gui",
+}
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A Python file of a package.
+
+    :param path: relative to the repository.
+    :param part: `core`, `tools` or `ros`; `nodes` for executables; otherwise "".
+    """
+
+    path: Path
+    package: str
+    part: str
+
+    @property
+    def text(self) -> str:
+        return (ROOT / self.path).read_text()
+
+    @functools.cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.text, str(self.path))
+
+    @property
+    def is_program(self) -> bool:
+        """Whether it is a command-line program: an executable, or a module that can be run with `python -m`."""
+        return self.part == "nodes" or '__name__ == "__main__"' in self.text
+
+    def imports(self) -> Iterator[tuple[int, str]]:
+        """The lines and full names of what it imports, also inside functions and for type checkers only."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                for name in node.names:
+                    yield node.lineno, name.name
+            elif isinstance(node, ast.ImportFrom):
+                module = node.module or ""
+                if node.level:
+                    parents = self._module_parts()[: -node.level]
+                    module = ".".join([*parents, module] if module else parents)
+                for name in node.names:
+                    yield node.lineno, f"{module}.{name.name}"
+
+    def _module_parts(self) -> list[str]:
+        parts = list(self.path.with_suffix("").parts)
+        return parts[parts.index("src") + 1 :]
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+def source_files() -> list[SourceFile]:
+    files = []
+    for package, folder in PACKAGES.items():
+        source = ROOT / folder / "src" / package
+        for path in sorted(source.rglob("*.py")):
+            part = path.relative_to(source).parts[0]
+            files.append(SourceFile(path.relative_to(ROOT), package, part if part in ("core", "tools", "ros") else ""))
+        for path in sorted((ROOT / folder / "nodes").glob("*")):
+            if path.is_file():
+                files.append(SourceFile(path.relative_to(ROOT), package, "nodes"))
+    return files

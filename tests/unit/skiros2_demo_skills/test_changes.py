@@ -1,0 +1,59 @@
+"""What has changed in the world is told in words that need no ontology."""
+
+from skiros2_demo.changes import changes
+from skiros2_demo.world_state import WorldState
+from support.recorded_run import PRODUCT, TRAY_A, TRAY_B, Monitor, element, scene
+
+ROBOT, HERE, THERE = "cora:Robot-1", "skiros:Location-5", "skiros:Location-6"
+
+
+def world(*elements: object) -> WorldState:
+    state = WorldState()
+    state.apply(Monitor()("reset", *elements))
+    return state
+
+
+def test_nothing_changed_is_no_line() -> None:
+    assert changes(world(*scene()), world(*scene())) == []
+
+
+def test_a_thing_in_another_place_is_told_once_with_both_places() -> None:
+    after = [*scene()[1:2], element(TRAY_A, "Tray A", ContainerState=["Full"])]
+    product = element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.0])
+    assert changes(world(*scene()), world(*after, product)) == ["Product A is in Tray B; it was in Tray A"]
+
+
+def test_where_a_robot_is_is_told_of_the_robot() -> None:
+    places = [element(HERE, "Dock"), element(THERE, "Table")]
+    before = world(*places, element(ROBOT, "demo:robot", [("-1", "skiros:at", HERE)]))
+    after = world(*places, element(ROBOT, "demo:robot", [("-1", "skiros:at", THERE)]))
+    assert changes(before, after) == ["robot is at Table; it was at Dock"]
+
+
+def test_a_property_is_told_with_both_values() -> None:
+    before, after = world(element(TRAY_A, "Tray A", ContainerState=["Full"])), world(element(TRAY_A, "Tray A"))
+    assert changes(before, after) == ["Tray A has ContainerState nothing; it was Full"]
+    assert changes(after, before) == ["Tray A has ContainerState Full; it was nothing"]
+
+
+def test_a_new_pose_is_one_line() -> None:
+    def at(x: float, turned: float) -> WorldState:
+        pose = {"PositionX": [x], "PositionY": [0.0], "PositionZ": [0.1], "OrientationZ": [turned]}
+        return world(element(PRODUCT, "Product A", **pose, BaseFrameId=[str(x)], TfTimeStamp=[x]))
+
+    expected = ["Product A is at (0.50, 0.00, 0.10) m in the frame of what it hangs on"]
+    assert changes(at(0.0, 0.0), at(0.5, 0.7)) == expected
+
+
+def test_new_and_removed_things_and_other_relations_are_told() -> None:
+    before = world(element(HERE, "Dock"), element(THERE, "Table"), element(ROBOT, "robot"))
+    after = world(
+        element(HERE, "Dock"),
+        element(ROBOT, "robot", [("-1", "skiros:hasStartLocation", HERE)]),
+        element(TRAY_A, "Tray A"),
+    )
+    assert changes(before, after) == [
+        "robot now hasStartLocation Dock",
+        "Table is gone",
+        "Tray A is new",
+    ]

@@ -1,0 +1,188 @@
+"""A run counts as proven only when the bag shows the plan, the success of every skill, and the goal at the end."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_demo.run_check import BagError, Finding, check, read_run
+from support.recorded_run import (
+    FAILURE,
+    GOAL,
+    IDLE,
+    PLAN,
+    PRODUCT,
+    RUNNING,
+    SUCCESS,
+    TRAY_A,
+    Monitor,
+    good_run,
+    moved,
+    scene,
+    tree,
+    write_bag,
+)
+
+
+def findings(folder: Path, messages: list[tuple[str, Any]]) -> list[Finding]:
+    return check(read_run(write_bag(folder / "run.bag", messages)))
+
+
+def failed(folder: Path, messages: list[tuple[str, Any]]) -> str:
+    return "\n".join(finding.text for finding in findings(folder, messages) if not finding.holds)
+
+
+def with_tree(nodes: list[Any]) -> list[tuple[str, Any]]:
+    return [*good_run()[:-1], ("progress", nodes)]
+
+
+def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
+    found = findings(tmp_path, good_run())
+    assert all(finding.holds for finding in found)
+    assert [finding.text for finding in found] == [
+        "a plan was made: pick, place",
+        "the plan was followed",
+        "/robot, task 7: all 2 skills succeeded",
+        "at the end: Product A is in Tray B",
+    ]
+
+
+def test_a_product_that_is_elsewhere_at_the_end_is_no_proof(tmp_path: Path) -> None:
+    messages = [message for message in good_run() if message[0] != "change" or message[1].action == "reset"]
+    assert failed(tmp_path, messages) == "at the end: Product A is in Tray B"
+
+
+@pytest.mark.parametrize(("state", "word"), [(FAILURE, "Failure"), (RUNNING, "Running"), (IDLE, "Idle")])
+def test_a_skill_that_did_not_succeed_is_named(tmp_path: Path, state: int, word: str) -> None:
+    assert failed(tmp_path, with_tree(tree(SUCCESS, state))) == f"/robot, task 7: place ended as {word}: place says so"
+
+
+def test_a_task_that_failed_is_no_proof(tmp_path: Path) -> None:
+    assert "/robot, task 7: failed" in failed(tmp_path, with_tree(tree(SUCCESS, SUCCESS, root=FAILURE)))
+
+
+def test_a_task_whose_end_is_not_in_the_bag_is_no_proof(tmp_path: Path) -> None:
+    assert "did not end" in failed(tmp_path, with_tree(tree(SUCCESS, SUCCESS, ended=False)))
+
+
+def test_skills_that_the_plan_does_not_have_are_no_proof(tmp_path: Path) -> None:
+    nodes = tree(SUCCESS, SUCCESS, labels=("place", "pick"))
+    assert failed(tmp_path, with_tree(nodes)) == "run was: place, pick"
+
+
+def test_a_plan_that_was_not_run_is_no_proof(tmp_path: Path) -> None:
+    messages = [message for message in good_run() if message[0] != "progress"]
+    assert "the plan was not run" in failed(tmp_path, messages)
+
+
+def test_what_was_run_before_the_goal_does_not_count(tmp_path: Path) -> None:
+    first, *rest = good_run()
+    messages = [first, ("progress", tree(SUCCESS, FAILURE)), *rest]
+    messages = [message for message in messages if message[1] is not rest[-1][1] and message[1] is not rest[2][1]]
+    assert "the plan was not run" in failed(tmp_path, messages)
+
+
+def test_only_the_answer_to_the_last_goal_counts(tmp_path: Path) -> None:
+    messages = good_run()
+    messages.insert(2, ("goal", ("goal-2", GOAL)))
+    assert "did not answer" in failed(tmp_path, messages)
+
+
+def test_no_plan_is_told_with_the_reason(tmp_path: Path) -> None:
+    messages = [*good_run()[:2], ("result", ("goal-1", 1, "no way to the tray"))]
+    assert "the task manager found no plan: no way to the tray" in failed(tmp_path, messages)
+
+
+def test_a_goal_that_was_reached_already_needs_no_task(tmp_path: Path) -> None:
+    reached = f"(skiros:contain {TRAY_A} {PRODUCT})"
+    messages = [good_run()[0], ("goal", ("goal-1", reached)), ("result", ("goal-1", 2, "nothing to do"))]
+    assert failed(tmp_path, messages) == ""
+
+
+@pytest.mark.parametrize(
+    ("goal", "reached"),
+    [
+        (GOAL, True),
+        (f"(contain demo:Tray-12 {PRODUCT})", True),
+        (f"(not (skiros:contain {TRAY_A} {PRODUCT}))", True),
+        (f"(not {GOAL})", False),
+        (f"(and {GOAL} (skiros:contain {TRAY_A} {PRODUCT}))", False),
+        (f"(or {GOAL} (skiros:contain {TRAY_A} {PRODUCT}))", True),
+        (f"{GOAL}, (skiros:contain {TRAY_A} {PRODUCT})", False),
+    ],
+)
+def test_goals_about_relations_are_judged(tmp_path: Path, goal: str, reached: bool) -> None:
+    messages = good_run()
+    messages[1] = ("goal", ("goal-1", goal))
+    assert all(finding.holds for finding in findings(tmp_path, messages)) == reached
+
+
+@pytest.mark.parametrize("goal", ["(forall (?x - skiros:Product) (skiros:contain demo:Tray-12 ?x))", "(Painted x)"])
+def test_goals_of_other_kinds_are_refused(tmp_path: Path, goal: str) -> None:
+    messages = good_run()
+    messages[1] = ("goal", ("goal-1", goal))
+    with pytest.raises(BagError, match="only goals about relations"):
+        findings(tmp_path, messages)
+
+
+def test_a_goal_about_something_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    messages = good_run()
+    messages[1] = ("goal", ("goal-1", "(skiros:contain demo:Tray-99 skiros:Product-14)"))
+    with pytest.raises(BagError, match="demo:Tray-99"):
+        findings(tmp_path, messages)
+
+
+def test_a_gap_in_the_changes_of_the_world_is_found(tmp_path: Path) -> None:
+    monitor = Monitor()
+    first, missing, last = monitor("reset", *scene()), monitor("update"), monitor("update", *moved())
+    messages = [*good_run()[1:4], *good_run()[5:]]
+    with pytest.raises(BagError, match="a change of the world model is missing"):
+        read_run(write_bag(tmp_path / "gap.bag", [("change", first), *messages, ("change", last)]))
+    assert missing.snapshot_id == last.prev_snapshot_id
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("change", "no changes of the world model"),
+        ("progress", "no progress of skills"),
+        ("goal", "no goals for the task manager"),
+        ("result", "no plans of the task manager"),
+    ],
+)
+def test_a_bag_that_lacks_a_kind_of_message_is_refused(tmp_path: Path, kind: str, words: str) -> None:
+    messages = [message for message in good_run() if message[0] != kind]
+    with pytest.raises(BagError, match=words):
+        read_run(write_bag(tmp_path / "run.bag", messages, without=(kind,)))
+
+
+def test_a_bag_without_a_goal_is_refused(tmp_path: Path) -> None:
+    messages = [message for message in good_run() if message[0] != "goal"]
+    with pytest.raises(BagError, match="no goal was given"):
+        read_run(write_bag(tmp_path / "run.bag", messages))
+
+
+def test_a_missing_bag_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=r"none\.bag: there is no such file"):
+        read_run(tmp_path / "none.bag")
+
+
+@pytest.mark.parametrize("size", [0, 10, 4000, -1])
+def test_a_truncated_bag_is_refused(tmp_path: Path, size: int) -> None:
+    bag = write_bag(tmp_path / "run.bag", good_run())
+    bag.write_bytes(bag.read_bytes()[:size])
+    with pytest.raises(BagError, match=r"run\.bag: the bag cannot be read"):
+        read_run(bag)
+
+
+def test_a_file_that_is_no_bag_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.bag").write_text("no bag\n" * 100)
+    with pytest.raises(BagError, match="the bag cannot be read"):
+        read_run(tmp_path / "text.bag")
+
+
+def test_a_plan_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    messages = good_run()
+    messages[2] = ("result", ("goal-1", 3, PLAN[:-5]))
+    with pytest.raises(BagError, match="the plan cannot be read"):
+        findings(tmp_path, messages)

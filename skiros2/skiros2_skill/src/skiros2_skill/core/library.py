@@ -121,10 +121,17 @@ class SkillLibrary:
         :raises ConfigurationError: no library has such a skill, or it cannot be loaded.
         """
         for name in names:
-            cls = self._loader.getPluginByName(name)
-            if cls is None:
-                raise ConfigurationError(self._no_such_class(name))
-            self.add(cls)
+            self.add(self.find(name))
+
+    def find(self, name: str) -> type:
+        """The class of that name, or `module.Class`, in the libraries.
+
+        :raises ConfigurationError: no library has such a skill.
+        """
+        cls = self._loader.getPluginByName(name)
+        if cls is None:
+            raise ConfigurationError(self._no_such_class(name))
+        return cls
 
     def add(self, cls: type) -> Implementation | None:
         """Loads the implementation that a class defines; None when it is loaded already.

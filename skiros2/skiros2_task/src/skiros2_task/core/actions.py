@@ -1,0 +1,304 @@
+"""Planning actions, made from skills: what each needs and what it changes, over variables for its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from skiros2_common.core.names import local_name
+from skiros2_task.core.formula import (
+    FALSE,
+    TRUE,
+    Atom,
+    Formula,
+    Kind,
+    Not,
+    Predicate,
+    bind,
+    conjunction,
+    conjuncts,
+    disjunction,
+)
+from skiros2_task.core.pddl_names import Naming
+from skiros2_task.core.skill_model import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
+
+IN_SCENE = Predicate(Kind.IN_SCENE)
+ROBOT_KEY = "Robot"
+
+_OPERATORS = ("=", ">", "<", ">=", "<=")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an action.
+
+    :param name: as it stands in formulas, `?Key`.
+    :param key: the skill's parameter that gets its value; "" for none.
+    :param classes: those that its value has to be of, all of them.
+    """
+
+    name: str
+    key: str
+    classes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A fact that is made true or false, for all values of the variables in `each` ((variable, class) pairs)."""
+
+    atom: Atom
+    state: bool
+    each: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Action:
+    """A skill as planning sees it.
+
+    :param name: a name that PDDL can hold, used once.
+    :param robot: the variable for the robot that does it.
+    :param managers: the manager of each robot that has the skill, by the robot's id.
+    """
+
+    name: str
+    skill: Skill
+    robot: str
+    managers: tuple[tuple[str, str], ...]
+    variables: tuple[Variable, ...]
+    precondition: Formula
+    effects: tuple[Effect, ...]
+
+    @property
+    def made(self) -> frozenset[str]:
+        """The variables whose elements the skill makes."""
+        return frozenset(e.atom.terms[0] for e in self.effects if e.atom.predicate == IN_SCENE and e.state)
+
+    @property
+    def removed(self) -> frozenset[str]:
+        """The variables whose elements the skill removes."""
+        return frozenset(e.atom.terms[0] for e in self.effects if e.atom.predicate == IN_SCENE and not e.state)
+
+
+class _Unusable(Exception):
+    """Why a skill cannot be planned with."""
+
+
+def make_actions(robots: Sequence[Robot]) -> tuple[list[Action], list[str]]:
+    """The actions that the robots' skills give, and in words which skills give none or are understood in part only.
+
+    Robots whose managers declare the same skill share one action, with `CAN` telling who may do it.
+    """
+    owners: dict[Skill, list[tuple[str, str]]] = {}
+    for robot in robots:
+        for skill in robot.skills:
+            owners.setdefault(skill, []).append((robot.id, robot.manager))
+    naming = Naming()
+    actions: list[Action] = []
+    notes: list[str] = []
+    for skill, managers in owners.items():
+        name = naming.name(skill, (skill.label or local_name(skill.type), f"{local_name(skill.type)}_{skill.label}"))
+        try:
+            action, opaque = _action(name, skill, tuple(managers))
+        except _Unusable as reason:
+            who = ", ".join(manager for _, manager in managers)
+            notes.append(f"skill {skill.name} of {who} is left out: {reason}")
+            continue
+        actions.append(action)
+        if opaque:
+            notes.append(f"skill {skill.name}: planning takes for granted what it cannot read: {', '.join(opaque)}")
+    return actions, notes
+
+
+def condition_predicates(robots: Iterable[Robot]) -> set[Predicate]:
+    """The predicates that the conditions of the robots' skills speak of."""
+    found: set[Predicate] = set()
+    for robot in robots:
+        for skill in robot.skills:
+            waiting = [*skill.pre, *skill.hold, *skill.post]
+            while waiting:
+                condition = waiting.pop()
+                waiting += condition.parts
+                try:
+                    found |= {p for p in [_predicate(condition)] if p is not None}
+                except _Unusable:
+                    continue  # said when the skill is left out
+    return found
+
+
+def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> tuple[Action, list[str]]:
+    if not skill.available:
+        raise _Unusable("it is not available for planning")
+    if not skill.pre or not skill.post:
+        raise _Unusable(f"it has no {'pre' if not skill.pre else 'post'}-conditions")
+    for parameter in skill.parameters:
+        if parameter.missing:
+            raise _Unusable(f"its parameter {parameter.key} has no default, and planning cannot give it a value")
+    _check_contradictions(skill.pre, "pre")
+    _check_contradictions(skill.post, "post")
+    reader = _ConditionReader(skill)
+    # What a skill itself brings about before it holds it (a lock, say) is not asked for at the start.
+    holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
+    precondition = conjunction([reader.formula(c) for c in (*skill.pre, *holds)])
+    if precondition == FALSE:
+        raise _Unusable("its pre-conditions can never hold")
+    effects = tuple(Effect(atom, state) for c in skill.post for atom, state in reader.effects(c))
+    if not effects:
+        raise _Unusable("its post-conditions change nothing that planning can read")
+    robot, variables = reader.variables()
+    fixed = {f"?{p.key}": p.fixed for p in skill.parameters if p.fixed}
+    precondition = bind(precondition, fixed)
+    effects = tuple(
+        Effect(Atom(e.atom.predicate, tuple(fixed.get(t, t) for t in e.atom.terms)), e.state) for e in effects
+    )
+    variables, precondition = _lift_classes(variables, precondition)
+    can = Atom(Predicate(Kind.CAN, name), (robot,))
+    made = [Not(e.atom) for e in effects if e.atom.predicate == IN_SCENE and e.state]
+    action = Action(name, skill, robot, managers, variables, conjunction([can, precondition, *made]), effects)
+    return action, reader.opaque
+
+
+def _check_contradictions(conditions: Sequence[SkillCondition], what: str) -> None:
+    for i, one in enumerate(conditions):
+        for other in conditions[i + 1 :]:
+            if one.contradicts(other):
+                raise _Unusable(f"its {what}-conditions {one.label!r} and {other.label!r} contradict each other")
+
+
+def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:
+    """Demands that a variable's value is of a class, moved from the formula to the variable."""
+    classes = {v.name: list(v.classes) for v in variables}
+    kept = []
+    for part in conjuncts(precondition):
+        if isinstance(part, Atom) and part.predicate.kind is Kind.IS_A and part.terms[0] in classes:
+            classes[part.terms[0]].append(part.predicate.name)
+        else:
+            kept.append(part)
+    lifted = tuple(replace(v, classes=tuple(dict.fromkeys(classes[v.name]))) for v in variables)
+    return lifted, conjunction(kept)
+
+
+def _predicate(condition: SkillCondition) -> Predicate | None:
+    """What a condition states; None for what is not a predicate of elements."""
+    kind, name = condition.kind, condition.name
+    if kind == "ConditionRelation":
+        return Predicate(Kind.RELATION, name)
+    if kind == "AbstractConditionRelation":
+        return Predicate(Kind.ALLOWED, name)
+    if kind == "ConditionHasProperty":
+        return Predicate(Kind.HAS, name)
+    if kind == "ConditionOnType":
+        return Predicate(Kind.IS_A, name)
+    if kind == "ConditionGenerate":
+        return IN_SCENE
+    if kind != "ConditionProperty":
+        return None
+    operator, value = condition.operator, condition.value
+    if operator not in _OPERATORS:
+        raise _Unusable(f"condition {condition.label!r} has the operator {operator!r}, expected one of = > < >= <=")
+    if operator == "=" and isinstance(value, str | bool):
+        return Predicate(Kind.VALUE, name, value)
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        message = f"condition {condition.label!r} compares {name} {operator} {value!r}, expected a number"
+        raise _Unusable(message) from None
+    return Predicate(Kind.COMPARES, name, number, operator)
+
+
+class _ConditionReader:
+    """Turns the conditions of one skill into formulas, and tells which of its parameters planning has to choose."""
+
+    def __init__(self, skill: Skill) -> None:
+        self._skill = skill
+        self.opaque: list[str] = []
+        given = [c for c in skill.pre if c.kind in ("ConditionIsSpecified", "ConditionGenerate")]
+        #: Parameters that have to be unset when the skill starts.
+        self._unset = {c.subject for c in given if not c.state}
+        #: Parameters whose elements the skill makes.
+        self._made = {c.subject for c in skill.post if c.kind == "ConditionGenerate" and c.state}
+        self._made -= {c.subject for c in given if c.state}
+        self._named: set[str] = set()
+
+    def variables(self) -> tuple[str, tuple[Variable, ...]]:
+        """The variable for the robot, and all variables, the robot's first. For when all conditions are read."""
+        chosen = []
+        robot = self._skill.parameter(ROBOT_KEY)
+        if robot is not None and robot.element_class is not None and not robot.fixed:
+            chosen.append(Variable(f"?{ROBOT_KEY}", ROBOT_KEY, (robot.element_class,)))
+        else:
+            chosen.append(Variable("?Manager", "", ("sumo:Agent",)))
+        for parameter in self._skill.parameters:
+            if parameter.element_class is None or parameter.fixed or parameter.key == chosen[0].key:
+                continue
+            required = parameter.kind is ParameterKind.REQUIRED and not self._is_unset(parameter)
+            if required or parameter.key in self._named:
+                chosen.append(Variable(f"?{parameter.key}", parameter.key, (parameter.element_class,)))
+        return chosen[0].name, tuple(chosen)
+
+    def formula(self, condition: SkillCondition) -> Formula:
+        """What the condition needs; TRUE for what planning cannot read."""
+        fact = self._fact(condition)
+        if fact is None:
+            return TRUE
+        if condition.state:
+            return fact
+        return TRUE if fact == FALSE else FALSE if fact == TRUE else Not(fact)
+
+    def effects(self, condition: SkillCondition) -> list[tuple[Atom, bool]]:
+        """What the skill makes true or false when it ends so. Of alternatives nothing follows."""
+        if condition.kind == "ConditionGenerate":
+            self._parameters(condition, condition.subject)
+            if condition.state and condition.subject not in self._made:
+                return []  # it is there already
+            self._named.add(condition.subject)
+            return [(Atom(IN_SCENE, (f"?{condition.subject}",)), condition.state)]
+        predicate = _predicate(condition)
+        if predicate is None or predicate.kind in (Kind.ALLOWED, Kind.IS_A):
+            return []
+        fact = self._fact(condition)
+        return [(fact, condition.state)] if isinstance(fact, Atom) else []
+
+    def _fact(self, condition: SkillCondition) -> Formula | None:
+        """The condition without its desired state; None when planning cannot tell, or it does not matter."""
+        kind = condition.kind
+        if kind == "ConditionOr":
+            facts = [self._fact(part) for part in condition.parts]
+            return None if None in facts else disjunction([self.formula(part) for part in condition.parts])
+        if kind in ("ConditionIsSpecified", "ConditionGenerate"):
+            parameter = self._parameters(condition, condition.subject, elements=False)[0]
+            if self._is_unset(parameter):
+                return FALSE
+            if parameter.element_class is None:
+                return TRUE
+            self._named.add(parameter.key)
+            return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._made else TRUE
+        predicate = _predicate(condition)
+        if predicate is None:
+            self.opaque.append(f"{kind} {condition.label!r}")
+            return None
+        keys = (condition.subject, condition.object)[: predicate.arity]
+        parameters = self._parameters(condition, *keys)
+        if predicate.kind is Kind.HAS and parameters[0].kind is ParameterKind.OPTIONAL:
+            return None  # the parameter may stay unset, and then this holds
+        if any(self._is_unset(p) for p in parameters):
+            return FALSE
+        self._named.update(keys)
+        return Atom(predicate, tuple(f"?{key}" for key in keys))
+
+    def _is_unset(self, parameter: SkillParameter) -> bool:
+        return parameter.key in self._unset and parameter.key not in self._made
+
+    def _parameters(self, condition: SkillCondition, *keys: str, elements: bool = True) -> list[SkillParameter]:
+        """The parameters that a condition speaks of.
+
+        :param elements: they have to hold elements.
+        """
+        found = []
+        for key in keys:
+            parameter = self._skill.parameter(key)
+            if parameter is None:
+                raise _Unusable(f"condition {condition.label!r} speaks of {key!r}, which is none of its parameters")
+            if elements and parameter.element_class is None:
+                raise _Unusable(f"condition {condition.label!r} speaks of {key!r}, which holds no element")
+            found.append(parameter)
+        return found

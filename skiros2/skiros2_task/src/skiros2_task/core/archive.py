@@ -1,0 +1,52 @@
+"""What was made for each goal, kept in folders for people to read."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+_FOLDER_NAME = re.compile(r"\d{8}-\d{6}-\w+$")
+
+
+class Archive:
+    """A folder with one folder for each of the last requests; the PDDL of the latest one lies in it directly."""
+
+    def __init__(self, folder: Path, count: int = 50) -> None:
+        """
+        :param folder: made when first used.
+        :param count: how many requests are kept.
+        """
+        self._folder = folder
+        self._count = count
+        self._lock = threading.Lock()
+
+    def keep(self, texts: Mapping[str, str]) -> None:
+        """Keeps a request's texts, by file name. A folder that cannot be written to is logged and does no harm."""
+        try:
+            with self._lock:
+                self._keep(texts)
+        except OSError as error:
+            log.warning("the files of this plan are not kept: %s", error)
+
+    def _keep(self, texts: Mapping[str, str]) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        request = Path(tempfile.mkdtemp(prefix=time.strftime("%Y%m%d-%H%M%S-"), dir=self._folder))
+        for name, text in texts.items():
+            (request / name).write_text(text, encoding="utf-8")
+            if name.endswith(".pddl"):
+                # Whole at any time, also where another process keeps its files here.
+                latest = request / f"{name}.latest"
+                latest.write_text(text, encoding="utf-8")
+                os.replace(latest, self._folder / name)
+        requests = sorted(p for p in self._folder.iterdir() if p.is_dir() and _FOLDER_NAME.match(p.name))
+        for old in requests[: -self._count]:
+            shutil.rmtree(old, ignore_errors=True)

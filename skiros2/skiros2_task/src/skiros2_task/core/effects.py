@@ -1,0 +1,122 @@
+"""How the facts of one relation or property hang together, so that each can be a predicate of its own.
+
+A relation holds when one under it does. Setting a property to a value takes its other values away, makes it have
+a value, and decides how it compares with numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+from skiros2_task.core.formula import Atom, Formula, Kind, Not, Predicate, conjunction, disjunction
+
+Literal = tuple[Predicate, bool]
+
+_COMPLEMENTS = {">": ("<=",), "<": (">=",), ">=": ("<",), "<=": (">",), "=": ("<", ">")}
+
+
+class FactFamilies:
+    """What conditions need and what effects bring about, for one set of skills."""
+
+    def __init__(self, changed: Iterable[Predicate], is_subproperty: Callable[[str, str], bool]) -> None:
+        """
+        :param changed: the predicates of all effects of all skills.
+        :param is_subproperty: whether a relation is another one or under it.
+        """
+        self._changed = sorted({p.name for p in changed if p.kind is Kind.RELATION})
+        self._is_subproperty = is_subproperty
+
+    def tracked(self, relation: str) -> list[str]:
+        """The relations whose facts have to be told apart to know whether this one, or one under it, holds.
+
+        They are this one and those under it that some skill changes; all others under it never change.
+        """
+        return [relation, *(r for r in self._changed if r != relation and self._is_subproperty(r, relation))]
+
+    def positive(self, atom: Atom) -> Formula:
+        """The formula over predicates that stands for an atom of a condition."""
+        if atom.predicate.kind is Kind.RELATION:
+            return disjunction(self._each(atom))
+        return atom
+
+    def negative(self, atom: Atom) -> Formula:
+        """The formula that stands for the negation of an atom."""
+        predicate = atom.predicate
+        if predicate.kind is Kind.RELATION:
+            return conjunction(Not(part) for part in self._each(atom))
+        if predicate.kind is Kind.COMPARES:
+            # After a change the value is known no better than the effect says: what does not follow from it is
+            # taken for false. So only positive comparisons are asked for.
+            others = [
+                Atom(Predicate(Kind.COMPARES, predicate.name, predicate.value, operator), atom.terms)
+                for operator in _COMPLEMENTS[predicate.operator]
+            ]
+            return disjunction([*others, Not(Atom(Predicate(Kind.HAS, predicate.name), atom.terms))])
+        return Not(atom)
+
+    def _each(self, atom: Atom) -> list[Atom]:
+        return [Atom(Predicate(Kind.RELATION, name), atom.terms) for name in self.tracked(atom.predicate.name)]
+
+    def consequences(self, effect: Predicate, state: bool, used: Iterable[Predicate]) -> list[Literal]:
+        """What an effect does to the predicates that are used, all of the effect's terms."""
+        if effect.kind is Kind.RELATION:
+            if state:
+                return [(effect, True)] if effect in used else []
+            return [
+                (p, False)
+                for p in used
+                if p.kind is Kind.RELATION and (p == effect or self._is_subproperty(p.name, effect.name))
+            ]
+        if effect.kind not in (Kind.VALUE, Kind.HAS, Kind.COMPARES):
+            return [(p, state) for p in used if p == effect]
+        if effect.kind is Kind.VALUE and isinstance(effect.value, bool) and not state:
+            effect, state = Predicate(Kind.VALUE, effect.name, not effect.value), True
+        found = []
+        for predicate in used:
+            if predicate.name == effect.name:
+                after = _after(effect, state, predicate)
+                if after is not None:
+                    found.append((predicate, after))
+        return found
+
+
+def _after(effect: Predicate, state: bool, predicate: Predicate) -> bool | None:
+    """Whether a predicate of the same property holds after the effect; None: as before."""
+    kind = predicate.kind
+    if effect.kind is Kind.HAS:
+        if state:
+            return True if kind is Kind.HAS else None
+        return False if kind in (Kind.HAS, Kind.VALUE, Kind.COMPARES) else None
+    if kind is Kind.HAS:
+        return True if state else None
+    if effect.kind is Kind.VALUE:
+        if kind is Kind.VALUE:
+            return state if predicate.value == effect.value else (False if state else None)
+        return False if kind is Kind.COMPARES and state else None
+    if kind is Kind.COMPARES:
+        return any(_within(region, predicate) for region in _regions(effect, state))
+    return False if kind is Kind.VALUE and state else None
+
+
+Interval = tuple[float, bool, float, bool]  # lower bound, whether it belongs, upper bound, whether it belongs
+
+
+def _regions(effect: Predicate, state: bool) -> list[Interval]:
+    """Where the value is after a numeric effect, as far as one interval says it."""
+    operators = (effect.operator,) if state else _COMPLEMENTS[effect.operator]
+    return [_interval(operators[0], effect.value)] if len(operators) == 1 else []
+
+
+def _interval(operator: str, value: object) -> Interval:
+    number = float(value)  # type: ignore[arg-type]
+    low = number if operator in (">", ">=", "=") else -math.inf
+    high = number if operator in ("<", "<=", "=") else math.inf
+    return low, operator in (">=", "="), high, operator in ("<=", "=")
+
+
+def _within(region: Interval, predicate: Predicate) -> bool:
+    low, low_in, high, high_in = _interval(predicate.operator, predicate.value)
+    below = region[0] > low or (region[0] == low and (low_in or not region[1]))
+    above = region[2] < high or (region[2] == high and (high_in or not region[3]))
+    return below and above

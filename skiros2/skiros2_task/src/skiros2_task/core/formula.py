@@ -1,0 +1,236 @@
+"""Predicates and formulas: what skills need and change, and what goals say.
+
+Names are those of the ontology and the ids of elements; a term that starts with `?` is a variable. How they are
+called in PDDL is the business of `pddl_names`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import product
+
+
+class Kind(Enum):
+    """What sort of fact a predicate states."""
+
+    RELATION = "relation"  # x is in that relation to y
+    ALLOWED = "allowed"  # the ontology allows that relation between x and y
+    VALUE = "value"  # that text or truth value is among the values of x's property
+    COMPARES = "compares"  # the first value of x's property compares so with a number
+    HAS = "has"  # x's property has a value
+    IS_A = "is a"  # x is of that class
+    IN_SCENE = "in scene"  # x is there
+    CAN = "can"  # robot x has that skill
+
+
+@dataclass(frozen=True)
+class Predicate:
+    """What an atom states of its terms.
+
+    :param name: the relation, property, class or skill.
+    :param value: with VALUE a str or bool, with COMPARES a number.
+    :param operator: with COMPARES one of `= > < >= <=`.
+    """
+
+    kind: Kind
+    name: str = ""
+    value: str | bool | float | None = None
+    operator: str = ""
+
+    @property
+    def arity(self) -> int:
+        """The number of terms."""
+        return 2 if self.kind in (Kind.RELATION, Kind.ALLOWED) else 1
+
+    def __str__(self) -> str:
+        if self.kind is Kind.VALUE:
+            return self.name if self.value is True else f"{self.name}_{self.value}"
+        if self.kind is Kind.COMPARES:
+            return f"{self.name} {self.operator} {self.value:g}"
+        if self.kind is Kind.RELATION:
+            return self.name
+        return f"{self.kind.value} {self.name}".rstrip()
+
+
+@dataclass(frozen=True)
+class Atom:
+    """A fact about terms (ids of elements, or variables)."""
+
+    predicate: Predicate
+    terms: tuple[str, ...]
+
+    def __str__(self) -> str:
+        if self.predicate.kind is Kind.COMPARES:
+            p = self.predicate
+            return f"({p.operator} ({p.name} {self.terms[0]}) {p.value:g})"
+        return f"({' '.join((str(self.predicate), *self.terms))})"
+
+
+@dataclass(frozen=True)
+class Not:
+    part: Formula
+
+    def __str__(self) -> str:
+        return f"(not {self.part})"
+
+
+@dataclass(frozen=True)
+class And:
+    parts: tuple[Formula, ...]
+
+    def __str__(self) -> str:
+        return f"(and {' '.join(str(p) for p in self.parts)})" if self.parts else "true"
+
+
+@dataclass(frozen=True)
+class Or:
+    parts: tuple[Formula, ...]
+
+    def __str__(self) -> str:
+        return f"(or {' '.join(str(p) for p in self.parts)})" if self.parts else "false"
+
+
+@dataclass(frozen=True)
+class ForAll:
+    """The body holds for all elements of the variables' classes."""
+
+    variables: tuple[tuple[str, str], ...]  # (variable, class)
+    body: Formula
+
+    def __str__(self) -> str:
+        return f"(forall ({_typed(self.variables)}) {self.body})"
+
+
+@dataclass(frozen=True)
+class Exists:
+    """The body holds for some elements of the variables' classes."""
+
+    variables: tuple[tuple[str, str], ...]
+    body: Formula
+
+    def __str__(self) -> str:
+        return f"(exists ({_typed(self.variables)}) {self.body})"
+
+
+Formula = Atom | Not | And | Or | ForAll | Exists
+
+TRUE = And(())
+FALSE = Or(())
+
+
+def _typed(variables: Sequence[tuple[str, str]]) -> str:
+    return " ".join(f"{variable} - {cls}" for variable, cls in variables)
+
+
+def conjunction(parts: Iterable[Formula]) -> Formula:
+    """All of the parts, without nesting, duplicates and what is always true."""
+    flat: dict[Formula, None] = {}
+    for part in parts:
+        if part == FALSE:
+            return FALSE
+        for item in part.parts if isinstance(part, And) else (part,):
+            flat[item] = None
+    return next(iter(flat)) if len(flat) == 1 else And(tuple(flat))
+
+
+def disjunction(parts: Iterable[Formula]) -> Formula:
+    """One of the parts, without nesting, duplicates and what is never true."""
+    flat: dict[Formula, None] = {}
+    for part in parts:
+        if part == TRUE:
+            return TRUE
+        for item in part.parts if isinstance(part, Or) else (part,):
+            flat[item] = None
+    return next(iter(flat)) if len(flat) == 1 else Or(tuple(flat))
+
+
+def conjuncts(formula: Formula) -> tuple[Formula, ...]:
+    """The parts that all have to hold."""
+    return formula.parts if isinstance(formula, And) else (formula,)
+
+
+def rewrite(formula: Formula, positive: Callable[[Atom], Formula], negative: Callable[[Atom], Formula]) -> Formula:
+    """The formula with negations only at atoms, and each literal replaced.
+
+    :param positive: gives what stands for an atom.
+    :param negative: gives what stands for a negated atom.
+    """
+    return _rewrite(formula, True, positive, negative)
+
+
+def _rewrite(
+    formula: Formula, state: bool, positive: Callable[[Atom], Formula], negative: Callable[[Atom], Formula]
+) -> Formula:
+    if isinstance(formula, Atom):
+        return positive(formula) if state else negative(formula)
+    if isinstance(formula, Not):
+        return _rewrite(formula.part, not state, positive, negative)
+    if isinstance(formula, And | Or):
+        parts = [_rewrite(part, state, positive, negative) for part in formula.parts]
+        return conjunction(parts) if isinstance(formula, And) == state else disjunction(parts)
+    body = _rewrite(formula.body, state, positive, negative)
+    return (ForAll if isinstance(formula, ForAll) == state else Exists)(formula.variables, body)
+
+
+def literals(formula: Formula) -> Iterator[tuple[Atom, bool]]:
+    """The atoms of a formula, each with whether it has to hold (a formula under `not` is turned round)."""
+    stack: list[tuple[Formula, bool]] = [(formula, True)]
+    while stack:
+        item, state = stack.pop()
+        if isinstance(item, Atom):
+            yield item, state
+        elif isinstance(item, Not):
+            stack.append((item.part, not state))
+        elif isinstance(item, And | Or):
+            stack.extend((part, state) for part in reversed(item.parts))
+        else:
+            stack.append((item.body, state))
+
+
+def bind(formula: Formula, values: dict[str, str]) -> Formula:
+    """The formula with values in the place of variables."""
+    if isinstance(formula, Atom):
+        return Atom(formula.predicate, tuple(values.get(t, t) for t in formula.terms))
+    if isinstance(formula, Not):
+        return Not(bind(formula.part, values))
+    if isinstance(formula, And):
+        return conjunction(bind(p, values) for p in formula.parts)
+    if isinstance(formula, Or):
+        return disjunction(bind(p, values) for p in formula.parts)
+    inner = {k: v for k, v in values.items() if k not in dict(formula.variables)}
+    return type(formula)(formula.variables, bind(formula.body, inner))
+
+
+def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]) -> Formula:
+    """The formula with each quantifier written out.
+
+    :param members: gives the objects of a class.
+    """
+    if isinstance(formula, Atom):
+        return formula
+    if isinstance(formula, Not):
+        return Not(expand_quantifiers(formula.part, members))
+    if isinstance(formula, And):
+        return conjunction(expand_quantifiers(p, members) for p in formula.parts)
+    if isinstance(formula, Or):
+        return disjunction(expand_quantifiers(p, members) for p in formula.parts)
+    names = [variable for variable, _ in formula.variables]
+    body = expand_quantifiers(formula.body, members)
+    choices = product(*(members(cls) for _, cls in formula.variables))
+    written = (bind(body, dict(zip(names, choice, strict=True))) for choice in choices)
+    return conjunction(written) if isinstance(formula, ForAll) else disjunction(written)
+
+
+def holds(formula: Formula, state: set[Atom] | frozenset[Atom]) -> bool:
+    """Whether a formula without quantifiers and variables holds where exactly the atoms of `state` do."""
+    if isinstance(formula, Atom):
+        return formula in state
+    if isinstance(formula, Not):
+        return not holds(formula.part, state)
+    if isinstance(formula, And):
+        return all(holds(p, state) for p in formula.parts)
+    if isinstance(formula, Or):
+        return any(holds(p, state) for p in formula.parts)
+    raise TypeError(f"{formula} has a quantifier; write it out first")

@@ -1,0 +1,199 @@
+"""What planning knows of a skill: its parameters and conditions, read from the skill's element in the world model.
+
+A skill manager writes each of its skills as an element under its robot (`skiros:hasSkill`), with an element for each
+parameter (`skiros:hasParam`) and each condition (`skiros:hasPreCondition` and so on).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from skiros2_common.core.world_element import Element
+
+#: Names of the Python types that a parameter's `skiros:DataType` may hold; all else is the class of an element.
+_PYTHON_TYPES = frozenset({"str", "int", "float", "bool", "list", "dict", "tuple", "set", "NoneType"})
+#: The types whose defaults are written into the world model.
+_PLAIN_TYPES = frozenset({"str", "int", "float", "bool"})
+
+MANAGER_PROPERTY = "skiros:SkillMgr"
+
+
+class ParameterKind(Enum):
+    """How a parameter gets its value; the numbers are those of `skiros:ParameterType`."""
+
+    REQUIRED = 0
+    OPTIONAL = 1
+    INFERRED = 2
+
+
+@dataclass(frozen=True)
+class SkillParameter:
+    """A parameter of a skill.
+
+    :param element_class: the class that its element has to be of; None when it holds no element.
+    :param fixed: the id of the element that it was declared with, "" when with none.
+    :param missing: it needs a value that nobody gives: neither a default nor an element that planning can choose.
+    """
+
+    key: str
+    kind: ParameterKind
+    element_class: str | None
+    fixed: str = ""
+    missing: bool = False
+
+
+@dataclass(frozen=True)
+class SkillCondition:
+    """A condition, as the class of that name in `skiros2_common.core.conditions` describes it.
+
+    :param kind: the class without prefix, such as `ConditionRelation`.
+    :param name: the relation, property or class that it is about.
+    """
+
+    kind: str
+    label: str = ""
+    subject: str = ""
+    object: str = ""
+    name: str = ""
+    operator: str = "="
+    value: str | bool | float | None = None
+    state: bool = True
+    parts: tuple[SkillCondition, ...] = ()
+
+    def contradicts(self, other: SkillCondition) -> bool:
+        """Whether both speak of one fact and want it otherwise."""
+        same = (self.kind, self.subject, self.object, self.name, self.operator, self.value, self.parts) == (
+            other.kind,
+            other.subject,
+            other.object,
+            other.name,
+            other.operator,
+            other.value,
+            other.parts,
+        )
+        return same and self.state != other.state
+
+
+@dataclass(frozen=True)
+class Skill:
+    """A skill as declared: the same for each robot that has it.
+
+    :param type: the class, such as `skiros:Pick`.
+    :param label: the implementation.
+    """
+
+    type: str
+    label: str
+    parameters: tuple[SkillParameter, ...]
+    pre: tuple[SkillCondition, ...]
+    hold: tuple[SkillCondition, ...]
+    post: tuple[SkillCondition, ...]
+    available: bool = True
+
+    @property
+    def name(self) -> str:
+        return f"{self.type} ({self.label})" if self.label else self.type
+
+    def parameter(self, key: str) -> SkillParameter | None:
+        """The parameter of that key, if there is one."""
+        return next((p for p in self.parameters if p.key == key), None)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot whose manager offers skills.
+
+    :param id: the robot's element.
+    :param manager: the node name of its skill manager, such as `/test_robot`.
+    """
+
+    id: str
+    manager: str
+    skills: tuple[Skill, ...]
+
+
+def read_robots(elements: Mapping[str, Element]) -> tuple[Robot, ...]:
+    """The robots of a scene with the skills that their managers offer.
+
+    :param elements: all elements of the scene, by id.
+    """
+    robots = []
+    for element in elements.values():
+        manager = element.value_of(MANAGER_PROPERTY)
+        skills = [read_skill(child, elements) for child in _children(element, "skiros:hasSkill", elements)]
+        if manager and skills:
+            robots.append(Robot(element.id, str(manager), tuple(skills)))
+    return tuple(robots)
+
+
+def read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
+    """A skill from its element and those under it."""
+
+    def conditions(relation: str) -> tuple[SkillCondition, ...]:
+        return tuple(_condition(child, elements) for child in _children(element, relation, elements))
+
+    return Skill(
+        element.type,
+        element.label,
+        tuple(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
+        conditions("skiros:hasPreCondition"),
+        conditions("skiros:hasHoldCondition"),
+        conditions("skiros:hasPostCondition"),
+        available=_truth(element.value_of("skiros:AvailableForPlanning"), True),
+    )
+
+
+def _children(element: Element, relation: str, elements: Mapping[str, Element]) -> list[Element]:
+    """The elements under one, in the order of their numbers: that in which they were declared."""
+    ids = {r["dst"] for r in element.getRelations("-1", relation, "") if r["dst"] in elements}
+    return sorted((elements[eid] for eid in ids), key=lambda e: (e.getIdNumber(), e.id))
+
+
+def _parameter(element: Element) -> SkillParameter:
+    kind = ParameterKind(int(element.value_of("skiros:ParameterType") or 0))
+    datatype = str(element.value_of("skiros:DataType") or "")
+    if datatype not in _PYTHON_TYPES:
+        fixed = element.getRelation("-1", "skiros:hasValue", "")
+        return SkillParameter(element.label, kind, datatype or "sumo:Object", fixed["dst"] if fixed else "")
+    given = any(element.hasProperty(key, not_none=True) for key in ("skiros:Default", "skiros:Value"))
+    missing = kind is ParameterKind.REQUIRED and datatype in _PLAIN_TYPES and not given
+    return SkillParameter(element.label, kind, None, missing=missing)
+
+
+def _condition(element: Element, elements: Mapping[str, Element]) -> SkillCondition:
+    parts = tuple(_condition(child, elements) for child in _children(element, "skiros:hasCondition", elements))
+    return SkillCondition(
+        kind=element.type.rpartition(":")[2],
+        label=element.label,
+        subject=_text(element, "skiros:hasSubject"),
+        object=_text(element, "skiros:hasObject"),
+        name=_text(element, "skiros:appliedOnType"),
+        operator=_text(element, "skiros:operator") or "=",
+        value=_value(element.value_of("skiros:desiredValue")),
+        state=_truth(element.value_of("skiros:desiredState"), True),
+        parts=parts,
+    )
+
+
+def _text(element: Element, key: str) -> str:
+    value = element.value_of(key)
+    return "" if value is None else str(value)
+
+
+def _value(value: Any) -> str | bool | float | None:
+    """Texts that write a truth value are taken for it, as the conditions themselves do."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        return float(value)
+    text = str(value)
+    return text == "True" if text in ("True", "False") else text
+
+
+def _truth(value: Any, default: bool) -> bool:
+    if value is None:
+        return default
+    return value if isinstance(value, bool) else str(value).strip().lower() in ("true", "1")

@@ -1,0 +1,144 @@
+"""From a goal to a plan that is checked: the whole of planning, without ROS."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from skiros2_task.core.actions import condition_predicates
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.formula import Formula
+from skiros2_task.core.goal import GoalReader, check_goal
+from skiros2_task.core.goal_syntax import GoalError
+from skiros2_task.core.plan import SkillCall, skill_calls
+from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
+from skiros2_task.core.problem import make_task
+from skiros2_task.core.reachability import explain
+from skiros2_task.core.simulation import flaw
+from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.world_view import WorldReader, WorldView
+
+log = logging.getLogger(__name__)
+
+
+class Verdict(Enum):
+    """What came of a goal."""
+
+    PLANNED = "planned"
+    NOTHING_TO_DO = "nothing to do"
+    IMPOSSIBLE = "impossible"
+    TIMED_OUT = "timed out"
+    CANCELLED = "cancelled"
+    FAILED = "failed"
+
+
+_VERDICTS = {
+    Outcome.SOLVED: Verdict.PLANNED,
+    Outcome.IMPOSSIBLE: Verdict.IMPOSSIBLE,
+    Outcome.TIMED_OUT: Verdict.TIMED_OUT,
+    Outcome.CANCELLED: Verdict.CANCELLED,
+    Outcome.FAILED: Verdict.FAILED,
+}
+
+
+@dataclass(frozen=True)
+class PlanningResult:
+    """What came of a goal.
+
+    :param calls: what to run, in order, when planned.
+    :param message: in words, for the one who asked.
+    :param notes: what was left out of the domain, and why.
+    """
+
+    verdict: Verdict
+    calls: tuple[SkillCall, ...] = ()
+    message: str = ""
+    notes: tuple[str, ...] = ()
+
+
+class TaskPlanner:
+    """Makes plans for goals from a world model and the skills in it. Any thread may call it, several at once."""
+
+    def __init__(self, wm: WorldReader, planner: Planner, limits: Limits, archive: Archive | None = None) -> None:
+        """
+        :param archive: keeps what was made for each goal.
+        """
+        self._wm = wm
+        self._planner = planner
+        self._limits = limits
+        self._archive = archive
+
+    def plan(
+        self,
+        goal: str | Formula,
+        cancelled: threading.Event | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> PlanningResult:
+        """The plan for a goal, or why there is none. Blocks as long as the limits allow.
+
+        :param goal: its text, or a formula over the ids of elements.
+        :param progress: told in words what is being done.
+        :raises WmException: the world model does not answer.
+        """
+        tell = progress or log.info
+        tell("reading the world model")
+        world = WorldView(self._wm)
+        try:
+            formula = self._formula(goal, world)
+        except GoalError as error:
+            return PlanningResult(Verdict.FAILED, message=str(error))
+        if not world.robots:
+            # A goal may hold without them.
+            tell("no robot in the world model offers skills")
+        task = make_task(world, formula)
+        if task.satisfied:
+            return self._kept(goal, task, PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already"))
+        if not task.actions:
+            return self._kept(goal, task, self._impossible(task, world))
+        tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({self._planner.name})")
+        answer = self._planner.solve(task, self._limits, cancelled)
+        return self._kept(goal, task, self._result(answer, task, world), answer)
+
+    def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
+        if isinstance(goal, str):
+            return GoalReader(world, condition_predicates(world.robots)).read(goal)
+        check_goal(goal, world)
+        return goal
+
+    def _result(self, answer: PlannerAnswer, task: PlanningTask, world: WorldView) -> PlanningResult:
+        if answer.outcome is Outcome.SOLVED:
+            wrong = flaw(task, answer.plan)
+            if wrong:
+                message = f"the planner gave a plan that does not work: {wrong}"
+                return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
+            calls = skill_calls(task, answer.plan, world.objects)
+            return PlanningResult(Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes)
+        if answer.outcome is Outcome.IMPOSSIBLE:
+            return self._impossible(task, world, answer.reason)
+        return PlanningResult(_VERDICTS[answer.outcome], message=answer.reason, notes=task.notes)
+
+    def _impossible(self, task: PlanningTask, world: WorldView, reason: str = "") -> PlanningResult:
+        """Says why there is no plan."""
+        if not world.robots:
+            reason = "no robot in the world model offers skills"
+        elif not task.actions:
+            reason = "none of the robots' skills can help"
+        why = explain(task) if world.robots else []
+        return PlanningResult(Verdict.IMPOSSIBLE, message="\n".join([f"no plan: {reason}", *why]), notes=task.notes)
+
+    def _kept(
+        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
+    ) -> PlanningResult:
+        for note in task.notes:
+            log.info("%s", note)
+        if self._archive is not None:
+            texts = dict(answer.files) if answer is not None else {}
+            texts["goal.txt"] = str(goal)
+            texts["result.txt"] = "\n".join([result.verdict.value, result.message, *task.notes])
+            if answer is not None:
+                texts["planner.log"] = answer.log
+            self._archive.keep(texts)
+        return result

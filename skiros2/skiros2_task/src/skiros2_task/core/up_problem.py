@@ -1,0 +1,213 @@
+"""A planning task as objects of unified-planning, under names that PDDL can hold."""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from collections.abc import Mapping
+from typing import Any
+
+import unified_planning as up
+from unified_planning.environment import Environment
+from unified_planning.model import Fluent, InstantaneousAction, Object, Problem
+
+from skiros2_common.core.names import local_name
+from skiros2_task.core.actions import Action
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate, literals
+from skiros2_task.core.pddl_names import Naming, pddl_name
+from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
+from skiros2_task.core.type_tree import TypeTree
+
+_OPERATOR_WORDS = {"=": "eq", ">": "gt", "<": "lt", ">=": "ge", "<=": "le"}
+
+
+class SparseProblem(Problem):  # type: ignore[misc]
+    """A problem that lists, as initial values, only those that are set: what is not true is false.
+
+    The full list grows with the square of the number of objects; what writes PDDL needs only what is true.
+    """
+
+    @property
+    def initial_values(self) -> dict[Any, Any]:
+        return dict(self.explicit_initial_values)
+
+
+class UpProblem:
+    """The unified-planning problem of a task, and the way back from its names."""
+
+    def __init__(self, task: PlanningTask, sparse: bool = True) -> None:
+        """
+        :param sparse: for engines that read PDDL; others get every initial value.
+        """
+        self._task = task
+        self._naming = Naming()
+        self._env = Environment()
+        self._env.credits_stream = None
+        self._tree = TypeTree(task.members)
+        self._predicate_names = _predicate_wishes(task.predicates)
+        self._types: dict[str, Any] = {}
+        self._fluents: dict[Predicate, Any] = {}
+        self._objects: dict[str, Any] = {}
+        self.problem: Any = (SparseProblem if sparse else Problem)("skiros", environment=self._env)
+        self._add_types()
+        self._add_objects()
+        self._add_fluents()
+        for action in task.actions:
+            self.problem.add_action(self._action(action))
+        self._add_facts()
+        for goal in task.goal.parts if isinstance(task.goal, And) else (task.goal,):
+            self.problem.add_goal(self._expression(goal, {}))
+
+    def steps(self, plan: Any) -> tuple[PlanStep, ...]:
+        """The steps of a sequential plan for this problem."""
+        return tuple(
+            PlanStep(
+                self._thing(instance.action.name),
+                tuple(self._thing(argument.object().name) for argument in instance.actual_parameters),
+            )
+            for instance in plan.actions
+        )
+
+    @property
+    def environment(self) -> Any:
+        """The unified-planning environment that the problem belongs to."""
+        return self._env
+
+    def _thing(self, name: str) -> str:
+        kind_and_thing = self._naming.thing(name)
+        assert isinstance(kind_and_thing, tuple)
+        return str(kind_and_thing[1])
+
+    def _add_types(self) -> None:
+        for cls in (EVERYTHING, *self._tree.parent):
+            name = self._naming.name(("type", cls), ["thing" if cls == EVERYTHING else cls])
+            father = self._types.get(self._tree.parent.get(cls, ""))
+            self._types[cls] = self._env.type_manager.UserType(name, father)
+
+    def _add_objects(self) -> None:
+        for name in self._task.objects:
+            kind = self._types[self._tree.type_of[name]]
+            obj = Object(self._naming.name(("object", name), [name]), kind, environment=self._env)
+            self._objects[name] = self._env.expression_manager.ObjectExp(obj)
+            self.problem.add_object(obj)
+
+    def _add_fluents(self) -> None:
+        for predicate, types in self._signatures().items():
+            names = Naming()
+            wishes = self._predicate_names.get(predicate) or [str(predicate)]
+            parameters = OrderedDict(
+                (names.name(place, [self._types[t].name]), self._types[t])
+                for place, t in enumerate(types)
+            )
+            fluent = Fluent(
+                self._naming.name(("predicate", predicate), wishes),
+                self._env.type_manager.BoolType(),
+                parameters,
+                environment=self._env,
+            )
+            self._fluents[predicate] = fluent
+            self.problem.add_fluent(fluent, default_initial_value=False)
+
+    def _signatures(self) -> dict[Predicate, list[str]]:
+        """The smallest types for the terms of each predicate."""
+        found: dict[Predicate, list[str]] = {p: [] for p in self._task.predicates}
+
+        def note(atom: Atom, types: Mapping[str, str]) -> None:
+            there = [types.get(t) or self._tree.type_of[t] for t in atom.terms]
+            known = found.setdefault(atom.predicate, [])
+            found[atom.predicate] = (
+                [self._tree.join(a, b) for a, b in zip(known, there, strict=True)] if known else there
+            )
+
+        for action in self._task.actions:
+            types = self._variable_types(action)
+            for atom, _ in literals(action.precondition):
+                note(atom, types)
+            for effect in action.effects:
+                note(effect.atom, {**types, **{name: self._each_type(cls) for name, cls in effect.each}})
+            for variable in action.variables:
+                for cls in variable.classes:
+                    if cls in self._tree.crossing:
+                        note(Atom(Predicate(Kind.IS_A, cls), (variable.name,)), types)
+        for atom, _ in literals(self._task.goal):
+            note(atom, {})
+        for atom in self._task.init:
+            note(atom, {})
+        return {p: types for p, types in found.items() if types}
+
+    def _variable_types(self, action: Action) -> dict[str, str]:
+        return {v.name: self._tree.smallest(self._task.candidates(v.classes)) for v in action.variables}
+
+    def _each_type(self, cls: str) -> str:
+        return self._tree.smallest(self._task.members[cls])
+
+    def _action(self, action: Action) -> Any:
+        names = Naming()
+        types = self._variable_types(action)
+        parameters = OrderedDict(
+            (names.name(v.name, [v.name[1:]]), self._types[types[v.name]]) for v in action.variables
+        )
+        action_name = self._naming.name(("action", action.name), [action.name])
+        made = InstantaneousAction(action_name, parameters, _env=self._env)
+        bound = {
+            v.name: self._env.expression_manager.ParameterExp(made.parameter(name))
+            for v, name in zip(action.variables, parameters, strict=True)
+        }
+        for variable in action.variables:
+            for cls in variable.classes:
+                if cls in self._tree.crossing:
+                    made.add_precondition(self._fluents[Predicate(Kind.IS_A, cls)](bound[variable.name]))
+        condition = action.precondition
+        for part in condition.parts if isinstance(condition, And) else (condition,):
+            made.add_precondition(self._expression(part, bound))
+        for effect in action.effects:
+            each = {
+                name: up.model.Variable(pddl_name(name[1:]), self._types[self._each_type(cls)], self._env)
+                for name, cls in effect.each
+            }
+            inner = {**bound, **{name: self._env.expression_manager.VariableExp(v) for name, v in each.items()}}
+            made.add_effect(self._expression(effect.atom, inner), effect.state, forall=tuple(each.values()))
+        return made
+
+    def _expression(self, formula: Formula, bound: Mapping[str, Any]) -> Any:
+        manager = self._env.expression_manager
+        if isinstance(formula, Atom):
+            terms = [bound[t] if t in bound else self._objects[t] for t in formula.terms]
+            return manager.FluentExp(self._fluents[formula.predicate], terms)
+        if isinstance(formula, Not):
+            return manager.Not(self._expression(formula.part, bound))
+        if isinstance(formula, And | Or):
+            parts = [self._expression(p, bound) for p in formula.parts]
+            return manager.And(parts) if isinstance(formula, And) else manager.Or(parts)
+        raise TypeError(f"{formula} has a quantifier; write it out first")
+
+    def _add_facts(self) -> None:
+        for atom in sorted(self._task.init, key=str):
+            self.problem.set_initial_value(self._expression(atom, {}), True)
+        for cls in self._tree.crossing:
+            fluent = self._fluents.get(Predicate(Kind.IS_A, cls))
+            if fluent is not None:
+                for name in self._task.members[cls]:
+                    self.problem.set_initial_value(fluent(self._objects[name]), True)
+
+
+def _predicate_wishes(predicates: tuple[Predicate, ...]) -> dict[Predicate, list[str]]:
+    """What each predicate would be called; a value's name alone only where no other predicate has it."""
+    short = Counter(pddl_name(str(p.value)) for p in predicates if p.kind is Kind.VALUE and isinstance(p.value, str))
+    found = {}
+    for p in predicates:
+        local = local_name(p.name)
+        if p.kind is Kind.RELATION or (p.kind is Kind.VALUE and p.value is True):
+            wishes = [p.name]
+        elif p.kind is Kind.VALUE:
+            wishes = [f"{local}_{p.value}", f"{p.name}_{p.value}"]
+            if isinstance(p.value, str) and short[pddl_name(p.value)] == 1:
+                wishes.insert(0, p.value)
+        elif p.kind is Kind.COMPARES:
+            wishes = [f"{local}_{_OPERATOR_WORDS[p.operator]}_{p.value:g}"]
+        elif p.kind is Kind.ALLOWED:
+            wishes = [f"{p.name}_allowed"]
+        else:
+            word = p.kind.value.replace(" ", "_")
+            wishes = [f"{word}_{local}" if local else word, f"{word}_{p.name}"]
+        found[p] = wishes
+    return found

@@ -1,0 +1,136 @@
+"""The task manager's node: plans goals that come as actions."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import actionlib
+import rospy
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.planner import Limits
+from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
+from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
+from skiros2_task.ros.task_message import task_holder
+
+log = logging.getLogger(__name__)
+
+#: Where the files of the last plans are kept.
+ARCHIVE = Path("~/.skiros/planner")
+
+
+class TaskManager:
+    """The action server `~task_plan`. Each goal is planned in a thread of its own, several at once."""
+
+    def __init__(self, planner: TaskPlanner) -> None:
+        self._planner = planner
+        self._lock = threading.Lock()
+        self._running: dict[str, tuple[threading.Thread, threading.Event]] = {}
+        self._server = actionlib.ActionServer(
+            "~task_plan", AssignTaskAction, self._on_goal, self._on_cancel, auto_start=False
+        )
+
+    def start(self) -> None:
+        """Takes goals from now on."""
+        self._server.start()
+
+    def stop(self) -> None:
+        """Cancels what is being planned and waits until it has ended."""
+        with self._lock:
+            running = list(self._running.values())
+        for _, cancelled in running:
+            cancelled.set()
+        for thread, _ in running:
+            thread.join()
+
+    # Called by threads of ROS, one goal at a time.
+
+    def _on_goal(self, handle: Any) -> None:
+        cancelled = threading.Event()
+        thread = threading.Thread(target=self._serve, args=(handle, cancelled), name="plan")
+        with self._lock:
+            self._running[handle.get_goal_id().id] = (thread, cancelled)
+        handle.set_accepted()
+        thread.start()
+
+    def _on_cancel(self, handle: Any) -> None:
+        with self._lock:
+            running = self._running.get(handle.get_goal_id().id)
+        if running is not None:
+            running[1].set()
+
+    # In the thread of the goal.
+
+    def _serve(self, handle: Any, cancelled: threading.Event) -> None:
+        goal = handle.get_goal()
+        log.info("goal of %s: %s", goal.author or "somebody", goal.goals)
+        try:
+            result = self._plan(handle, goal.goals, cancelled)
+            self._answer(handle, result)
+        finally:
+            with self._lock:
+                del self._running[handle.get_goal_id().id]
+
+    def _plan(self, handle: Any, goals: str, cancelled: threading.Event) -> PlanningResult:
+        steps = 0
+
+        def progress(text: str) -> None:
+            nonlocal steps
+            steps += 1
+            log.info("%s", text)
+            handle.publish_feedback(AssignTaskFeedback(steps, text))
+
+        try:
+            return self._planner.plan(goals, cancelled, progress)
+        except SkirosError as error:
+            return PlanningResult(Verdict.FAILED, message=str(error))
+        except Exception as error:  # a client has to hear of our own mistakes too
+            log.exception("planning %s", goals)
+            return PlanningResult(Verdict.FAILED, message=f"internal error: {type(error).__name__}: {error}")
+
+    def _answer(self, handle: Any, result: PlanningResult) -> None:
+        log.log(logging.INFO if _code(result) != FAILED else logging.ERROR, "%s", _line(result))
+        if result.verdict is Verdict.PLANNED:
+            handle.set_succeeded(AssignTaskResult(PLAN, task_holder(result.calls).toJson()), "planned")
+        elif result.verdict is Verdict.NOTHING_TO_DO:
+            handle.set_succeeded(AssignTaskResult(NOTHING_TO_DO, result.message), result.message)
+        elif result.verdict is Verdict.CANCELLED:
+            handle.set_canceled(AssignTaskResult(FAILED, result.message), result.message)
+        else:
+            handle.set_aborted(AssignTaskResult(FAILED, result.message), result.message)
+
+
+def _code(result: PlanningResult) -> int:
+    return {Verdict.PLANNED: PLAN, Verdict.NOTHING_TO_DO: NOTHING_TO_DO}.get(result.verdict, FAILED)
+
+
+def _line(result: PlanningResult) -> str:
+    return f"plan of {len(result.calls)} steps:\n{result.message}" if result.calls else result.message
+
+
+def main() -> None:
+    """The node's work: serves until ROS shuts down.
+
+    :raises ConfigurationError: a parameter cannot be used.
+    """
+    seconds = rospy.get_param("~planning_time", Limits.seconds)
+    if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
+        raise ConfigurationError(f"parameter {rospy.resolve_name('~planning_time')} is {seconds!r}, expected seconds")
+    engine = UpPlanner(str(rospy.get_param("~planner", DEFAULT_ENGINE)))
+    try:
+        wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+        archive = Archive(Path(os.path.expanduser(ARCHIVE)))
+        manager = TaskManager(TaskPlanner(wm, engine, Limits(float(seconds)), archive))
+        rospy.on_shutdown(manager.stop)
+        manager.start()
+        rospy.spin()
+    finally:
+        engine.close()

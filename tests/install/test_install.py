@@ -1,0 +1,139 @@
+"""A clean clone builds and is found in each of the ways that users build it, and others build on it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from support.ros import ROOT, install_environment
+
+PYTHON = ROOT / ".venv/bin/python3"
+PACKAGES = (
+    "skiros2",
+    "skiros2_common",
+    "skiros2_msgs",
+    "skiros2_world_model",
+    "skiros2_skill",
+    "skiros2_task",
+    "skiros2_gui",
+    "skiros2_std_skills",
+    "skiros2_std_reasoners",
+)
+LAUNCH_FILES = {
+    "skiros.launch": {"/wm", "/test_robot", "/tm", "/skiros_gui", "/map_to_world"},
+    "world_model_server.launch": {"/wm", "/skiros_gui"},
+    "skill_mgr.launch": {"/test_robot"},
+    "task_mgr.launch": {"/tm"},
+}
+PROGRAMS = {
+    "skiros2_world_model": {"world_model_server_node", "ontology_server_node"},
+    "skiros2_skill": {"skill_manager_node"},
+    "skiros2_task": {"task_manager_node"},
+    "skiros2_gui": {"skiros_gui"},
+    "skiros2_demo_skills": {"pick_place_demo"},
+}
+pytestmark = pytest.mark.timeout(600)
+
+
+def run(*command: object, env: dict[str, str] | None = None, cwd: Path | None = None) -> str:
+    """What the command prints; the test fails, with all of it, when its exit status is not 0."""
+    done = subprocess.run(
+        [str(part) for part in command],
+        env={**(env or outside()), "PWD": str(cwd or Path.cwd())},  # catkin_make goes by PWD
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout[-5000:]}"
+    return done.stdout
+
+
+def outside() -> dict[str, str]:
+    """The environment of a shell that knows nothing of this build."""
+    ours = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "PKG_CONFIG_PATH")
+    return {key: value for key, value in os.environ.items() if key not in ours}
+
+
+def clone(folder: Path) -> Path:
+    run("git", "clone", "--quiet", ROOT, folder)
+    return folder
+
+
+def cmake(source: Path, folder: Path, env: dict[str, str] | None = None) -> Path:
+    """Builds with plain CMake and installs; returns the set-up file of the install space."""
+    build, install = folder / "build", folder / "install"
+    options = (f"-DPYTHON_EXECUTABLE={PYTHON}", f"-DCMAKE_INSTALL_PREFIX={install}", "-DCATKIN_ENABLE_TESTING=OFF")
+    run("cmake", "-S", source, "-B", build, *options, env=env)
+    run("cmake", "--build", build, "-j2", "--target", "install", env=env)
+    return install / "setup.bash"
+
+
+def assert_all_is_found(setup: Path) -> None:
+    env = install_environment(setup)
+    found = {package: Path(run("rospack", "find", package, env=env).strip()) for package in PACKAGES}
+    assert all((path / "package.xml").is_file() for path in found.values())
+    for file, nodes in LAUNCH_FILES.items():
+        listed = run("roslaunch", "--nodes", "skiros2", file, env=env)
+        assert {line for line in listed.splitlines() if line.startswith("/")} == nodes
+    for package, programs in PROGRAMS.items():
+        for program in programs:
+            text = Path(run("catkin_find", "--first-only", package, program, env=env).strip()).read_text()
+            assert text.startswith(f"#!{PYTHON}\n")
+    modules = [f"skiros2_{name}" for name in ("common.core", "world_model.core", "skill.core", "task.core", "msgs.srv")]
+    run(PYTHON, "-c", f"import {', '.join(modules)}", env=env)
+
+
+def assert_owl_is_another_name_of_the_ontologies(setup: Path, tmp_path: Path) -> None:
+    file = tmp_path / "owl.launch"
+    file.write_text('<launch><param name="workspace" value="$(find skiros2)/owl"/></launch>')
+    dump = run("roslaunch", "--dump-params", file, env=install_environment(setup))
+    workspace = Path(dump.partition("/workspace: ")[2].strip())
+    assert {path.name for path in workspace.iterdir()} == {path.name for path in (ROOT / "ontologies").iterdir()}
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The set-up file of a clean clone that was built with plain CMake and installed."""
+    folder = tmp_path_factory.mktemp("plain")
+    return cmake(clone(folder / "clone"), folder)
+
+
+def test_plain_cmake_installs_all(installed: Path, tmp_path: Path) -> None:
+    assert_all_is_found(installed)
+    assert_owl_is_another_name_of_the_ontologies(installed, tmp_path)
+
+
+def test_every_python_file_is_installed(installed: Path) -> None:
+    there = installed.parent / "lib/python3/dist-packages"
+    listed = run("git", "ls-files", "*/src/*.py", cwd=ROOT, env=outside()).split()
+    modules = [name.partition("/src/")[2] for name in listed if not name.startswith("tests/")]
+    assert modules
+    assert not [name for name in modules if not (there / name).is_file()]
+
+
+def test_a_package_of_somebody_else_builds_on_the_installed_tree(installed: Path, tmp_path: Path) -> None:
+    source = Path(__file__).with_name("aaa_robot_skills")
+    overlay = install_environment(cmake(source, tmp_path, install_environment(installed)))
+    assert run("rospack", "find", "aaa_robot_skills", env=overlay).startswith(str(tmp_path))
+    assert run("rospack", "find", "skiros2_skill", env=overlay).startswith(str(installed.parent))
+    run("rosrun", "skiros2_skill", "check_skills", "[aaa_robot_skills]", "[wave]", env=overlay)
+    run(PYTHON, "-c", "import aaa_robot_skills.wave", env=overlay)
+
+
+def test_catkin_make_builds_a_workspace_with_a_clone(tmp_path: Path) -> None:
+    clone(tmp_path / "src/skiros2")
+    run("catkin_make", f"-DPYTHON_EXECUTABLE={PYTHON}", "-DCATKIN_ENABLE_TESTING=OFF", cwd=tmp_path)
+    assert_all_is_found(tmp_path / "devel/setup.bash")
+    assert_owl_is_another_name_of_the_ontologies(tmp_path / "devel/setup.bash", tmp_path)
+
+
+def test_catkin_make_isolated_builds_a_workspace_with_a_clone(tmp_path: Path) -> None:
+    clone(tmp_path / "src/skiros2")
+    run("catkin_make_isolated", f"-DPYTHON_EXECUTABLE={PYTHON}", "-DCATKIN_ENABLE_TESTING=OFF", cwd=tmp_path)
+    assert_all_is_found(tmp_path / "devel_isolated/setup.bash")

@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import Any
 
+from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
@@ -42,6 +43,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         self.fb: queue.Queue[Any] = queue.Queue()
         self.res: queue.Queue[tuple[int, Any]] = queue.Queue()
         self._goal: Any = None  # waits to be sent
+        self._seen_ended = False  # the goal, at an earlier tick
         self._heard: tuple[Any, float] = (self, 0.0)  # the server's last status message, and when it came
 
     # -- to override -------------------------------------------------------------------------------------------
@@ -94,8 +96,9 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
             state = self.onFeedback(self.fb.get())
             if state not in (State.Running, None):
                 return state
-        if not self.res.empty():
-            return self.onDone(*self.res.get())
+        if not self.res.empty() or self._ended_untold():
+            status, result = self.res.get()
+            return self.onDone(status, result)
         if self._server_is_silent():
             return self.fail(f"The action server {self._server()} has not been heard of for {SERVER_TIMEOUT} s", -102)
         return self.step(self._progress_msg)
@@ -143,6 +146,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
     def _forget_answers(self) -> None:
         self.fb = queue.Queue()
         self.res = queue.Queue()
+        self._seen_ended = False
 
     def _send(self) -> State:
         """Sends the goal as soon as the server is connected."""
@@ -170,6 +174,17 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
             and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
             and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
         )
+
+    def _ended_untold(self) -> bool:
+        # What a server says before `send_goal` has returned does not reach the callbacks.
+        handle = self.client.gh
+        if handle is None or handle.get_comm_state() != CommState.DONE:
+            return False
+        ended_before, self._seen_ended = self._seen_ended, True
+        if not ended_before:
+            return False  # the callback may be on its way
+        self.res.put((handle.get_terminal_state(), handle.get_result()))
+        return True
 
     def _server_is_silent(self) -> bool:
         status = self.client.action_client.last_status_msg

@@ -1,0 +1,311 @@
+"""The client primitives of the standard skills, against real action and service servers, in one process."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import actionlib
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_std_skills import action_client_primitive
+from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
+from support.ros import wait_until
+
+pytestmark = pytest.mark.usefixtures("ros_master")
+
+
+class Job(SkillDescription):
+    pass
+
+
+class job_action(PrimitiveActionClient):
+    """Sends the text in `wish`; remembers what it hears."""
+
+    wish = "good"
+
+    def createDescription(self) -> None:
+        self.setDescription(Job(), "job_action")
+        self.heard: list[str] = []
+
+    def buildClient(self) -> actionlib.SimpleActionClient:
+        return actionlib.SimpleActionClient("/job", AssignTaskAction)
+
+    def buildGoal(self) -> AssignTaskGoal:
+        return AssignTaskGoal(goals=self.wish)
+
+    def onFeedback(self, msg: AssignTaskFeedback) -> State:
+        self.heard.append(msg.progress_message)
+        return self.step(msg.progress_message)
+
+
+class Server:
+    """An action server: with `good` it succeeds, with `bad` it aborts, with `long` it works until it is cancelled."""
+
+    def __init__(self) -> None:
+        self.goals: list[str] = []
+        self.cancelled = threading.Event()
+        self.go_on = threading.Event()
+        self._server = actionlib.SimpleActionServer("/job", AssignTaskAction, self._work, auto_start=False)
+        self._server.start()
+
+    def fall_silent(self) -> None:
+        """As when it hangs: no status any more."""
+        self._server.action_server.publish_status = lambda: None
+
+    def close(self) -> None:
+        self.go_on.set()
+        self.fall_silent()
+        server = self._server.action_server
+        for end in (server.status_pub, server.result_pub, server.feedback_pub, server.goal_sub, server.cancel_sub):
+            end.unregister()
+
+    def _work(self, goal: AssignTaskGoal) -> None:
+        self.goals.append(goal.goals)
+        for text in ("half", "nearly"):
+            self._server.publish_feedback(AssignTaskFeedback(progress_message=text))
+        if goal.goals == "long":
+            while not self._server.is_preempt_requested() and not self.go_on.wait(0.01):
+                pass
+            self.cancelled.set()
+            self._server.set_preempted(text="stopped")
+        elif goal.goals == "bad":
+            self._server.set_aborted(text="no way")
+        else:
+            self._server.set_succeeded(AssignTaskResult(progress_code=1), text="all done")
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    server = Server()
+    yield server
+    server.close()
+
+
+def loaded(cls: type, **attributes: Any) -> Any:
+    skill = cls()
+    for name, value in attributes.items():
+        setattr(skill, name, value)
+    assert skill.init(None)
+    return skill
+
+
+def run(skill: Any, until: Callable[[], bool] = lambda: False) -> State:
+    """Ticks a started skill as an executor does, until it ends or the condition holds."""
+    end = time.monotonic() + 15
+    while skill.tick() is State.Running and not until():
+        assert time.monotonic() < end, skill.progress_msg
+        time.sleep(0.01)
+    if skill.state is not State.Running:
+        skill.onEnd()
+    return skill.state
+
+
+@pytest.mark.parametrize("on_start", [True, False])
+def test_an_action_that_succeeds_is_a_success_with_the_servers_text(server: Server, on_start: bool) -> None:
+    skill = loaded(job_action, build_client_onstart=on_start)
+    for _ in range(2):
+        skill.heard.clear()
+        assert skill.start()
+        assert run(skill) is State.Success
+        assert skill.progress_msg == "all done"
+        # Feedback and result have no order, and actionlib drops what comes before send_goal has returned.
+        assert set(skill.heard) <= {"half", "nearly"}
+    assert server.goals == ["good", "good"]
+
+
+def test_an_action_that_aborts_is_a_failure_with_its_status_as_code(server: Server) -> None:
+    skill = loaded(job_action, wish="bad")
+    skill.start()
+    assert run(skill) is State.Failure
+    assert (skill.progress_msg, skill.progress_code) == ("no way", -GoalStatus.ABORTED)
+
+
+def test_a_preempted_action_is_cancelled(server: Server) -> None:
+    skill = loaded(job_action, wish="long")
+    skill.start()
+    run(skill, until=lambda: bool(server.goals))
+    assert skill.preempt() is State.Failure
+    assert skill.onEnd()
+    assert server.cancelled.wait(5)
+
+
+def test_nothing_of_a_preempted_goal_reaches_the_next_one(server: Server) -> None:
+    skill = loaded(job_action, wish="long", build_client_onstart=False)
+    skill.start()
+    run(skill, until=lambda: bool(server.goals))
+    skill.preempt()
+    skill.onEnd()
+    skill.wish = "good"
+    skill.reset()
+    skill.start()
+    assert run(skill) is State.Success
+    assert skill.progress_msg == "all done"
+
+
+def test_an_action_may_be_restarted_with_another_goal(server: Server) -> None:
+    class restarting(job_action):
+        def onDone(self, status: int, msg: Any) -> State:
+            if status == GoalStatus.ABORTED:
+                return self.restart(AssignTaskGoal(goals="good"), "once more")
+            return super().onDone(status, msg)
+
+    skill = loaded(restarting, wish="bad")
+    skill.start()
+    assert run(skill) is State.Success
+    assert server.goals == ["bad", "good"]
+
+
+def test_a_feedback_may_end_the_skill(server: Server) -> None:
+    class impatient(job_action):
+        def onFeedback(self, msg: AssignTaskFeedback) -> State:
+            return self.fail("half is not enough", -7)
+
+    skill = loaded(impatient, wish="long")
+    skill.start()
+    run(skill, until=lambda: bool(server.goals))
+    skill._feedbackCb(AssignTaskFeedback(progress_message="half"))
+    assert run(skill) is State.Failure
+    assert (skill.progress_msg, skill.progress_code) == ("half is not enough", -7)
+
+
+def test_a_library_may_send_the_goal_in_its_own_on_start(server: Server) -> None:
+    class own_start(job_action):
+        def onStart(self) -> bool:
+            self.client = self.buildClient()
+            assert self.client.wait_for_server(rospy.Duration.from_sec(5))
+            self.client.send_goal(self.buildGoal(), done_cb=self._doneCb, feedback_cb=self._feedbackCb)
+            return True
+
+    skill = loaded(own_start)
+    for _ in range(2):
+        skill.start()
+        assert run(skill) is State.Success
+
+
+def test_an_end_that_actionlib_does_not_tell_of_is_noticed(server: Server) -> None:
+    class deaf(job_action):
+        def _doneCb(self, status: int, msg: Any) -> None:
+            """As when the end comes before send_goal has returned."""
+
+    skill = loaded(deaf)
+    skill.start()
+    assert run(skill) is State.Success
+    assert skill.progress_msg == "all done"
+
+
+def test_a_missing_server_is_named_without_holding_up_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 0.5)
+    skill = loaded(job_action)
+    began_at = time.monotonic()
+    skill.start()
+    assert skill.tick() is State.Running
+    assert time.monotonic() - began_at < 0.2
+    assert run(skill) is State.Failure
+    assert skill.progress_msg == "There is no action server /job"
+
+
+def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 1.0)
+    skill = loaded(job_action, wish="long")
+    skill.start()
+    run(skill, until=lambda: bool(server.goals))
+    server.fall_silent()
+    assert run(skill) is State.Failure
+    assert "has not been heard of" in skill.progress_msg
+
+
+class job_service(PrimitiveServiceClient):
+    def createDescription(self) -> None:
+        self.setDescription(Job(), "job_service")
+
+    def buildClient(self) -> rospy.ServiceProxy:
+        return rospy.ServiceProxy("/switch", SetBool)
+
+    def buildRequest(self) -> SetBoolRequest:
+        return SetBoolRequest(data=True)
+
+    def onDone(self, response: SetBoolResponse) -> State:
+        return self.success(response.message) if response.success else self.fail(response.message, 3)
+
+
+@pytest.fixture
+def switch() -> Iterator[dict[str, Any]]:
+    """A service; `answer` is what it answers, or raises; it waits while `held` is cleared."""
+    held = threading.Event()
+    held.set()
+    options: dict[str, Any] = {"answer": SetBoolResponse(True, "on"), "held": held}
+
+    def handle(_: SetBoolRequest) -> SetBoolResponse:
+        held.wait(5)
+        if isinstance(options["answer"], Exception):
+            raise options["answer"]
+        return options["answer"]
+
+    service = rospy.Service("/switch", SetBool, handle)
+    yield options
+    held.set()
+    service.shutdown()
+
+
+@pytest.mark.parametrize("on_start", [True, False])
+def test_the_answer_of_a_service_decides(switch: dict[str, Any], on_start: bool) -> None:
+    skill = loaded(job_service, build_client_onstart=on_start)
+    skill.start()
+    assert run(skill) is State.Success
+    assert skill.progress_msg == "on"
+    switch["answer"] = SetBoolResponse(False, "stuck")
+    skill.reset()
+    skill.start()
+    assert run(skill) is State.Failure
+    assert (skill.progress_msg, skill.progress_code) == ("stuck", -3)
+
+
+def test_a_service_that_raises_is_a_failure_with_its_text(switch: dict[str, Any]) -> None:
+    switch["answer"] = rospy.ServiceException("fuse is gone")
+    skill = loaded(job_service)
+    skill.start()
+    assert run(skill) is State.Failure
+    assert "fuse is gone" in skill.progress_msg
+
+
+def test_a_service_that_is_not_there_is_a_failure() -> None:
+    skill = loaded(job_service)
+    skill.start()
+    assert run(skill) is State.Failure
+    assert "/switch" in skill.progress_msg
+
+
+def test_a_slow_service_holds_nothing_up_and_times_out(switch: dict[str, Any]) -> None:
+    switch["held"].clear()
+    skill = loaded(job_service, call_timeout_sec=0.3)
+    began_at = time.monotonic()
+    skill.start()
+    assert skill.tick() is State.Running
+    assert time.monotonic() - began_at < 0.2
+    assert run(skill) is State.Failure
+    assert skill.progress_msg == "No answer from /switch within 0.3 s"
+
+
+def test_the_answer_to_a_call_that_was_given_up_is_dropped(switch: dict[str, Any]) -> None:
+    switch["held"].clear()
+    skill = loaded(job_service)
+    skill.start()
+    skill.tick()
+    assert skill.preempt() is State.Failure
+    switch["answer"] = SetBoolResponse(True, "late")
+    switch["held"].set()
+    wait_until(lambda: not [t for t in threading.enumerate() if t.name == "service call"])
+    switch["answer"] = SetBoolResponse(True, "new")
+    skill.reset()
+    skill.start()
+    assert run(skill) is State.Success
+    assert skill.progress_msg == "new"

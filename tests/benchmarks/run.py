@@ -1,0 +1,77 @@
+"""Measures the platform beside its peers, prints a table, and writes it as JSON: `make bench`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
+from support.ros import Ros, RosMaster  # noqa: E402
+
+PARTS = ("launch", "ticks", "services", "planning")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, default=ROOT / "build/bench.json", help="where the figures go")
+    parser.add_argument("parts", nargs="*", default=PARTS, help=f"what to measure: {', '.join(PARTS)} (default: all)")
+    arguments = parser.parse_args()
+    unknown = set(arguments.parts) - set(PARTS)
+    if unknown:
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are: {', '.join(PARTS)}")
+
+    done: list[Measurement] = []
+    with tempfile.TemporaryDirectory(prefix="skiros2-bench-") as folder:
+        for part in arguments.parts:
+            print(f"measuring {part} ...", file=sys.stderr, flush=True)
+            for measurement in _measure(part, Path(folder)):
+                print(f"    {measurement.name}: ratio {measurement.ratio:.2f}", file=sys.stderr, flush=True)
+                done.append(measurement)
+    print(table(done))
+    arguments.json.parent.mkdir(parents=True, exist_ok=True)
+    arguments.json.write_text(json.dumps([m.as_json() for m in done], indent=2) + "\n")
+    return 0
+
+
+def _measure(part: str, folder: Path) -> Iterator[Measurement]:
+    if part == "launch":
+        from benchmarks import launch
+
+        return launch.measure(folder)
+    if part == "ticks":
+        from benchmarks import ticks
+
+        return ticks.measure()
+    if part == "planning":
+        from benchmarks import planning
+
+        return planning.measure(folder)
+    return _services(folder)
+
+
+def _services(folder: Path) -> Iterator[Measurement]:
+    with RosMaster(folder) as master:
+        os.environ.update(master.env)
+        import rospy
+
+        from benchmarks import services
+
+        rospy.init_node("bench", anonymous=True, disable_signals=True)
+        ros = Ros(master)
+        try:
+            yield from services.measure(ros, folder)
+        finally:
+            ros.stop()
+            rospy.signal_shutdown("measured")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -2,7 +2,7 @@
 
 A goal may write a relation, property, class or id as PDDL would (any case, `_` for other signs) and leave out the
 prefix. `(contain a b)` is a relation; `(Painted a)` or `(State_Painted a)` says that a property has that value,
-`(Open a)` that a truth property is true, `(has_Weight a)` that there is a value, `(> (Weight a) 2)` that it compares so.
+`(Open a)` that a truth property is true, `(has_Weight a)` that there is a value, `(> (Weight a) 2)` how it compares.
 """
 
 from __future__ import annotations

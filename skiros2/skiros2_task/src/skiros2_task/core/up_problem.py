@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import unified_planning as up
-from unified_planning.environment import Environment
+from unified_planning.environment import get_environment
 from unified_planning.model import Fluent, InstantaneousAction, Object, Problem
 
 from skiros2_common.core.names import local_name
@@ -40,7 +40,7 @@ class UpProblem:
         """
         self._task = task
         self._naming = Naming()
-        self._env = Environment()
+        self._env = get_environment()  # some engines take no other
         self._env.credits_stream = None
         self._tree = TypeTree(task.members)
         self._predicate_names = _predicate_wishes(task.predicates)

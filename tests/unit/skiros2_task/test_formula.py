@@ -1,0 +1,102 @@
+"""Predicates and formulas."""
+
+from __future__ import annotations
+
+import pytest
+
+from skiros2_task.core.formula import (
+    FALSE,
+    TRUE,
+    And,
+    Atom,
+    Exists,
+    ForAll,
+    Formula,
+    Kind,
+    Not,
+    Or,
+    Predicate,
+    bind,
+    conjunction,
+    disjunction,
+    expand_quantifiers,
+    holds,
+    literals,
+    rewrite,
+)
+
+PAINTED = Predicate(Kind.VALUE, "State", "Painted")
+IN = Predicate(Kind.RELATION, "skiros:contain")
+
+
+def painted(term: str) -> Atom:
+    return Atom(PAINTED, (term,))
+
+
+A, B, C = painted("a"), painted("b"), painted("c")
+
+
+def test_a_conjunction_is_flat_and_holds_each_part_once() -> None:
+    assert conjunction([A, And((B, A)), TRUE]) == And((A, B))
+    assert conjunction([A]) == A
+    assert conjunction([A, FALSE]) == FALSE
+    assert conjunction([]) == TRUE
+
+
+def test_a_disjunction_is_flat_and_holds_each_part_once() -> None:
+    assert disjunction([A, Or((B, A)), FALSE]) == Or((A, B))
+    assert disjunction([A, TRUE]) == TRUE
+    assert disjunction([]) == FALSE
+
+
+@pytest.mark.parametrize(
+    ("formula", "answer"),
+    [
+        (A, True),
+        (B, False),
+        (Not(B), True),
+        (And((A, Not(B))), True),
+        (And((A, B)), False),
+        (Or((B, A)), True),
+        (TRUE, True),
+        (FALSE, False),
+    ],
+)
+def test_a_formula_holds_by_the_facts(formula: Formula, answer: bool) -> None:
+    assert holds(formula, {A}) is answer
+
+
+def test_rewriting_moves_negations_to_the_atoms() -> None:
+    formula = Not(And((A, Or((Not(B), C)))))
+    assert rewrite(formula, lambda a: a, Not) == Or((Not(A), And((B, Not(C)))))
+
+
+def test_a_negated_quantifier_becomes_the_other_one() -> None:
+    every = ForAll((("?x", "skiros:Product"),), painted("?x"))
+    assert rewrite(Not(every), lambda a: a, Not) == Exists(every.variables, Not(painted("?x")))
+
+
+def test_literals_know_whether_they_have_to_hold() -> None:
+    assert list(literals(And((A, Not(Or((B, Not(C)))))))) == [(A, True), (B, False), (C, True)]
+
+
+def test_binding_leaves_variables_of_inner_quantifiers() -> None:
+    formula = And((painted("?x"), ForAll((("?x", "T"),), painted("?x"))))
+    assert bind(formula, {"?x": "a"}) == And((A, ForAll((("?x", "T"),), painted("?x"))))
+
+
+def test_quantifiers_are_written_out_over_the_objects() -> None:
+    things = {"T": ("a", "b"), "U": ("u",), "Nothing": ()}.__getitem__
+    inside = Atom(IN, ("?u", "?t"))
+    every = ForAll((("?t", "T"), ("?u", "U")), inside)
+    assert expand_quantifiers(every, things) == And((Atom(IN, ("u", "a")), Atom(IN, ("u", "b"))))
+    some = ForAll((("?u", "U"),), Exists((("?t", "T"),), inside))
+    assert expand_quantifiers(some, things) == Or((Atom(IN, ("u", "a")), Atom(IN, ("u", "b"))))
+    assert expand_quantifiers(ForAll((("?n", "Nothing"),), painted("?n")), things) == TRUE
+    assert expand_quantifiers(Exists((("?n", "Nothing"),), painted("?n")), things) == FALSE
+
+
+def test_a_formula_reads_like_a_goal() -> None:
+    heavy = Atom(Predicate(Kind.COMPARES, "skiros:Weight", 2.0, ">"), ("a",))
+    formula = And((Atom(IN, ("t", "a")), Not(A), heavy))
+    assert str(formula) == "(and (skiros:contain t a) (not (State_Painted a)) (> (skiros:Weight a) 2))"

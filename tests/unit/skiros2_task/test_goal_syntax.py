@@ -1,0 +1,127 @@
+"""The text of goals."""
+
+from __future__ import annotations
+
+import pytest
+
+from skiros2_task.core.goal_syntax import (
+    GoalError,
+    Name,
+    ParsedAtom,
+    ParsedComparison,
+    ParsedJunction,
+    ParsedNot,
+    ParsedQuantifier,
+    parse_goals,
+)
+
+
+def atom(text: str) -> str:
+    """How a parsed goal reads, without places."""
+    return shown(parse_goals(text)[0])
+
+
+def shown(goal: object) -> str:
+    if isinstance(goal, ParsedAtom):
+        return f"({' '.join([goal.predicate.text, *(t.text for t in goal.terms)])})"
+    if isinstance(goal, ParsedNot):
+        return f"(not {shown(goal.part)})"
+    if isinstance(goal, ParsedJunction):
+        return f"({' '.join(['and' if goal.every else 'or', *map(shown, goal.parts)])})"
+    if isinstance(goal, ParsedComparison):
+        return f"({goal.operator} ({goal.property.text} {goal.subject.text}) {goal.value})"
+    assert isinstance(goal, ParsedQuantifier)
+    typed = " ".join(f"{v.text} - {c.text if c else 'anything'}" for v, c in goal.variables)
+    return f"({'forall' if goal.every else 'exists'} ({typed}) {shown(goal.body)})"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(skiros:at cora:Robot-1 skiros:Location-2)",
+        "(Painted skiros:Product-12)",
+        "(not (skiros:contain a b))",
+        "(and (p a) (or (q b c) (not (r d))))",
+        "(forall (?x - skiros:Product) (skiros:contain skiros:LargeBox-80 ?x))",
+        "(exists (?x - skiros:Product ?y - skiros:Location) (skiros:at ?x ?y))",
+        "(>= (skiros:Weight a) 2.5)",
+        "(and)",
+    ],
+)
+def test_each_form_of_a_goal_is_read(text: str) -> None:
+    assert atom(text) == text
+
+
+def test_goals_are_parted_by_commas_or_only_follow_each_other() -> None:
+    assert [shown(g) for g in parse_goals("(p a), (q b)(r c)\n(s d)")] == ["(p a)", "(q b)", "(r c)", "(s d)"]
+
+
+def test_comments_and_line_breaks_do_not_matter() -> None:
+    text = "; where it belongs\n(skiros:contain ; the tray\n  a\n b) ; done"
+    assert atom(text) == "(skiros:contain a b)"
+
+
+def test_key_words_are_read_in_any_case() -> None:
+    assert atom("(NOT (Forall (?x - T) (AND (p ?x))))") == "(not (forall (?x - T) (and (p ?x))))"
+
+
+def test_several_variables_share_a_type_and_a_missing_type_is_noticed() -> None:
+    assert atom("(forall (?a ?b - t ?c) (p ?a ?b))") == "(forall (?a - t ?b - t ?c - anything) (p ?a ?b))"
+
+
+def test_a_type_may_stick_to_its_dash() -> None:
+    assert atom("(forall (?x -t) (p ?x))") == "(forall (?x - t) (p ?x))"
+
+
+def test_a_quoted_name_may_hold_spaces_and_parentheses() -> None:
+    (goal,) = parse_goals('(state "Half full (nearly)" a)')
+    assert isinstance(goal, ParsedAtom)
+    assert goal.terms == (Name("Half full (nearly)", 1, 8), Name("a", 1, 29))
+
+
+def test_names_know_their_place() -> None:
+    (goal,) = parse_goals("\n  (p\n     a)")
+    assert isinstance(goal, ParsedAtom)
+    assert (goal.predicate.line, goal.predicate.column) == (2, 4)
+    assert (goal.terms[0].line, goal.terms[0].column) == (3, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "expected"),
+    [
+        ("", "line 1, column 1", "the goal is empty"),
+        ("  ; only a comment\n", "line 1", "the goal is empty"),
+        ("skiros:at a b", "line 1, column 1", "expected a goal, which starts with (, found 'skiros:at'"),
+        ("(p a", "line 1, column 5", "found the end"),
+        ("(p a))", "line 1, column 6", "expected a goal, which starts with (, found ')'"),
+        ("(p a),", "line 1, column 7", "expected a goal, which starts with (, found the end"),
+        ("(p (q a))", "line 1, column 4", "expected a name, or ) at the end of (p ..., found '('"),
+        ("(p a)\n(not)", "line 2, column 5", "expected a goal"),
+        ("(not (p a) (q b))", "line 1, column 12", "expected ) at the end of (not"),
+        ("()", "line 1, column 2", "expected a predicate, found ')'"),
+        ("(forall (x - t) (p x))", "line 1, column 10", "expected a variable, such as ?x, found 'x'"),
+        ("(forall () (p a))", "line 1, column 10", "expected a variable"),
+        ("(forall (- t) (p a))", "line 1, column 10", "expected a variable before the -"),
+        ("(exists (?x -) (p ?x))", "line 1, column 14", "expected a type after the -"),
+        ("(> (w a) heavy)", "line 1, column 10", "expected a number, found 'heavy'"),
+        ("(> 2 (w a))", "line 1, column 4", "expected (property element) after >"),
+        ('(p "a', "line 1, column 4", "this quote is not closed"),
+        ('(p "")', "line 1, column 4", "expected a name between the quotes"),
+    ],
+)
+def test_an_error_names_the_place_and_what_was_expected(text: str, place: str, expected: str) -> None:
+    with pytest.raises(GoalError) as caught:
+        parse_goals(text)
+    assert place in str(caught.value)
+    assert expected in str(caught.value)
+
+
+def test_an_error_shows_the_line_with_a_mark_under_the_place() -> None:
+    with pytest.raises(GoalError) as caught:
+        parse_goals("(p a),\n(q (r b))")
+    assert str(caught.value).splitlines()[1:] == ["  (q (r b))", "     ^"]
+
+
+def test_endless_nesting_is_refused_not_a_crash() -> None:
+    with pytest.raises(GoalError, match="nested more than 100 deep"):
+        parse_goals("(not " * 5000)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+
 from skiros2_common.core.abstract_skill import State
 from skiros2_std_skills import clock, utility_primitives
 from skiros2_std_skills.utility_primitives import counter, wait

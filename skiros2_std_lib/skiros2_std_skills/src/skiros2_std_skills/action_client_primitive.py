@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import time
 from abc import ABC, abstractmethod
 from typing import Any
 
@@ -12,11 +11,11 @@ from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_std_skills.server_watch import ServerWatch
 
 __all__ = ["PrimitiveActionClient"]
 
 #: How long an action server may take to appear, or be silent, before it counts as missing (s of wall time).
-#: A server publishes its status five times a second.
 SERVER_TIMEOUT = 5.0
 
 
@@ -44,7 +43,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         self.res: queue.Queue[tuple[int, Any]] = queue.Queue()
         self._goal: Any = None  # waits to be sent
         self._seen_ended = False  # the goal, at an earlier tick
-        self._heard: tuple[Any, float] = (self, 0.0)  # the server's last status message, and when it came
+        self._watch: ServerWatch | None = None
 
     # -- to override -------------------------------------------------------------------------------------------
 
@@ -86,12 +85,14 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
                 self.client.action_client.stop()
             self.client = self.buildClient()
         self._goal = self.buildGoal()
-        self._heard = (None, time.monotonic())
+        self._watch = ServerWatch(self.client)
         return True
 
     def execute(self) -> State:
+        if self._watch is None:  # an onStart of a subclass has sent the goal
+            self._watch = ServerWatch(self.client)
         if self._goal is not None:
-            return self._send()
+            return self._send(self._watch)
         while not self.fb.empty():
             state = self.onFeedback(self.fb.get())
             if state not in (State.Running, None):
@@ -99,8 +100,8 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         if not self.res.empty() or self._ended_untold():
             status, result = self.res.get()
             return self.onDone(status, result)
-        if self._server_is_silent():
-            return self.fail(f"The action server {self._server()} has not been heard of for {SERVER_TIMEOUT} s", -102)
+        if self._watch.silence() > SERVER_TIMEOUT:
+            return self.fail(f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s", -102)
         return self.step(self._progress_msg)
 
     def onPreempt(self) -> State:
@@ -109,7 +110,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
 
     def onEnd(self) -> bool:
         # The client stays until the next start: closed now, it might take an unsent cancellation with it.
-        self._goal = None
+        self._goal = self._watch = None
         self._forget_answers()
         return True
 
@@ -120,7 +121,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         self._give_up()
         self._forget_answers()
         self._goal = goal
-        self._heard = (None, time.monotonic())
+        self._watch = ServerWatch(self.client)
         return self.step(text)
 
     def get_result_msg(self) -> str:
@@ -128,7 +129,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         text = self.client.get_goal_status_text()
         status = self.client.get_state()
         names = {value: name for name, value in vars(GoalStatus).items() if name.isupper()}
-        return str(text) if text else f"{self._server()}: {names.get(status, status)}"
+        return str(text) if text else f"{self.client.action_client.ns}: {names.get(status, status)}"
 
     def _feedbackCb(self, msg: Any) -> None:
         self.fb.put(msg)
@@ -148,32 +149,15 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         self.res = queue.Queue()
         self._seen_ended = False
 
-    def _send(self) -> State:
+    def _send(self, watch: ServerWatch) -> State:
         """Sends the goal as soon as the server is connected."""
-        if self._server_is_connected():
+        if watch.is_connected():
             goal, self._goal = self._goal, None
-            self._heard = (None, time.monotonic())
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
             return self.step("Goal sent")
-        if time.monotonic() - self._heard[1] > SERVER_TIMEOUT:
-            return self.fail(f"There is no action server {self._server()}", -101)
-        return self.step(f"Waiting for the action server {self._server()}")
-
-    def _server(self) -> str:
-        return str(self.client.action_client.ns)
-
-    def _server_is_connected(self) -> bool:
-        # As SimpleActionClient.wait_for_server, which sleeps, and for ever when simulated time stands still.
-        client = self.client.action_client
-        if not client.last_status_msg:
-            return False
-        server = client.last_status_msg._connection_header["callerid"]
-        return (
-            client.pub_goal.impl.has_connection(server)
-            and client.pub_cancel.impl.has_connection(server)
-            and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
-            and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
-        )
+        if watch.silence() > SERVER_TIMEOUT:
+            return self.fail(f"There is no action server {watch.name}", -101)
+        return self.step(f"Waiting for the action server {watch.name}")
 
     def _ended_untold(self) -> bool:
         # What a server says before `send_goal` has returned does not reach the callbacks.
@@ -185,9 +169,3 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
             return False  # the callback may be on its way
         self.res.put((handle.get_terminal_state(), handle.get_result()))
         return True
-
-    def _server_is_silent(self) -> bool:
-        status = self.client.action_client.last_status_msg
-        if status is not self._heard[0]:
-            self._heard = (status, time.monotonic())
-        return time.monotonic() - self._heard[1] > SERVER_TIMEOUT

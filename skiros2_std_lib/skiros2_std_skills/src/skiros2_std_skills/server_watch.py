@@ -1,0 +1,47 @@
+"""Whether an action server is there, asked without waiting."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+
+class ServerWatch:
+    """Watches the server of one action client, from its creation on.
+
+    :param client: an `actionlib.SimpleActionClient`.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client.action_client
+        self._heard: Any = self._client.last_status_msg
+        self._heard_at = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """The action's name."""
+        return str(self._client.ns)
+
+    def is_connected(self) -> bool:
+        """Whether a goal would reach the server, and its answer this client."""
+        # As SimpleActionClient.wait_for_server, which sleeps, and for ever when simulated time stands still.
+        client = self._client
+        if not client.last_status_msg:
+            return False
+        server = client.last_status_msg._connection_header["callerid"]
+        return (
+            client.pub_goal.impl.has_connection(server)
+            and client.pub_cancel.impl.has_connection(server)
+            and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
+            and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
+        )
+
+    def silence(self) -> float:
+        """For how long the server has said nothing, as seen by the calls of this method (s of wall time).
+
+        A server publishes its status five times a second.
+        """
+        status = self._client.last_status_msg
+        if status is not self._heard:
+            self._heard, self._heard_at = status, time.monotonic()
+        return time.monotonic() - self._heard_at

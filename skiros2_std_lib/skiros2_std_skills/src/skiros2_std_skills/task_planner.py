@@ -1,0 +1,97 @@
+"""Planning as a skill: a goal becomes the skills that reach it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import actionlib
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.params import ParamTypes
+from skiros2_skill.core.processors import SerialStar
+from skiros2_skill.core.skill import SkillBase
+from skiros2_skill.ros.utils import deserialize_skill
+from skiros2_std_skills.server_watch import ServerWatch
+from skiros2_task.ros.task_manager_interface import ACTION, NOTHING_TO_DO, PLAN
+
+#: How long the task manager may take to appear, or be silent, before it counts as missing (s of wall time).
+SERVER_TIMEOUT = 5.0
+
+
+class TaskPlan(SkillDescription):
+    """Reaches a goal by the skills of a plan for it."""
+
+    def createDescription(self) -> None:
+        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")
+
+
+class task_plan(SkillBase):
+    """Asks the task manager for a plan, takes its skills as children, and runs them one after the other.
+
+    No hook waits: other tasks go on while the plan is made. Each start makes a new plan.
+    """
+
+    def createDescription(self) -> None:
+        self.setDescription(TaskPlan(), self.__class__.__name__)
+        self._expand_on_start = True
+        self._client: Any = None
+        self._watch: ServerWatch | None = None
+        self._sent = False
+        self._planned = False
+
+    def expand(self, skill: Any) -> None:
+        skill.setProcessor(SerialStar())
+
+    def onStart(self) -> bool:
+        if self._client is None:
+            self._client = actionlib.SimpleActionClient(ACTION, AssignTaskAction)
+        self._watch = ServerWatch(self._client)
+        self._sent = self._planned = False
+        return True
+
+    def onPreempt(self) -> State:
+        if self._sent and not self._planned:
+            self._client.cancel_goal()
+            self._client.stop_tracking_goal()
+        return self.fail("Stopped", -1)
+
+    def execute(self) -> State | None:
+        if self._planned:
+            return None  # as the children say
+        assert self._watch is not None
+        if self._sent and self._client.gh.get_comm_state() == actionlib.CommState.DONE:
+            return self._take(self._client.get_result())
+        if self._watch.silence() > SERVER_TIMEOUT:
+            return self.fail(f"No task manager answers on {self._watch.name}", -101)
+        if not self._sent and self._watch.is_connected():
+            self._sent = True
+            self._client.send_goal(AssignTaskGoal(author=self.label, goals=self.params["Goal"].value))
+        return self.step("Planning" if self._sent else "Waiting for the task manager")
+
+    def _take(self, result: Any) -> State:
+        """Takes over the task manager's answer."""
+        if result.progress_code == NOTHING_TO_DO:
+            return self.success("The goal is reached already")
+        if result.progress_code != PLAN:
+            return self.fail(f"No plan: {result.progress_message}", result.progress_code)
+        try:
+            steps = deserialize_skill(result.progress_message).children
+            for step in steps:
+                self._add(step)
+        except SkirosError as error:
+            return self.fail(f"The plan cannot be run: {error}", -102)
+        self._planned = True
+        return self.step(f"A plan of {len(steps)} skills: {', '.join(step.name for step in steps)}")
+
+    def _add(self, step: Any) -> None:
+        """Adds a step of the plan as a child.
+
+        :raises WrongValue: it is one for another robot.
+        """
+        manager = self.params["Robot"].value.value_of("skiros:SkillMgr")
+        if step.manager and step.manager != manager:
+            raise WrongValue(f"{step.name} is for {step.manager}, this is {manager}")
+        values = {key: list(param.values) for key, param in step.ph.items() if param.values}
+        self.addChild(self.skill(step.type, step.name, specify=values))

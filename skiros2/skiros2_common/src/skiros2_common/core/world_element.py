@@ -153,6 +153,16 @@ class Element:
             changes.removed_relations = [r for r in origin.relations if r not in self._rels]
         return changes
 
+    def adopt(self, fresh: Element, keep_children: bool = False) -> None:
+        """Takes over id, content and version of `fresh`. World models call it when they have written the element.
+
+        :param keep_children: the elements kept aside were not written and stay aside.
+        """
+        local = self._local if keep_children else []
+        self.__dict__.update(fresh.view().__dict__)
+        self._last_update = fresh._last_update
+        self._local = local
+
     def view(self) -> Element:
         """An element over this one's content, copied only when it is changed there; `changes` counts from now."""
         return Element.shared(self._type, self._label, self._id, self._props, self._rels, self._version)

@@ -1,0 +1,148 @@
+"""Checks of what a request or a file brings: names, values, references."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.names import full_name
+from skiros2_common.core.property import Property
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.prefixes import Prefixes, is_iri
+from skiros2_world_model.core.terms import PYTHON_TYPES, as_datatype
+
+log = logging.getLogger(__name__)
+
+_NOT_IN_NAMES = re.compile(r"[\s<>\"{}|\\^`]|^:*$")
+
+
+class Checks:
+    """The checks of one request.
+
+    Names that the ontologies do not know are noted, and warned of at the end; with `strict` they are refused.
+
+    :param origin: who or what brings the names: an author, or a file.
+    """
+
+    def __init__(self, ontology: Ontology, prefixes: Prefixes, origin: str, strict: bool = False) -> None:
+        self._ontology = ontology
+        self._prefixes = prefixes
+        self._origin = origin
+        self._strict = strict
+        self._unknown: dict[tuple[str, str], list[str]] = {}
+
+    def class_name(self, name: str, who: str) -> str:
+        """The class in full.
+
+        :raises WrongValue: it cannot be a name.
+        """
+        name = self._name(name, "class", who)
+        if not self._ontology.has_class(name):
+            self._note("class", name, who)
+        return name
+
+    def relation_name(self, name: str, who: str) -> str:
+        """The relation in full.
+
+        :raises WrongValue: it cannot be a name.
+        """
+        name = self._name(name, "relation", who)
+        if not self._ontology.has_relation(name):
+            self._note("relation", name, who)
+        return name
+
+    def property_name(self, name: str, who: str) -> str:
+        """The property in full.
+
+        :raises WrongValue: it cannot be a name, or is kept elsewhere.
+        """
+        name = self._name(name, "property", who)
+        if name in ("rdf:type", "rdfs:label"):
+            raise WrongValue(f"{self._origin}: {who}: {name} is written as the element's class or label")
+        if not self._ontology.has_data_property(name):
+            self._note("property", name, who)
+        return name
+
+    def individual(self, name: str, who: str) -> str:
+        """The name of something that is no element: a template, say.
+
+        :raises UnknownName: it looks like the id of an element.
+        """
+        name = self._name(name, "element", who)
+        if re.search(r"-\d+$", name):
+            raise UnknownName(f"{self._origin}: {who}: there is no element {name!r}")
+        if not self._ontology.knows(name):
+            self._note("individual", name, who)
+        return name
+
+    def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
+        """A property of its own for an element of a class, of the datatype that the ontologies tell.
+
+        :raises WrongType: a value is of another type.
+        :raises WrongValue: there are more values than allowed.
+        """
+        key = self.property_name(key, who)
+        try:
+            checked = made_property(key, prop.values, self._ontology.value_limits(etype, key), prop.dataType())
+        except (WrongType, WrongValue) as error:
+            raise type(error)(f"{self._origin}: {who}: {error}") from None
+        return checked
+
+    def finish(self) -> None:
+        """Warns of the unknown names, once for each.
+
+        :raises UnknownName: there are some, and the checks are strict.
+        """
+        lines = []
+        for (kind, name), users in self._unknown.items():
+            others = f" and {len(users) - 1} more" if len(users) > 1 else ""
+            lines.append(f"{self._origin}: unknown {kind} {name} ({users[0]}{others})")
+        if lines and self._strict:
+            raise UnknownName("; ".join(lines))
+        for line in lines:
+            log.warning("%s", line)
+
+    def _name(self, name: Any, kind: str, who: str) -> str:
+        if not isinstance(name, str) or _NOT_IN_NAMES.search(name):
+            raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
+        return self._prefixes.name(name) if is_iri(name) else full_name(name)
+
+    def _note(self, kind: str, name: str, who: str) -> None:
+        users = self._unknown.setdefault((kind, name), [])
+        if who not in users[-1:]:
+            users.append(who)
+
+
+def made_property(
+    key: str, values: Iterable[Any], limits: tuple[str, int | None] = ("", None), empty_type: type = str
+) -> Property:
+    """A property with those values.
+
+    :param limits: the datatype ("": any), and the highest number of values (None: any).
+    :param empty_type: its type when there is no value and the datatype tells none.
+    :raises WrongType: a value is not of the datatype.
+    :raises WrongValue: there are too many values.
+    """
+    datatype, most = limits
+    given = list(values)
+    if PYTHON_TYPES.get(datatype, str) is not str:
+        given = [v for v in given if v != ""]  # how scenes in the field write a number that is not known
+    if most is not None and len(given) > most:
+        raise WrongValue(f"{key} has {len(given)} values {given!r}, allowed are {most}")
+    if datatype in PYTHON_TYPES:
+        prop = Property(key, PYTHON_TYPES[datatype])
+        try:
+            prop.assign([as_datatype(v, datatype) for v in given])
+        except WrongType as error:
+            raise WrongType(f"{key}: {error}") from None
+        return prop
+    kinds = {type(v) for v in given}
+    if len(kinds) > 1:
+        given = [float(v) for v in given] if kinds <= {int, float} else [str(v) for v in given]
+    prop = Property(key, type(given[0]) if given else empty_type)
+    if given:
+        prop.assign(given)
+    return prop

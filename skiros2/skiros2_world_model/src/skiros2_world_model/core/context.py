@@ -1,0 +1,108 @@
+"""A named context: a scene, what its file says beside elements, and its mirror in the store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.rdf_files import turtle
+from skiros2_world_model.core.scene import ROOT, Dirty, Node, Provenance, Scene
+from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_triples
+from skiros2_world_model.core.templates import template_element
+
+#: The context that robots live in.
+SCENE = "scene"
+
+_BLANK_SCENE = "skiros:blank_scene"
+
+
+class Context:
+    """One context of a world model. Used under the world model's lock.
+
+    :param file: the file it was last loaded from or saved to, "" when with none.
+    """
+
+    def __init__(self, name: str, base: OntologyBase) -> None:
+        self.name = name
+        self.file = ""
+        self.scene = Scene(Dirty())
+        self.extras: list[ox.Triple] = []
+        self._base = base
+        self._mirror = Mirror(base.store, name)
+        if name == SCENE:
+            self._add_root(self.scene)
+
+    def flush(self) -> None:
+        """Brings the store up to date with the scene."""
+        self._mirror.flush(self.scene, self.extras, self._base.index, self._base.prefixes)
+
+    def turtle(self) -> bytes:
+        """All of it as sorted Turtle."""
+        base = self._base
+        triples = [*scene_triples(self.scene, base.index, base.prefixes), *self.extras]
+        return turtle(triples, base.prefixes.namespaces())
+
+    def read(
+        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, made: Provenance
+    ) -> tuple[Scene, list[ox.Triple]]:
+        """A scene, and what is beside it, from triples; nothing of this context changes.
+
+        :param made: what its elements are to know of their last change.
+        :raises SkirosError: something in it is refused.
+        """
+        base = self._base
+        content = read_scene(triples, base.index, base.prefixes, checks, origin, made)
+        scene = Scene(Dirty())
+        for node in content.nodes:
+            scene.put(node)
+        if self.name == SCENE and ROOT not in scene:
+            self._add_root(scene)
+        for src, pred, dst in content.relations:
+            if dst not in scene:
+                checks.individual(dst, f"{src} {pred} {dst}")
+            scene.relate(src, pred, dst)
+        cycle = _cycle(scene, base.index.subproperties("skiros:spatiallyRelated"))
+        if cycle:
+            raise WrongValue(f"{origin}: elements that contain themselves: {' in '.join(cycle)}")
+        checks.finish()
+        return scene, content.extras
+
+    def replace(self, scene: Scene, extras: list[ox.Triple]) -> None:
+        """Puts another scene in the place of the present one."""
+        self.scene = scene
+        self.extras = extras
+        self._mirror.replace()
+
+    def _add_root(self, scene: Scene) -> None:
+        try:
+            root = template_element(self._base.index, _BLANK_SCENE)
+        except (UnknownName, WrongType, WrongValue):
+            root = Element("skiros:Scene", _BLANK_SCENE)
+        scene.put(Node(ROOT, root.type, root.label, dict(root._props)))
+
+
+def _cycle(scene: Scene, predicates: frozenset[str]) -> list[str]:
+    """Elements each of which is related to the one before it, and the first to the last; [] when there are none."""
+    done: set[str] = set()
+    for start in scene:
+        path: dict[str, Iterator[tuple[str, str, str]]] = {}
+        if start.id not in done:
+            path[start.id] = scene.relations(start.id, predicates)
+        while path:
+            eid, relations = next(reversed(path.items()))
+            for _, _, dst in relations:
+                if dst in path:
+                    ids = list(path)
+                    return [*ids[ids.index(dst) :], dst][::-1]
+                if dst not in done:
+                    path[dst] = scene.relations(dst, predicates)
+                    break
+            else:
+                done.add(eid)
+                del path[eid]
+    return []

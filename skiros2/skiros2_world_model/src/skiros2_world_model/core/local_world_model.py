@@ -1,0 +1,129 @@
+"""The world model in the process of its user: the whole port without ROS, for tests, notebooks and the server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.ontology_base import Statement
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+
+class LocalWorldModel(WorldModelAbstractInterface):
+    """The port over a `WorldModel` of this process. Several may share one.
+
+    :param author_name: who makes the changes.
+    :param model: the world model; None: a new one with the ontologies of this source tree.
+    """
+
+    def __init__(self, author_name: str = "test", model: WorldModel | None = None) -> None:
+        super().__init__()
+        self.model = model if model is not None else WorldModel(source_ontologies())
+        self._author = author_name
+
+    def is_connected(self) -> bool:
+        """True: the world model is in this process."""
+        return True
+
+    def lock(self) -> None:
+        """Takes the advisory lock of the world model; waits until it is free."""
+        self.model.advisory_lock.take(self._author)
+
+    def unlock(self) -> None:
+        """Gives the advisory lock back.
+
+        :raises WmException: nobody has it.
+        """
+        if not self.model.advisory_lock.give_back():
+            raise WmException("the world model is not locked")
+
+    def load(self, filename: str = "", context: str = "scene") -> None:
+        """Replaces a context with what a file of the workspace says; when it is refused, the present one stays."""
+        with _wm_errors():
+            self.model.load(filename, self._author, context)
+
+    def save(self, filename: str = "", context: str = "scene") -> None:
+        """Writes a context to a file of the workspace."""
+        with _wm_errors():
+            self.model.save(filename, context)
+
+    @property
+    def version(self) -> int:
+        return self.model.number
+
+    def add_listener(self, callback: Callable[[Change], None]) -> None:
+        self.model.add_listener(callback)
+
+    def remove_listener(self, callback: Callable[[Change], None]) -> None:
+        self.model.remove_listener(callback)
+
+    def set_monitor_cb(self, cb: Callable[[Change], None]) -> None:
+        """`cb(change)` is called after each change."""
+        self.model.add_listener(cb)
+
+    def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
+        with _wm_errors():
+            return self.model.reader.find(eid, context_id)
+
+    @property
+    def _ontology(self) -> Ontology:
+        return self.model.ontology
+
+    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        with _wm_errors():
+            return self.model.query(query, context, cut_prefix)
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> None:
+        with _wm_errors():
+            self.model.modify(statements, self._author, context)
+
+    def _matching(self, wanted: Element, context: str) -> list[Element]:
+        with _wm_errors():
+            return self.model.reader.matching(wanted, context)
+
+    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
+        with _wm_errors():
+            return self.model.reader.branch(eid, relation_filter, type_filter, context)
+
+    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        return self.model.reader.related(src, pred, dst, "scene")
+
+    def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
+        return self.model.reader.holds(subj, pred, obj, "scene")
+
+    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+        with _wm_errors():
+            return self.model.transact(operations, self._author, context)
+
+    def _template(self, name: str) -> Element:
+        with _wm_errors():
+            return self.model.template(name)
+
+
+def source_ontologies() -> Path:
+    """The folder of the ontologies in the source tree that this file is in.
+
+    :raises WmException: this file is not in a source tree; name the folder then.
+    """
+    for folder in Path(__file__).resolve().parents:
+        if (folder / "ontologies" / "skiros.ttl").is_file():
+            return folder / "ontologies"
+    raise WmException(f"no ontologies folder is above {__file__}; give WorldModel the folder to use")
+
+
+@contextmanager
+def _wm_errors() -> Iterator[None]:
+    """What the world model refuses reaches the caller as `WmException`."""
+    try:
+        yield
+    except WmException:
+        raise
+    except SkirosError as error:
+        raise WmException(str(error)) from error

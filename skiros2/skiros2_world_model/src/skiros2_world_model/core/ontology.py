@@ -1,0 +1,353 @@
+"""What the ontologies say, by name: classes, properties, restrictions, individuals, and their closures.
+
+An `Ontology` is made once from triples and never changes: a change of the ontologies makes a new one. The server makes
+it from its store, a client from the answer to `STRUCTURE_QUERY`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from skiros2_common.core.names import local_name
+
+#: A triple of names; a literal object is a pair of its value and its datatype, such as `(1.0, "xsd:float")`.
+NamedTriple = tuple[str, str, Any]
+
+#: What a client has to know of the ontologies: everything but the texts and values of individuals.
+STRUCTURE_QUERY = "SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isLiteral(?o)) }"
+
+_META = ("rdf:", "rdfs:", "owl:", "xsd:")
+_CLASS_TYPES = ("owl:Class", "rdfs:Class", "owl:class")
+_RELATION_TYPES = (
+    "owl:ObjectProperty",
+    "owl:TransitiveProperty",
+    "owl:SymmetricProperty",
+    "owl:InverseFunctionalProperty",
+)
+_DATA_TYPES = ("owl:DatatypeProperty",)
+_FILLERS = ("owl:someValuesFrom", "owl:allValuesFrom", "owl:onClass", "owl:hasValue", "owl:onDataRange")
+_EXACT = ("owl:qualifiedCardinality", "owl:cardinality")
+_MOST = ("owl:maxQualifiedCardinality", "owl:maxCardinality")
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """A class's superclass expression on one property: the fillers it names, and how many values there may be."""
+
+    property: str
+    fillers: tuple[str, ...]
+    most: int | None = None
+
+
+@dataclass
+class Individual:
+    """An individual of an ontology: what a template holds."""
+
+    name: str
+    types: list[str] = field(default_factory=list)
+    relations: list[tuple[str, str]] = field(default_factory=list)
+    values: dict[str, list[Any]] = field(default_factory=dict)
+
+    @property
+    def type(self) -> str:
+        """The most specific class it is declared of, "" when there is none."""
+        return self.types[0] if self.types else ""
+
+
+class Ontology:
+    """The classes, properties and individuals of some triples. Safe to read in all threads."""
+
+    def __init__(self, triples: Iterable[NamedTriple]) -> None:
+        self._superclasses: dict[str, list[str]] = {}
+        self._superproperties: dict[str, list[str]] = {}
+        self._relations: set[str] = set()
+        self._data_properties: set[str] = set()
+        self._ranges: dict[str, list[str]] = {}
+        self._types: dict[str, list[str]] = {}
+        self._individuals: dict[str, Individual] = {}
+        self._by_class: dict[str, list[str]] = {}
+        self._restrictions: dict[str, list[Restriction]] = {}
+        self._closures: dict[tuple[str, str], frozenset[str]] = {}
+        self._limits: dict[tuple[str, str], tuple[str, int | None]] = {}
+        self._read(list(triples))
+        self._subclasses = _inverse(self._superclasses)
+        self._subproperties = _inverse(self._superproperties)
+
+    # -- classes and properties --------------------------------------------------------------------------------
+
+    def has_class(self, name: str) -> bool:
+        return name in self._superclasses
+
+    def has_relation(self, name: str) -> bool:
+        """Whether it is an object property."""
+        return name in self._relations or _is_standard(name)
+
+    def has_data_property(self, name: str) -> bool:
+        return name in self._data_properties or _is_standard(name)
+
+    def knows(self, name: str) -> bool:
+        """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
+        return (
+            name in self._superclasses
+            or name in self._superproperties
+            or name in self._types
+            or name in self._individuals
+            or _is_standard(name)
+        )
+
+    def classes(self) -> list[str]:
+        return list(self._superclasses)
+
+    def relations(self) -> list[str]:
+        """All object properties."""
+        return sorted(self._relations)
+
+    def data_properties(self) -> list[str]:
+        return sorted(self._data_properties)
+
+    def direct_superclasses(self, name: str) -> list[str]:
+        return list(self._superclasses.get(name, ()))
+
+    def direct_subclasses(self, name: str) -> list[str]:
+        return list(self._subclasses.get(name, ()))
+
+    def direct_subproperties(self, name: str) -> list[str]:
+        return list(self._subproperties.get(name, ()))
+
+    def superclasses(self, name: str) -> frozenset[str]:
+        """The class and all above it."""
+        return self._closure("superclasses", self._superclasses, name)
+
+    def subclasses(self, name: str) -> frozenset[str]:
+        """The class and all under it."""
+        return self._closure("subclasses", self._subclasses, name)
+
+    def superproperties(self, name: str) -> frozenset[str]:
+        """The property and all above it."""
+        return self._closure("superproperties", self._superproperties, name)
+
+    def subproperties(self, name: str) -> frozenset[str]:
+        """The property and all under it."""
+        return self._closure("subproperties", self._subproperties, name)
+
+    def is_subclass(self, child: str, parent: str) -> bool:
+        """Whether `child` is `parent` or under it."""
+        return child == parent or parent in self.superclasses(child)
+
+    def is_subproperty(self, child: str, parent: str) -> bool:
+        """Whether `child` is `parent` or under it."""
+        return child == parent or parent in self.superproperties(child)
+
+    # -- values ------------------------------------------------------------------------------------------------
+
+    def datatype(self, prop: str) -> str:
+        """The datatype that a property is declared with, itself or through one above it; "" when with none."""
+        for name in [prop, *sorted(self.superproperties(prop) - {prop})]:
+            if self._ranges.get(name):
+                return self._ranges[name][0]
+        return ""
+
+    def value_limits(self, etype: str, prop: str) -> tuple[str, int | None]:
+        """What values a property of an element of a class may have: the datatype ("": any) and the highest number."""
+        key = (etype, prop)
+        limits = self._limits.get(key)
+        if limits is None:
+            most: int | None = None
+            datatype = self.datatype(prop)
+            for restriction in self.restrictions(etype):
+                if restriction.property == prop:
+                    datatype = datatype or next((f for f in restriction.fillers if f.startswith("xsd:")), "")
+                    if restriction.most is not None:
+                        most = restriction.most if most is None else min(most, restriction.most)
+            limits = self._limits[key] = (datatype, most)
+        return limits
+
+    # -- restrictions ------------------------------------------------------------------------------------------
+
+    def restrictions(self, etype: str) -> list[Restriction]:
+        """The restrictions of a class and of all classes above it."""
+        return [r for name in sorted(self.superclasses(etype)) for r in self._restrictions.get(name, ())]
+
+    def allows(self, subject_type: str, relation: str, object_type: str) -> bool:
+        """Whether a class may be so related to another.
+
+        The subject's class, one above or one under it, has a restriction on that relation, or on one under it,
+        whose filler is the object's class, or above or under it.
+        """
+        subjects = self.superclasses(subject_type) | self.subclasses(subject_type)
+        return any(
+            self.is_subproperty(restriction.property, relation)
+            and any(self.is_subclass(f, object_type) or self.is_subclass(object_type, f) for f in restriction.fillers)
+            for name in subjects
+            for restriction in self._restrictions.get(name, ())
+        )
+
+    # -- individuals -------------------------------------------------------------------------------------------
+
+    def types(self, name: str) -> list[str]:
+        """What a name is declared to be: `owl:Class`, or the classes of an individual."""
+        return list(self._types.get(name, ()))
+
+    def instance_types(self, types: Iterable[str]) -> list[str]:
+        """Of what an individual is declared to be, the classes of the domain, the most specific first."""
+        classes = sorted(t for t in set(types) if not t.startswith(_META) and not t.startswith("_:"))
+        return sorted(classes, key=lambda t: sum(self.is_subclass(other, t) for other in classes))
+
+    def individual(self, name: str) -> Individual | None:
+        return self._individuals.get(name)
+
+    def individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
+        """The individuals of a class, and with `recursive` of all classes under it, sorted."""
+        wanted = self.subclasses(parent_class) if recursive else {parent_class}
+        return sorted({name for cls in wanted for name in self._by_class.get(cls, ())})
+
+    def individuals_related(self, subject: str, relation: str, obj: str) -> bool:
+        """Whether one individual has that relation, or one under it, to another."""
+        found = self._individuals.get(subject)
+        return found is not None and any(o == obj and self.is_subproperty(p, relation) for p, o in found.relations)
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def _read(self, triples: list[NamedTriple]) -> None:
+        described: dict[str, list[tuple[str, Any]]] = {}
+        for subject, predicate, obj in triples:
+            described.setdefault(subject, []).append((predicate, obj))
+            if predicate == "rdf:type":
+                self._types.setdefault(subject, []).append(obj)
+        for subject, statements in described.items():
+            if not subject.startswith("_:"):
+                self._read_terms(subject, statements, described)
+        for name, types in self._types.items():
+            classes = self.instance_types(types)
+            if classes and not name.startswith("_:"):
+                self._read_individual(name, classes, described[name])
+
+    def _read_terms(
+        self, subject: str, statements: list[tuple[str, Any]], described: dict[str, list[tuple[str, Any]]]
+    ) -> None:
+        for predicate, obj in statements:
+            if not isinstance(obj, str):
+                continue
+            if predicate == "rdf:type":
+                self._declare(subject, obj)
+            elif predicate in ("rdfs:subClassOf", "owl:equivalentClass"):
+                self._read_superclass(subject, obj, described, predicate == "owl:equivalentClass")
+            elif predicate == "rdfs:subPropertyOf" and not obj.startswith("_:"):
+                self._superproperties.setdefault(obj, [])
+                _append(self._superproperties.setdefault(subject, []), obj)
+            elif predicate == "rdfs:range" and not obj.startswith("_:"):
+                _append(self._ranges.setdefault(subject, []), obj)
+
+    def _declare(self, subject: str, declared: str) -> None:
+        if declared in _CLASS_TYPES:
+            self._superclasses.setdefault(subject, [])
+        elif declared in _RELATION_TYPES:
+            self._superproperties.setdefault(subject, [])
+            self._relations.add(subject)
+        elif declared in _DATA_TYPES:
+            self._superproperties.setdefault(subject, [])
+            self._data_properties.add(subject)
+        elif declared in ("rdf:Property", "owl:AnnotationProperty"):
+            self._superproperties.setdefault(subject, [])
+            self._relations.add(subject)
+            self._data_properties.add(subject)
+
+    def _read_superclass(
+        self, subject: str, obj: str, described: dict[str, list[tuple[str, Any]]], equivalent: bool
+    ) -> None:
+        if not obj.startswith("_:"):
+            self._superclasses.setdefault(obj, [])
+            _append(self._superclasses.setdefault(subject, []), obj)
+            if equivalent:
+                _append(self._superclasses[obj], subject)
+            return
+        self._superclasses.setdefault(subject, [])
+        for node in _members(obj, "owl:intersectionOf", described):
+            if not node.startswith("_:"):
+                self._superclasses.setdefault(node, [])
+                _append(self._superclasses[subject], node)
+                continue
+            restriction = _restriction(described.get(node, []), described)
+            if restriction is not None:
+                self._restrictions.setdefault(subject, []).append(restriction)
+
+    def _read_individual(self, name: str, classes: list[str], statements: list[tuple[str, Any]]) -> None:
+        individual = Individual(name, classes)
+        for predicate, obj in sorted(statements, key=str):
+            if predicate in ("rdf:type", "rdfs:label"):
+                continue
+            if isinstance(obj, str):
+                if not obj.startswith("_:"):
+                    individual.relations.append((predicate, obj))
+            else:
+                individual.values.setdefault(predicate, []).append(obj[0])
+        self._individuals[name] = individual
+        for cls in classes:
+            self._by_class.setdefault(cls, []).append(name)
+
+    def _closure(self, kind: str, edges: dict[str, list[str]], name: str) -> frozenset[str]:
+        key = (kind, name)
+        closure = self._closures.get(key)
+        if closure is None:
+            seen = {name}
+            waiting = [name]
+            while waiting:
+                for other in edges.get(waiting.pop(), ()):
+                    if other not in seen:
+                        seen.add(other)
+                        waiting.append(other)
+            closure = self._closures[key] = frozenset(seen)
+        return closure
+
+
+def _restriction(statements: list[tuple[str, Any]], described: dict[str, list[tuple[str, Any]]]) -> Restriction | None:
+    prop = next((o for p, o in statements if p == "owl:onProperty" and isinstance(o, str)), "")
+    if not prop or prop.startswith("_:"):
+        return None
+    fillers: list[str] = []
+    most: int | None = None
+    for predicate, obj in statements:
+        if predicate in _FILLERS and isinstance(obj, str):
+            fillers += [f for f in _members(obj, "owl:unionOf", described) if not f.startswith("_:")]
+        elif predicate in (*_EXACT, *_MOST) and not isinstance(obj, str) and isinstance(obj[0], int):
+            most = obj[0]
+    return Restriction(prop, tuple(fillers), most)
+
+
+def _members(
+    node: str,
+    operator: Literal["owl:unionOf", "owl:intersectionOf"],
+    described: dict[str, list[tuple[str, Any]]],
+) -> list[str]:
+    """The members of a union or intersection; the node itself when it is neither."""
+    link = next((o for p, o in described.get(node, ()) if p == operator), None)
+    if not isinstance(link, str):
+        return [node]
+    members: list[str] = []
+    seen: set[str] = set()
+    while link not in seen and link != "rdf:nil":
+        seen.add(link)
+        cell = dict(described.get(link, ()))
+        if isinstance(cell.get("rdf:first"), str):
+            members.append(cell["rdf:first"])
+        link = cell.get("rdf:rest", "rdf:nil")
+    return members
+
+
+def _is_standard(name: str) -> bool:
+    return name.startswith(_META) and bool(local_name(name))
+
+
+def _append(items: list[str], item: str) -> None:
+    if item not in items:
+        items.append(item)
+
+
+def _inverse(edges: dict[str, list[str]]) -> dict[str, list[str]]:
+    inverse: dict[str, list[str]] = {}
+    for child, parents in edges.items():
+        for parent in parents:
+            inverse.setdefault(parent, []).append(child)
+    return inverse

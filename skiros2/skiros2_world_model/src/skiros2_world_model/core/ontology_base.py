@@ -1,0 +1,166 @@
+"""The ontologies of a world model: their files, their triples, the index over them, and queries."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_world_model.core.ontology import NamedTriple, Ontology
+from skiros2_world_model.core.prefixes import OWL, Prefixes
+from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
+from skiros2_world_model.core.triple_store import ONTOLOGY, TripleStore
+
+log = logging.getLogger(__name__)
+
+#: A statement as text: subject, predicate, object, and whether it is to be there or not.
+Statement = tuple[str, str, str, bool]
+
+_ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
+_LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
+
+
+class OntologyBase:
+    """The triples of all contexts, those of the ontologies among them, with an index over the ontologies.
+
+    :param ontologies: folder of the package's own ontologies (its `.ttl` files).
+    :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded.
+    :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
+    """
+
+    def __init__(self, ontologies: Path | None = None, workspace: Path | None = None) -> None:
+        self.prefixes = Prefixes()
+        self.store = TripleStore()
+        self.lock = threading.RLock()
+        self._index: Ontology | None = None
+        self._load(_ontology_files(ontologies, workspace))
+
+    @property
+    def index(self) -> Ontology:
+        """What the ontologies say now. It stays as it is; after a change there is another one."""
+        index = self._index
+        if index is None:
+            with self.lock:
+                index = self._index = Ontology(self._named(t) for t in self.store.triples(ONTOLOGY))
+        return index
+
+    def add(self, triples: Iterable[ox.Triple]) -> None:
+        """Adds triples to the ontologies."""
+        self.update(ONTOLOGY, [], triples)
+
+    def update(self, context: str, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> None:
+        """Removes triples from a context and adds others; in that of the ontologies, the index is made anew."""
+        added = list(added)
+        with self.lock:
+            for triple in added:
+                self._declare(triple)
+            self.store.update(context, removed, added)
+            if context == ONTOLOGY:
+                self._index = None
+
+    def triple(self, subject: str, predicate: str, obj: str) -> ox.Triple:
+        """The triple that three texts write.
+
+        :raises WrongValue: one of them is no term, or may not stand where it does.
+        """
+        s, p, o = (parse_term(text, self.prefixes) for text in (subject, predicate, obj))
+        if isinstance(s, ox.Literal) or not isinstance(p, ox.NamedNode):
+            raise WrongValue(f"{subject} {predicate} {obj} is no RDF statement")
+        return ox.Triple(s, p, o)
+
+    def query(
+        self, query: str, context: str = "", cut_prefix: bool = True, prefixes: Mapping[str, str] | None = None
+    ) -> list[str]:
+        """One text for each row that a SPARQL query gives, its values parted by a space.
+
+        :param context: the one to ask; "" asks all.
+        :param cut_prefix: `prefix:name` and plain values; else N3.
+        :param prefixes: further ones, beside those of the ontologies.
+        :raises WrongValue: the query cannot be answered.
+        """
+        namespaces = {**self.prefixes.namespaces(), **(prefixes or {})}
+        rows = self.store.query(query, context, namespaces)
+        return [" ".join(term_text(term, self.prefixes, cut_prefix) for term in row) for row in rows]
+
+    # -- loading -----------------------------------------------------------------------------------------------
+
+    def _load(self, files: list[Path]) -> None:
+        loaded: list[tuple[Path, list[ox.Triple]]] = []
+        for path in files:
+            try:
+                loaded.append((path, read_triples(path)))
+            except WrongValue as error:
+                raise ConfigurationError(f"ontology {error}") from None
+        for _, triples in loaded:
+            for triple in triples:
+                self._declare(triple)
+        for _, triples in loaded:
+            self.store.extend(ONTOLOGY, triples)
+        for path, triples in loaded:
+            self._warn_of_unknown(path, triples)
+
+    def _declare(self, triple: ox.Triple) -> None:
+        is_declared = triple.predicate == RDF_TYPE and triple.object == _ONTOLOGY_CLASS
+        if is_declared and isinstance(triple.subject, ox.NamedNode):
+            prefix = self.prefixes.add_ontology(triple.subject.value)
+            if not self.prefixes.has(prefix):
+                log.warning("ontology %s: another one has its prefix; its names stay IRIs", triple.subject.value)
+
+    def _named(self, triple: ox.Triple) -> NamedTriple:
+        obj: Any = triple.object
+        if isinstance(obj, ox.Literal):
+            datatype = self.prefixes.name(obj.datatype.value)
+            try:
+                obj = (python_value(obj), datatype)
+            except WrongValue:
+                obj = (obj.value, "xsd:string")
+        else:
+            obj = self._node_name(obj)
+        return self._node_name(triple.subject), self.prefixes.name(triple.predicate.value), obj
+
+    def _node_name(self, node: Any) -> str:
+        return self.prefixes.name(node.value) if isinstance(node, ox.NamedNode) else str(node)
+
+    def _warn_of_unknown(self, path: Path, triples: list[ox.Triple]) -> None:
+        """Warns of what individuals of a file use and no ontology declares, once for each name."""
+        index = self.index
+        unknown: dict[str, str] = {}
+        for triple in triples:
+            subject, predicate, obj = self._named(triple)
+            if triple.object == _LOWER_CASE_CLASS:
+                unknown.setdefault("owl:class", subject)
+            elif index.individual(subject) is not None:
+                if not index.knows(predicate):
+                    unknown.setdefault(predicate, subject)
+                if predicate == "rdf:type" and not index.knows(obj):
+                    unknown.setdefault(obj, subject)
+        for name, subject in unknown.items():
+            log.warning("%s: %s uses %s, which no ontology declares", path, subject, name)
+
+
+def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Path]:
+    files: list[Path] = []
+    if ontologies is not None:
+        files += sorted(_folder(ontologies, "ontologies").glob("*.ttl"))
+    if workspace is not None:
+        found = [
+            Path(folder, name)
+            for folder, _, names in os.walk(_folder(workspace, "workspace"))
+            for name in names
+            if ".owl" in name
+        ]
+        files += sorted(found)
+    return files
+
+
+def _folder(path: Path, what: str) -> Path:
+    if not path.is_dir():
+        raise ConfigurationError(f"{what} folder {path}: there is no such folder")
+    return path

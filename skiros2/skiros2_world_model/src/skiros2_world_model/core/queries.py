@@ -1,0 +1,121 @@
+"""What can be asked of a scene together with the ontologies: the same on the server, in process and in a replica."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from skiros2_common.core.names import full_name
+from skiros2_common.core.property import Property, same_value
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import relation_dict
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.scene import Node, Scene
+
+_ANY_TYPE = ("", "Unknown", "skiros:Unknown")
+
+
+def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]:
+    """The ids of the elements of the class or under it, with that label (if given) and those property values.
+
+    A value that is "" or None matches any.
+    """
+    etype = wanted.type if wanted.type in _ANY_TYPE else full_name(wanted.type)
+    values = _values(wanted)
+    candidates = _candidates(scene, ontology, etype, wanted.label)
+    return [node.id for node in candidates if _has_values(node.properties, values)]
+
+
+def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = "") -> list[str]:
+    """An element and what is under it along a relation and those under it, nearest first.
+
+    :param type_filter: only elements of this class or under it; "" takes all.
+    """
+    predicates = ontology.subproperties(full_name(relation_filter)) if relation_filter else None
+    found = {root: None}
+    waiting = [root]
+    for eid in waiting:
+        for _, _, dst in scene.relations(eid, predicates):
+            if dst not in found and dst in scene:
+                found[dst] = None
+                waiting.append(dst)
+    if not type_filter:
+        return list(found)
+    types = ontology.subclasses(full_name(type_filter))
+    return [eid for eid in found if _type_of(scene, eid) in types]
+
+
+def relations_between(scene: Scene, ontology: Ontology, src: str, pred: str, dst: str) -> Iterator[RelationDict]:
+    """The relations whose predicate is that one or under it; an empty part matches any."""
+    for found in scene.relations(src, _predicates(ontology, pred), dst):
+        yield relation_dict(*found)
+
+
+def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst: Element) -> bool:
+    """Whether the relation, or one under it, holds; a side without id stands for any element like it."""
+    predicates = ontology.subproperties(pred)
+    if src.id and dst.id:
+        return any(scene.related(src.id, p, dst.id) for p in predicates)
+    if src.id:
+        found = (other for _, _, other in scene.relations(src.id, predicates))
+        return any(is_like(scene, ontology, other, dst) for other in found)
+    if dst.id:
+        found = (other for other, _, _ in scene.relations("", predicates, dst.id))
+        return any(is_like(scene, ontology, other, src) for other in found)
+    return any(
+        is_like(scene, ontology, other, dst)
+        for eid in matching_ids(scene, ontology, src)
+        for _, _, other in scene.relations(eid, predicates)
+    )
+
+
+def is_like(scene: Scene, ontology: Ontology, eid: str, wanted: Element) -> bool:
+    """Whether an element is of the class, has the label and the property values of an abstract one."""
+    node = scene.node(eid)
+    return node is not None and describes(ontology, wanted, node.type, node.label, node.properties)
+
+
+def describes(ontology: Ontology, wanted: Element, etype: str, label: str, properties: Mapping[str, Property]) -> bool:
+    """Whether an abstract element describes something of that class, label and properties."""
+    return (
+        (wanted.type in _ANY_TYPE or ontology.is_subclass(etype, full_name(wanted.type)))
+        and wanted.label in ("", label)
+        and _has_values(properties, _values(wanted))
+    )
+
+
+def _candidates(scene: Scene, ontology: Ontology, etype: str, label: str) -> Iterator[Node]:
+    any_type = etype in _ANY_TYPE
+    types = frozenset() if any_type else ontology.subclasses(etype)
+    ids: Iterable[str]
+    if label:
+        ids = (eid for eid in scene.of_label(label) if any_type or _type_of(scene, eid) in types)
+    else:
+        ids = (eid for t in scene.types() if any_type or t in types for eid in scene.of_type(t))
+    for eid in ids:
+        node = scene.node(eid)
+        assert node is not None
+        yield node
+
+
+def _values(wanted: Element) -> list[tuple[str, list[Any]]]:
+    """The values that an abstract element asks for, by property."""
+    asked = ((key, [v for v in prop.values if v not in ("", None)]) for key, prop in wanted._props.items())
+    return [(key, values) for key, values in asked if values]
+
+
+def _has_values(properties: Mapping[str, Property], values: list[tuple[str, list[Any]]]) -> bool:
+    for key, asked in values:
+        prop = properties.get(key)
+        if prop is None or not all(any(same_value(v, wanted) for v in prop.values) for wanted in asked):
+            return False
+    return True
+
+
+def _type_of(scene: Scene, eid: str) -> str:
+    node = scene.node(eid)
+    return node.type if node is not None else ""
+
+
+def _predicates(ontology: Ontology, pred: str) -> frozenset[str] | None:
+    return ontology.subproperties(full_name(pred)) if pred else None

@@ -1,0 +1,80 @@
+"""Statements in RDF about elements, as operations on a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.property import Property, same_value
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_world_model.core.changes import Add, Operation, Patch, Relate
+from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.terms import python_value
+
+
+def split_statements(base: OntologyBase, statements: Sequence[Statement]) -> tuple[list[ox.Triple], list[ox.Triple]]:
+    """The triples to remove, and those to add.
+
+    :raises WrongValue: a text is no RDF term.
+    """
+    removed: list[ox.Triple] = []
+    added: list[ox.Triple] = []
+    for subject, predicate, obj, value in statements:
+        (added if value else removed).append(base.triple(subject, predicate, obj))
+    return removed, added
+
+
+def element_operations(
+    base: OntologyBase, scene: Scene, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
+) -> list[Operation]:
+    """What triples that come and go mean for the elements of a scene.
+
+    :raises UnknownName: they speak of an element that is not there and give it no class.
+    :raises WrongValue: they take away the class of an element.
+    """
+    new: dict[str, Element] = {}
+    known: dict[str, Element] = {}
+    operations: list[Operation] = []
+    statements = [(t, False) for t in removed] + [(t, True) for t in added]
+    for triple, value in sorted(statements, key=lambda s: base.prefixes.name(s[0].predicate.value) != "rdf:type"):
+        item = triple.object
+        if not isinstance(triple.subject, ox.NamedNode) or not isinstance(item, (ox.NamedNode, ox.Literal)):
+            raise WrongValue(f"{triple}: elements are described without blank nodes")
+        eid, key = base.prefixes.name(triple.subject.value), base.prefixes.name(triple.predicate.value)
+        element = new.get(eid) or known.get(eid) or scene.element(eid)
+        if key == "rdf:type":
+            etype = base.prefixes.name(item.value)
+            if not value:
+                raise WrongValue(f"{eid}: an element has a class; remove the element instead")
+            if etype == "owl:NamedIndividual":
+                continue
+            if element is None:
+                new[eid] = Element(etype, "", eid)
+                continue
+            element.type = etype
+        elif element is None:
+            raise UnknownName(f"there is no element {eid!r}, and nothing gives it a class")
+        elif isinstance(item, ox.NamedNode):
+            operations.append(Relate(eid, key, base.prefixes.name(item.value), value))
+        elif key == "rdfs:label":
+            element.label = item.value if value else ""
+        else:
+            _write_value(element, key, python_value(item), value)
+        if eid not in new:
+            known[eid] = element
+    adds: list[Operation] = [Add(element) for element in new.values()]
+    patches: list[Operation] = [Patch(eid, e.changes() or ElementChanges()) for eid, e in known.items() if e.changes()]
+    return [*adds, *patches, *operations]
+
+
+def _write_value(element: Element, key: str, item: object, present: bool) -> None:
+    prop = element._props.get(key)
+    values = [v for v in (prop.values if prop is not None else []) if not same_value(v, item)]
+    if present:
+        values.append(item)
+    element.removeProperty(key)
+    if values:
+        element._put(key, Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values]))

@@ -1,0 +1,254 @@
+"""One request, applied to a scene whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.names import full_name
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
+from skiros2_world_model.core.changes import (
+    SPATIAL,
+    Add,
+    Instantiate,
+    Operation,
+    Patch,
+    Relate,
+    Remove,
+    Update,
+)
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.queries import branch_ids
+from skiros2_world_model.core.scene import ROOT, Node, Scene
+from skiros2_world_model.core.templates import copies_of
+
+TEMPLATE = "skiros:Template"
+HAS_TEMPLATE = "skiros:hasTemplate"
+
+
+class Transaction:
+    """The operations of one request on one scene, between its `begin` and its `commit`. Made for one use.
+
+    :param checks: the checks of names and values; they know the author.
+    :param exists: whether an id is an element of another context.
+    """
+
+    def __init__(
+        self, scene: Scene, ontology: Ontology, checks: Checks, author: str, exists: Callable[[str], bool]
+    ) -> None:
+        self._scene = scene
+        self._ontology = ontology
+        self._checks = checks
+        self._author = author
+        self._exists = exists
+        self._references: dict[str, str] = {}
+        self.added: dict[str, None] = {}
+        self.updated: dict[str, None] = {}
+        self.removed: list[Element] = []
+        self.removed_recursively = False
+        self.renamed: list[tuple[str, str]] = []
+        self.related: list[RelationDict] = []
+        self.unrelated: list[RelationDict] = []
+
+    def run(self, operations: Iterable[Operation]) -> list[str]:
+        """Applies the operations in order, and returns the id that each was about.
+
+        Elements are made before anything refers to them, so that the elements of a request may refer to each other.
+
+        :raises SkirosError: one of them is refused; the caller rolls the scene back.
+        """
+        expanded: list[tuple[int, Operation]] = []
+        for index, operation in enumerate(operations):
+            if isinstance(operation, Instantiate):
+                expanded += [(index, add) for add in copies_of(self._ontology, operation)]
+            else:
+                expanded.append((index, operation))
+        ids: dict[int, str] = {}
+        links: list[tuple[str, RelationDict]] = []
+        for index, operation in expanded:
+            eid = self._apply(operation, links)
+            ids.setdefault(index, eid)
+        for eid, relation in links:
+            self._link(eid, relation)
+        self._checks.finish()
+        return list(ids.values())
+
+    def _apply(self, operation: Operation, links: list[tuple[str, RelationDict]]) -> str:
+        if isinstance(operation, Add):
+            return self._add(operation, links)
+        if isinstance(operation, Update):
+            return self._update(operation, links)
+        if isinstance(operation, Patch):
+            return self.patch(operation.id, operation.changes, links)
+        if isinstance(operation, Remove):
+            return self._remove(operation)
+        assert isinstance(operation, Relate)
+        return self._relate(operation)
+
+    # -- elements ----------------------------------------------------------------------------------------------
+
+    def _add(self, operation: Add, links: list[tuple[str, RelationDict]]) -> str:
+        element = operation.element
+        etype = self._checks.class_name(element.type, repr(element))
+        eid = self._scene.free_id(etype, element.getIdNumber())
+        if element.id and element.id != eid:
+            self.renamed.append((element.id, eid))
+        if operation.reference:
+            self._references[operation.reference] = eid
+        properties = self._properties(etype, element, eid)
+        self._scene.put(Node(eid, etype, element.label, properties))
+        self.added[eid] = None
+        links += [(eid, relation) for relation in element._rels]
+        template = properties.get(TEMPLATE)
+        if template is not None and template.value:
+            links.append((eid, {"src": "-1", "type": HAS_TEMPLATE, "dst": template.value}))
+        return eid
+
+    def _update(self, operation: Update, links: list[tuple[str, RelationDict]]) -> str:
+        element = operation.element
+        node = self._node(element.id)
+        etype = self._checks.class_name(element.type, element.id)
+        properties = self._properties(etype, element, element.id)
+        if operation.keys is not None:
+            written = {key: prop for key, prop in properties.items() if key in operation.keys}
+            kept = {key: prop for key, prop in node.properties.items() if key not in operation.keys}
+            self._scene.put(Node(node.id, node.type, node.label, kept | written))
+        else:
+            self._scene.put(Node(node.id, etype, element.label, properties))
+        self._note_update(node.id)
+        if operation.relations:
+            wanted = {self._ends(node.id, r) for r in element._rels if _is_fact(r)}
+            for relation in [*self._scene.relations(node.id), *self._scene.relations(dst=node.id)]:
+                if relation not in wanted:
+                    self._scene.unrelate(*relation)
+            links += [(node.id, relation) for relation in element._rels]
+        return node.id
+
+    def patch(self, eid: str, changes: ElementChanges, links: list[tuple[str, RelationDict]]) -> str:
+        """Writes some changes of an element; relations that are added go to `links`."""
+        node = self._node(eid)
+        etype = node.type if changes.type is None else self._checks.class_name(changes.type, eid)
+        label = node.label if changes.label is None else changes.label
+        if changes.properties or changes.removed_properties or etype != node.type or label != node.label:
+            properties = dict(node.properties)
+            for key in changes.removed_properties:
+                properties.pop(full_name(key), None)
+            for key, prop in changes.properties.items():
+                checked = self._checks.property(etype, key, prop, eid)
+                properties[checked.key] = checked
+            self._scene.put(Node(eid, etype, label, properties))
+        for relation in changes.removed_relations:
+            self._scene.unrelate(*self._ends(eid, relation))
+        links += [(eid, relation) for relation in changes.added_relations]
+        self._note_update(eid)
+        return eid
+
+    def _remove(self, operation: Remove) -> str:
+        root = self._node(operation.id).id
+        gone = [root]
+        if operation.recursive:
+            gone = self._held_only_by(root, operation.relation_filter, operation.type_filter)
+            self.removed_recursively = True
+        if ROOT in gone:
+            raise Refused(f"{self._author}: {ROOT} is the root of the scene and cannot be removed")
+        for eid in gone:
+            element = self._scene.element(eid)
+            assert element is not None
+            self.removed.append(element)
+            self._scene.drop(eid)
+            self.added.pop(eid, None)
+            self.updated.pop(eid, None)
+        return root
+
+    def _held_only_by(self, root: str, relation_filter: str, type_filter: str) -> list[str]:
+        """An element and what is under it, without what something else holds too."""
+        predicates = self._ontology.subproperties(full_name(relation_filter))
+        ids = branch_ids(self._scene, self._ontology, root, relation_filter, type_filter)
+        gone = dict.fromkeys([root, *ids])
+        waiting = list(gone)
+        while waiting:
+            eid = waiting.pop()
+            held = any(src not in gone for src, _, _ in self._scene.relations("", predicates, eid))
+            if eid in gone and eid != root and held:
+                del gone[eid]
+                waiting += [dst for _, _, dst in self._scene.relations(eid, predicates) if dst in gone]
+        return list(gone)
+
+    # -- relations ---------------------------------------------------------------------------------------------
+
+    def _relate(self, operation: Relate) -> str:
+        relation = {"src": operation.src, "type": operation.pred, "dst": operation.dst}
+        src, pred, dst = self._ends("", relation)
+        if not operation.value:
+            self._node(src)
+            predicates = [p for p in [pred, *self._ontology.subproperties(pred)] if self._scene.related(src, p, dst)]
+            for found in dict.fromkeys(predicates):
+                self._scene.unrelate(src, found, dst)
+                self.unrelated.append({"src": src, "type": found, "dst": dst})
+        elif self._link("", relation):
+            self.related.append({"src": src, "type": pred, "dst": dst})
+        return src
+
+    def _link(self, eid: str, relation: RelationDict) -> bool:
+        """Adds a relation of an element, when its two ends may be so related."""
+        if not _is_fact(relation):
+            return False
+        src, pred, dst = self._ends(eid, relation)
+        who = f"{src} {pred} {dst}"
+        self._checks.relation_name(pred, who)
+        if src not in self._scene:
+            raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
+        if dst not in self._scene and not self._exists(dst):
+            self._checks.individual(dst, who)
+        if self._ontology.is_subproperty(pred, SPATIAL):
+            self._check_cycle(src, pred, dst)
+        return self._scene.relate(src, pred, dst)
+
+    def _check_cycle(self, src: str, pred: str, dst: str) -> None:
+        predicates = self._ontology.subproperties(SPATIAL)
+        seen = {src}
+        waiting = [src]
+        while waiting:
+            eid = waiting.pop()
+            if eid == dst:
+                raise WrongValue(f"{self._author}: {src} {pred} {dst} would place {dst} in itself")
+            for holder, _, _ in self._scene.relations("", predicates, eid):
+                if holder not in seen:
+                    seen.add(holder)
+                    waiting.append(holder)
+
+    # -- shared ------------------------------------------------------------------------------------------------
+
+    def _ends(self, eid: str, relation: RelationDict) -> tuple[str, str, str]:
+        """The relation with real ids: "-1" is the element, and `#name` one that this request makes."""
+        src, dst = (self._end(eid, relation[side]) for side in ("src", "dst"))
+        return src, full_name(relation["type"]), dst
+
+    def _end(self, eid: str, name: str) -> str:
+        if name == "-1":
+            return eid
+        if name.startswith("#"):
+            if name[1:] not in self._references:
+                raise UnknownName(f"{self._author}: the request refers to {name}, which it does not make")
+            return self._references[name[1:]]
+        return name
+
+    def _properties(self, etype: str, element: Element, who: str) -> dict[str, Property]:
+        checked = [self._checks.property(etype, key, prop, who) for key, prop in element._props.items()]
+        return {prop.key: prop for prop in checked}
+
+    def _node(self, eid: str) -> Node:
+        node = self._scene.node(eid)
+        if node is None:
+            raise UnknownName(f"{self._author}: there is no element {eid!r}")
+        return node
+
+    def _note_update(self, eid: str) -> None:
+        if eid not in self.added:
+            self.updated[eid] = None
+
+
+def _is_fact(relation: RelationDict) -> bool:
+    return bool(relation.get("state", True)) and not relation.get("abstract", False)

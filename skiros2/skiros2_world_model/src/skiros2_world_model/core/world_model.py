@@ -1,0 +1,295 @@
+"""The world model: contexts with scenes, ontologies, and changes that are checked, atomic, numbered and announced."""
+
+from __future__ import annotations
+
+import logging
+import re
+import time
+import uuid
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.advisory_lock import AdvisoryLock
+from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.context import SCENE, Context
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.rdf_files import read_triples, write_file
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.reasoning import Reasoning
+from skiros2_world_model.core.scene import Provenance, Scene
+from skiros2_world_model.core.statements import element_operations, split_statements
+from skiros2_world_model.core.templates import template_element
+from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.triple_store import ONTOLOGY
+
+log = logging.getLogger(__name__)
+
+Listener = Callable[[Change], None]
+
+
+class WorldModel:
+    """What all robots of a cell share. Safe to use from all threads: one lock, `lock`, guards everything.
+
+    :param ontologies: folder of the package's ontologies; None: none.
+    :param workspace: folder of the user's ontologies and scenes; without one nothing is loaded or saved.
+    :param strict: whether names that the ontologies do not know are refused.
+    :raises ConfigurationError: a folder is missing, or an ontology does not parse.
+    """
+
+    def __init__(self, ontologies: Path | None = None, workspace: Path | None = None, strict: bool = False) -> None:
+        self.base = OntologyBase(ontologies, workspace)
+        self.lock = self.base.lock
+        self.reasoning = Reasoning()
+        self._workspace = workspace
+        self._strict = strict
+        self._contexts = {SCENE: Context(SCENE, self.base)}
+        self._listeners: list[Listener] = []
+        self._session = uuid.uuid4().hex[:8]
+        self._number = 0
+        self.advisory_lock = AdvisoryLock()
+        self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
+
+    # -- state -------------------------------------------------------------------------------------------------
+
+    @property
+    def number(self) -> int:
+        """The number of the last change."""
+        return self._number
+
+    @property
+    def snapshot_id(self) -> str:
+        """The name of the present state."""
+        return f"{self._session}-{self._number}"
+
+    @property
+    def ontology(self) -> Ontology:
+        """What the ontologies say now."""
+        return self.base.index
+
+    def contexts(self) -> list[str]:
+        return list(self._contexts)
+
+    def scene(self, context: str = SCENE) -> Scene:
+        """The scene of a context, to be read under the lock.
+
+        :raises UnknownName: there is no such context.
+        """
+        return self._context(context).scene
+
+    def scenes(self, context: str) -> list[Scene]:
+        """The scene of a context, or for "" those of all, to be read under the lock.
+
+        :raises UnknownName: there is no such context.
+        """
+        return [self.scene(context)] if context else [c.scene for c in self._contexts.values()]
+
+    def template(self, name: str) -> Element:
+        """A template as an element without id.
+
+        :raises UnknownName: there is none.
+        """
+        return template_element(self.ontology, name)
+
+    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
+        """The rows that a SPARQL query gives, as texts.
+
+        :param context: the one to ask; "" asks all, `ontology` the ontologies alone.
+        :raises UnknownName: there is no such context.
+        :raises WrongValue: the query cannot be answered.
+        """
+        with self.lock:
+            for name in self._contexts if not context else [context]:
+                if name != ONTOLOGY:
+                    self._context(name).flush()
+        return self.base.query(query, context, cut_prefix)
+
+    # -- changes -----------------------------------------------------------------------------------------------
+
+    def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
+        """Applies some operations, all or none, and announces what came of it.
+
+        :param context: made when a request names it for the first time.
+        :raises SkirosError: one of them is refused; nothing has changed.
+        """
+        with self.lock:
+            made = context not in self._contexts
+            target = self._context(context, make=True)
+            scene = target.scene
+            checks = Checks(self.ontology, self.base.prefixes, author, self._strict)
+            transaction = Transaction(scene, self.ontology, checks, author, self._exists)
+            scene.begin()
+            try:
+                ids = transaction.run(operations)
+                self.reasoning.offer(scene, transaction)
+            except Exception:
+                scene.roll_back()
+                self.reasoning.take_back(scene)
+                if made:
+                    del self._contexts[context]
+                raise
+            scene.commit(Provenance(self._number + 1, time.time(), author))
+            for wanted, given in transaction.renamed:
+                log.warning("%s: the number of %s is taken; it was added as %s", author, wanted, given)
+            return Outcome(ids, self._announce_all(transaction, author, context))
+
+    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> list[Change]:
+        """Adds and removes statements in a context; in "" and `ontology` those of the ontologies.
+
+        :raises SkirosError: one of them is refused; nothing has changed.
+        """
+        with self.lock:
+            removed, added = split_statements(self.base, statements)
+            if context in ("", ONTOLOGY):
+                self.base.update(ONTOLOGY, removed, added)
+                return [self._announce(author, UPDATE, ONTOLOGY)]
+            scene = self._context(context, make=True).scene
+            operations = element_operations(self.base, scene, removed, added)
+            return self.transact(operations, author, context).changes
+
+    def load(self, filename: str, author: str, context: str = SCENE) -> Change:
+        """Replaces a context with what a file of the workspace says. The present one stays when the file is refused.
+
+        :param filename: relative to the workspace; "" is the file that the context was loaded from or saved to last.
+        :raises SkirosError: the file is outside the workspace, not there, does not parse, or is refused.
+        """
+        with self.lock:
+            self._check_name(context)
+            target = self._contexts.get(context) or Context(context, self.base)
+            path = self._path(filename or target.file)
+            checks = Checks(self.ontology, self.base.prefixes, str(path), self._strict)
+            made = Provenance(self._number + 1, time.time(), author)
+            scene, extras = target.read(read_triples(path), checks, str(path), made)
+            try:
+                self.reasoning.replace(target.scene, scene)
+            except Exception:
+                self.reasoning.replace(scene, target.scene)
+                raise
+            target.replace(scene, extras)
+            target.file = filename or target.file
+            self._contexts[context] = target
+            return self._announce(author, RESET if context == SCENE else UPDATE, context)
+
+    def load_initial(self, filename: str, context: str = SCENE) -> None:
+        """Loads a context as the launch parameters want it.
+
+        :raises ConfigurationError: that is not possible.
+        """
+        try:
+            self.load(filename, "init", context)
+        except SkirosError as error:
+            raise ConfigurationError(f"scene {error}") from None
+
+    def save(self, filename: str, context: str = SCENE) -> Path:
+        """Writes a context to a file of the workspace, as sorted Turtle; returns the file.
+
+        :param filename: as for `load`.
+        :raises SkirosError: the file is outside the workspace or cannot be written, or there is no such context.
+        """
+        with self.lock:
+            target = self._context(context)
+            path = self._path(filename or target.file)
+            content = target.turtle()
+            write_file(path, content)
+            target.file = filename or target.file
+        return path
+
+    # -- announcements -----------------------------------------------------------------------------------------
+
+    def add_listener(self, listener: Listener) -> None:
+        """`listener` is called after each change, in its order, by the thread that made it and under the lock."""
+        with self.lock:
+            self._listeners.append(listener)
+
+    def remove_listener(self, listener: Listener) -> None:
+        """The listener is called no more."""
+        with self.lock:
+            if listener in self._listeners:
+                self._listeners.remove(listener)
+
+    def add_reasoner(self, reasoner: DiscreteReasoner) -> None:
+        """From now on the reasoner is offered the elements that name it, those of the scene first."""
+        with self.lock:
+            self.reasoning.add(reasoner)
+            for node in list(self.scene()):
+                self.reasoning.introduce(self.scene(), node.id, reasoner)
+
+    def _announce_all(self, transaction: Transaction, author: str, context: str) -> list[Change]:
+        if context != SCENE:
+            return [self._announce(author, UPDATE, context)]
+        scene = self.scene(context)
+        told: list[Change] = []
+        if transaction.removed:
+            action = REMOVE_RECURSIVE if transaction.removed_recursively else REMOVE
+            told.append(self._announce(author, action, context, transaction.removed))
+        for action, ids in ((ADD, transaction.added), (UPDATE, transaction.updated)):
+            elements = [element for eid in ids if (element := scene.element(eid)) is not None]
+            if elements:
+                told.append(self._announce(author, action, context, elements))
+        for action, relations in ((ADD, transaction.related), (REMOVE, transaction.unrelated)):
+            if relations:
+                told.append(self._announce(author, action, context, relations=relations))
+        return told
+
+    def _announce(
+        self,
+        author: str,
+        action: str,
+        context: str,
+        elements: Iterable[Element] = (),
+        relations: Iterable[RelationDict] = (),
+    ) -> Change:
+        before = self.snapshot_id
+        self._number += 1
+        change = Change(
+            self._number,
+            before,
+            self.snapshot_id,
+            time.time(),
+            author,
+            action,
+            context,
+            tuple(elements),
+            tuple({"state": True, "abstract": False, **r} for r in relations),
+        )
+        for listener in list(self._listeners):
+            try:
+                listener(change)
+            except Exception:
+                log.exception("a listener failed on change %s; the change stands", change.snapshot_id)
+        return change
+
+    # -- shared ------------------------------------------------------------------------------------------------
+
+    def _context(self, name: str, make: bool = False) -> Context:
+        found = self._contexts.get(name)
+        if found is None:
+            if not make:
+                known = ", ".join(sorted(self._contexts))
+                raise UnknownName(f"there is no context {name!r}; there are: {known}")
+            self._check_name(name)
+            found = self._contexts[name] = Context(name, self.base)
+        return found
+
+    def _check_name(self, context: str) -> None:
+        if not re.fullmatch(r"[\w.~-]+", context) or context == ONTOLOGY:
+            raise WrongValue(f"{context!r} cannot be the name of a context with elements")
+
+    def _exists(self, eid: str) -> bool:
+        return any(eid in context.scene for context in self._contexts.values())
+
+    def _path(self, filename: str) -> Path:
+        if not filename:
+            raise WrongValue("the name of the file is missing")
+        if self._workspace is None:
+            raise WrongValue(f"{filename}: there is no workspace to find it in")
+        folder = self._workspace.absolute()
+        path = Path(folder, filename)
+        parts = path.parts[len(folder.parts) :]
+        if not path.is_relative_to(folder) or ".." in parts or not parts:
+            raise WrongValue(f"{filename}: expected a file in the workspace {folder}")
+        return path

@@ -91,7 +91,8 @@ def test_a_key_given_twice_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("value", "datatype", "error"), [("[1", "int", WrongValue), ("[1]", "nope", UnknownName), ('["a"]', "int", WrongType)]
+    ("value", "datatype", "error"),
+    [("[1", "int", WrongValue), ("[1]", "nope", UnknownName), ('["a"]', "int", WrongType)],
 )
 def test_broken_properties_are_refused(value, datatype, error):
     with pytest.raises(error):

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 
+import rosgraph
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
@@ -62,6 +63,8 @@ def run_node(name: str, main: Callable[[], None], **init_options: object) -> Non
         with one line on stderr and status 78.
     :param init_options: for `rospy.init_node`.
     """
+    if not rosgraph.is_master_online():
+        _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
     try:
         rospy.init_node(name, **init_options)
     except rospy.ROSInitException as error:

@@ -15,7 +15,6 @@ from typing import Any
 from skiros2_common.core.errors import WrongType
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.core.world_element import Element
-
 from skiros2_skill.core.node import SkillInterface
 
 log = logging.getLogger(__name__)

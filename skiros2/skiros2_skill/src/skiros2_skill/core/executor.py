@@ -15,7 +15,6 @@ from typing import Any
 from skiros2_common.core.abstract_skill import DEVICE_IDLE, DEVICE_STATE, ParamOptions, State, as_state
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamHandler
-
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Source
 from skiros2_skill.core.compound import SkillBase

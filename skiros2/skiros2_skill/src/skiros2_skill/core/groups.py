@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
 

@@ -12,7 +12,6 @@ from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownN
 from skiros2_common.core.names import full_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.tools.plugin_loader import PluginLoader
-
 from skiros2_skill.core.compound import SkillBase
 
 log = logging.getLogger(__name__)

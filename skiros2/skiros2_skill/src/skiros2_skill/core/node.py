@@ -7,7 +7,6 @@ from typing import Any
 from skiros2_common.core.abstract_skill import SkillCore, SkillDescription, State
 from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.params import Param, ParamHandler
-
 from skiros2_skill.core.processors import Sequential
 
 

@@ -9,7 +9,6 @@ from typing import Any
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-
 from skiros2_skill.core.library import Implementation, SkillLibrary
 from skiros2_skill.core.wrapper import SkillWrapper
 

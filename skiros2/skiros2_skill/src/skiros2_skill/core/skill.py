@@ -3,7 +3,6 @@
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.groups import Root, Skill
 from skiros2_skill.core.node import SkillInterface

@@ -11,10 +11,10 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import Param
-
 from skiros2_skill.core.executor import Executor
 from skiros2_skill.core.groups import Root
 from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
 
@@ -119,7 +119,7 @@ class Task:
 
     def _close(self, state: State) -> None:
         for node in self.nodes():
-            if node.hasInstance() and node.getInstance() is not None:
+            if isinstance(node, SkillWrapper):
                 self._executor.release(node)
         code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
         self.root._setProgress(self._verdict(state), code)

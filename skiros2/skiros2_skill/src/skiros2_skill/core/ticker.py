@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName
-
 from skiros2_skill.core.task import MAX_ID, Task
 
 log = logging.getLogger(__name__)

@@ -7,7 +7,6 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
-
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
 

@@ -10,7 +10,6 @@ from typing import Any
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.world_element import Element
-
 from skiros2_skill.core.library import Implementation
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
-
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 

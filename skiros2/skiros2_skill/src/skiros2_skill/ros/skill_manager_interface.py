@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rospy
-from skiros2_common.core.errors import UnknownName
-from skiros2_common.ros import utils
-from std_msgs.msg import Bool, Empty
-
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from std_msgs.msg import Bool, Empty
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.ros import utils
 from skiros2_skill.ros.utils import SkillHolder
 
 log = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ class SkillManagerInterface:
 
     def preempt_one(self, execution_id: int | None = None) -> int:
         """Ends a task, by default the one started last."""
-        return self.execute(self._task if execution_id is None else execution_id, None, srvs.SkillCommandRequest.PREEMPT)
+        return self.execute(self._or_last(execution_id), None, srvs.SkillCommandRequest.PREEMPT)
 
     def preempt_all(self) -> int:
         """Ends all tasks."""
@@ -147,11 +147,14 @@ class SkillManagerInterface:
 
     def pause_one(self, execution_id: int | None = None) -> int:
         """Pauses a task, by default the one started last."""
-        return self.execute(self._task if execution_id is None else execution_id, None, srvs.SkillCommandRequest.PAUSE)
+        return self.execute(self._or_last(execution_id), None, srvs.SkillCommandRequest.PAUSE)
 
     def pause_all(self) -> int:
         """Pauses all tasks."""
         return self.execute(-1, None, srvs.SkillCommandRequest.PAUSE)
+
+    def _or_last(self, execution_id: int | None) -> int:
+        return self._task if execution_id is None else execution_id
 
     def call(self, service: Any, msg: Any) -> Any:
         """Calls a service of the manager. None when it does not answer or refuses; the reason is logged."""

@@ -1,0 +1,543 @@
+"""One tick of a node: start, hold-conditions, execute, end. Contract, section 5."""
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.skill import (
+    ParallelFf,
+    ParallelFs,
+    Selector,
+    Skill,
+    SkillBase,
+    SkillPreempted,
+    SkillWrapper,
+)
+from unit.skiros2_skill.skills import (
+    LOCKED_ARM,
+    OBJECT,
+    OPTIONAL,
+    REQUIRED,
+    Note,
+    Speak,
+    Take,
+    Work,
+    contains,
+    describe,
+    primitive,
+    running_for,
+)
+
+
+def message(task, index=0):
+    return task.root.children[index].progress_msg
+
+
+def code(task, index=0):
+    return task.root.children[index].progress_code
+
+
+# -- states and progress -----------------------------------------------------------------------------------------------
+
+
+def test_execute_follows_the_start_in_the_same_tick(bench):
+    bench.load(primitive(Work, "work"))
+    task = bench.task(bench.node("work"))
+    assert task.tick() is State.Success
+    assert message(task) == "done"
+
+
+def test_progress_counts_up_by_step_and_is_negative_after_a_failure(bench):
+    def execute(self):
+        return self.step("on it") if self.progress_code < 3 else self.fail("broken", 7)
+
+    bench.load(primitive(Work, "work", execute=execute))
+    task = bench.task(bench.node("work"))
+    codes = []
+    while task.tick() is State.Running:
+        codes.append(code(task))
+    assert codes == [1, 2, 3]
+    assert (code(task), message(task)) == (-7, "broken")
+
+
+def test_a_task_s_end_is_seen_on_its_root(bench):
+    bench.load(primitive(Work, "work"), primitive(Work, "fails", execute=lambda self: self.fail("no", 3)))
+    assert bench.run(bench.node("work")).root.progress_code == 1
+    failed = bench.run(bench.node("fails"))
+    assert failed.root.progress_code == -1
+    assert "no" in failed.root.progress_msg
+
+
+def test_skills_of_a_task_run_one_after_the_other(bench):
+    order = []
+    bench.load(
+        primitive(Work, "first", execute=lambda self: order.append(1) or self.success()),
+        primitive(Work, "second", execute=lambda self: order.append(2) or self.success()),
+    )
+    bench.run(bench.node("first"), bench.node("second"))
+    assert order == [1, 2]
+
+
+# -- hooks -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_hooks_are_called_in_order(bench):
+    calls = []
+
+    def hook(name, answer=None):
+        return lambda self: calls.append(name) or (self.success() if answer is None else answer)
+
+    bench.load(primitive(Work, "work", onStart=hook("start", True), execute=hook("execute"), onEnd=hook("end", True)))
+    bench.run(bench.node("work"))
+    assert calls == ["start", "execute", "end"]
+
+
+def test_on_start_false_is_a_failure_with_its_reason(bench):
+    calls = []
+    bench.load(
+        primitive(Work, "work", onStart=lambda self: self.startError("no battery", 12), execute=calls.append)
+    )
+    task = bench.run(bench.node("work"))
+    assert task.state is State.Failure
+    assert (code(task), message(task)) == (-12, "no battery")
+    assert calls == []
+
+
+def test_on_end_false_makes_a_success_a_failure(bench):
+    bench.load(primitive(Work, "work", onEnd=False))
+    assert bench.run(bench.node("work")).state is State.Failure
+
+
+@pytest.mark.parametrize(("hook", "expected"), [("onStart", -404), ("execute", -405), ("onEnd", -405)])
+def test_what_a_hook_raises_is_the_message_of_a_failure(bench, hook, expected):
+    def raises(self):
+        raise RuntimeError("out of coffee")
+
+    bench.load(primitive(Work, "work", **{hook: raises}))
+    task = bench.run(bench.node("work"))
+    assert task.state is State.Failure
+    assert code(task) == expected
+    assert "out of coffee" in message(task)
+    assert "Traceback" in message(task)
+
+
+@pytest.mark.parametrize("hook", ["onStart", "execute"])
+def test_on_end_runs_after_an_exception(bench, hook):
+    ended = []
+
+    def raises(self):
+        raise RuntimeError("out of coffee")
+
+    bench.load(primitive(Work, "work", onEnd=lambda self: ended.append(1), **{hook: raises}))
+    bench.run(bench.node("work"))
+    assert ended == [1]
+
+
+def test_after_an_exception_the_next_task_runs(bench):
+    def raises(self):
+        raise RuntimeError("out of coffee")
+
+    bench.load(primitive(Work, "bad", execute=raises), primitive(Work, "good"))
+    bench.run(bench.node("bad"))
+    assert bench.run(bench.node("good")).state is State.Success
+
+
+@pytest.mark.parametrize(("answer", "state"), [(None, State.Failure), (7, State.Failure), (True, State.Success)])
+def test_an_execute_that_returns_no_state_is_told_so(bench, answer, state):
+    bench.load(primitive(Work, "work", execute=answer))
+    task = bench.run(bench.node("work"))
+    assert task.state is state
+    if state is State.Failure:
+        assert f"execute returned {answer!r}" in message(task)
+
+
+def test_skill_preempted_ends_a_skill_without_a_traceback(bench):
+    def execute(self):
+        raise SkillPreempted("enough")
+
+    bench.load(primitive(Work, "work", execute=execute))
+    assert message(bench.run(bench.node("work"))) == "enough"
+
+
+# -- conditions --------------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_pre_condition_names_the_elements(bench):
+    bench.load(primitive(Take, "take"))
+    task = bench.run(bench.node("take", Container=bench.other_tray, Object=bench.product))
+    assert task.state is State.Failure
+    assert code(task) == -1
+    for part in ("Pre-condition failed", bench.other_tray.id, "skiros:contain", bench.product.id):
+        assert part in message(task)
+
+
+def test_a_broken_hold_condition_preempts_and_fails(bench):
+    calls = []
+    watched = describe("Watched", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], hold=[contains()])
+    bench.load(
+        primitive(
+            watched,
+            "watched",
+            execute=lambda self: self.step(),
+            onPreempt=lambda self: calls.append("preempt"),
+            onEnd=lambda self: calls.append("end"),
+        )
+    )
+    task = bench.task(bench.node("watched", Object=bench.product, Container=bench.tray))
+    assert task.tick() is State.Running
+    assert task.tick() is State.Running
+    bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
+    assert task.tick() is State.Failure
+    assert calls == ["preempt", "end"]
+    assert code(task) == -2
+    assert bench.product.id in message(task)
+
+
+def test_a_post_condition_that_does_not_hold_makes_a_success_a_failure(bench):
+    gone = describe("Gone", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], post=[contains(state=False)])
+    bench.load(primitive(gone, "gone"))
+    task = bench.run(bench.node("gone", Object=bench.product, Container=bench.tray))
+    assert task.state is State.Failure
+    assert "Post-condition failed" in message(task)
+
+
+def test_pre_conditions_given_with_the_node_count(bench):
+    class Guarded(SkillBase):
+        def createDescription(self):
+            self.setDescription(describe("Guarded", [OBJECT])(), "guarded")
+
+        def expand(self, skill):
+            condition = self.getPropCond("Heavy", "skiros:Weight", "Thing", ">", 2.0, True)
+            skill(self.skill("Hold", "hold", remap={"Object": "Thing"}, preconditions=[condition]))
+
+    bench.load(primitive(describe("Hold", [OBJECT]), "hold"), Guarded)
+    task = bench.run(bench.node("guarded", Object=bench.product), Thing=bench.product)
+    assert task.state is State.Failure
+    assert "skiros:Weight > 2.0" in task.root.children[0].children[0].progress_msg
+
+
+# -- choosing an implementation ----------------------------------------------------------------------------------------
+
+
+def test_with_an_empty_label_the_first_that_fits_is_taken(bench):
+    heavy = lambda self: self.addPreCondition(self.getPropCond("Heavy", "skiros:Weight", "Object", ">", 2.0, True))  # noqa: E731
+    lifted = describe("Lift", [OBJECT])
+
+    def create(label, more=None):
+        def createDescription(self):
+            self.setDescription(lifted(), label)
+            if more:
+                more(self)
+
+        return createDescription
+
+    lift_heavy = type("lift_heavy", (primitive(lifted, "a"),), {"createDescription": create("lift_heavy", heavy)})
+    lift_light = type("lift_light", (primitive(lifted, "b"),), {"createDescription": create("lift_light")})
+    bench.load(lift_heavy, lift_light)
+
+    def chosen(product):
+        node = SkillWrapper("Lift", "", bench.library)
+        node.specifyParam("Object", product)
+        assert bench.run(node).state is State.Success
+        return node.label
+
+    assert chosen(bench.product) == "lift_light"
+    assert chosen(bench.add("skiros:Product", "anvil", Weight=50.0)) == "lift_heavy"
+
+
+def test_when_none_fits_each_says_why(bench):
+    bench.load(primitive(Take, "take_left"), primitive(Take, "take_right"))
+    node = SkillWrapper("Take", "", bench.library)
+    node.specifyParam("Object", bench.product)
+    node.specifyParam("Container", bench.other_tray)
+    bench.run(node)
+    assert "take_left: Pre-condition failed" in node.progress_msg
+    assert "take_right: Pre-condition failed" in node.progress_msg
+
+
+def test_an_unknown_type_or_label_is_a_failure_that_names_it(bench):
+    bench.load(primitive(Take, "take"))
+    unknown = SkillWrapper("Tke", "", bench.library)
+    assert bench.run(unknown).state is State.Failure
+    assert "no skill of type skiros:Tke; near: skiros:Take" in unknown.progress_msg
+    unlabelled = SkillWrapper("Take", "takes", bench.library)
+    bench.run(unlabelled)
+    assert "skiros:Take has no implementation 'takes'; it has: 'take'" in unlabelled.progress_msg
+
+
+def test_the_same_skill_may_run_several_times_at_once(bench):
+    bench.load(primitive(Work, "work", execute=running_for(3)))
+    both = Skill("", ParallelFf())(bench.node("work"), bench.node("work"))
+    task = bench.run(both)
+    assert task.state is State.Success
+    assert both.children[0].progress_code == both.children[1].progress_code == 3
+
+
+# -- elements ----------------------------------------------------------------------------------------------------------
+
+
+def test_an_element_that_a_skill_changes_is_written_back(bench):
+    def execute(self):
+        self.params["Object"].value.setProperty("skiros:Weight", 4.0)
+        return self.success()
+
+    bench.load(primitive(describe("Weigh", [OBJECT]), "weigh", execute=execute))
+    bench.run(bench.node("weigh", Object=bench.product))
+    assert bench.wmi.get_element(bench.product.id).getProperty("skiros:Weight").value == 4.0
+
+
+def test_only_what_a_skill_changed_is_written(bench):
+    def execute(self):
+        # somebody else changes another property meanwhile
+        other = self.wmi.get_element(self.params["Object"].value.id)
+        other.setProperty("skiros:CadModel", "theirs")
+        self.wmi.update_element(other)
+        self.params["Object"].value.setProperty("skiros:Weight", 4.0)
+        return self.success()
+
+    bench.load(primitive(describe("Weigh", [OBJECT]), "weigh", execute=execute))
+    bench.run(bench.node("weigh", Object=bench.product))
+    after = bench.wmi.get_element(bench.product.id)
+    assert after.getProperty("skiros:Weight").value == 4.0
+    assert after.getProperty("skiros:CadModel").value == "theirs"
+
+
+def test_an_abstract_element_that_got_data_is_added(bench):
+    def execute(self):
+        self.params["Found"].value.setProperty("skiros:Weight", 1.0)
+        return self.success()
+
+    look = describe("Look", [("Found", Element("skiros:Starter"), OPTIONAL)])
+    bench.load(primitive(look, "look", execute=execute))
+    assert bench.run(bench.node("look")).state is State.Success
+    assert len(bench.wmi.resolve_elements(Element("skiros:Starter"))) == 1
+
+
+def test_elements_are_read_anew_before_every_execute(bench):
+    seen = []
+
+    def execute(self):
+        seen.append(self.params["Object"].value.value_of("skiros:Weight"))
+        return self.step() if len(seen) < 3 else self.success()
+
+    bench.load(primitive(describe("Watch", [OBJECT]), "watch", execute=execute))
+    task = bench.task(bench.node("watch", Object=bench.product))
+    task.tick()
+    changed = bench.wmi.get_element(bench.product.id)
+    changed.setProperty("skiros:Weight", 9.0)
+    bench.wmi.update_element(changed)
+    task.tick()
+    assert seen == [None, 9.0]
+
+
+def test_an_element_that_is_deleted_while_a_skill_runs_leaves_its_parameter_unset(bench):
+    seen = []
+
+    def execute(self):
+        seen.append(self.params.isSpecified("Object"))
+        return self.step()
+
+    bench.load(primitive(describe("Watch", [OBJECT]), "watch", execute=execute))
+    task = bench.task(bench.node("watch", Object=bench.product))
+    task.tick()
+    bench.wmi.remove_element(bench.product)
+    task.tick()
+    assert seen == [True, False]
+
+
+def test_a_given_element_that_does_not_exist_is_an_error_not_a_wish(bench):
+    bench.load(primitive(describe("Watch", [OBJECT]), "watch"))
+    ghost = Element("skiros:Product", "ghost", "skiros:Product-9999")
+    task = bench.run(bench.node("watch", Object=ghost))
+    assert task.state is State.Failure
+    assert "skiros:Product-9999-ghost, which is not in the scene" in message(task)
+
+
+# -- locks -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def arm(bench):
+    return bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
+
+
+def device_state(bench, arm):
+    return bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value
+
+
+def test_a_locked_device_is_busy_while_the_skill_runs_and_free_after(bench, arm):
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=running_for(3)))
+    task = bench.task(bench.node("move"))
+    task.tick()
+    assert device_state(bench, arm) != "Idle"
+    while task.tick() is State.Running:
+        pass
+    assert task.state is State.Success
+    assert device_state(bench, arm) == "Idle"
+
+
+def test_a_second_skill_does_not_get_a_locked_device(bench, arm):
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=running_for(3)))
+    first, second = bench.node("move"), bench.node("move")
+    bench.run(Skill("", ParallelFs())(first, second))
+    assert "skiros:StateProperty = Idle" in second.progress_msg
+
+
+@pytest.mark.parametrize("how", ["exception", "failure", "preempt", "start"])
+def test_a_device_is_freed_however_the_skill_ends(bench, arm, how):
+    def raises(self):
+        raise RuntimeError("!")
+
+    endings = {
+        "exception": {"execute": raises},
+        "failure": {"execute": lambda self: self.fail("no", 1)},
+        "preempt": {"execute": lambda self: self.step()},
+        "start": {"onStart": False},
+    }
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", **endings[how]))
+    task = bench.task(bench.node("move"))
+    task.tick()
+    task.preempt()
+    task.tick()
+    assert task.state is State.Failure
+    assert device_state(bench, arm) == "Idle"
+
+
+# -- preemption --------------------------------------------------------------------------------------------------------
+
+
+class Outer(SkillBase):
+    def createDescription(self):
+        self.setDescription(describe("Outer")(), "outer")
+
+    def expand(self, skill):
+        skill.setProcessor(ParallelFf())
+        skill(self.skill("Work", "work"), self.skill("Work", "work"))
+
+    def onPreempt(self):
+        self.wmi.calls.append("outer")
+
+    def onEnd(self):
+        self.wmi.calls.append("outer end")
+
+
+def test_preemption_goes_from_the_leaves_up_and_calls_on_end(bench):
+    bench.wmi.calls = calls = []
+    bench.load(
+        primitive(
+            Work,
+            "work",
+            execute=lambda self: self.step(),
+            onPreempt=lambda self: calls.append("work"),
+            onEnd=lambda self: calls.append("work end"),
+        ),
+        Outer,
+    )
+    task = bench.task(bench.node("outer"))
+    task.tick()
+    task.preempt()
+    assert task.tick() is State.Failure
+    assert calls == ["work", "work end", "work", "work end", "outer", "outer end"]
+    assert task.root.progress_msg == "Preempted"
+
+
+def test_a_node_that_needs_time_to_end_gets_it(bench):
+    def execute(self):
+        self.count = getattr(self, "count", 0) + 1
+        return self.step("braking") if self.count < 4 else self.fail("stopped", 1)
+
+    ended = []
+    bench.load(
+        primitive(Work, "work", execute=execute, onPreempt=State.Running, onEnd=lambda self: ended.append(1))
+    )
+    task = bench.task(bench.node("work"))
+    task.tick()
+    task.preempt()
+    assert task.tick() is State.Running
+    assert ended == []
+    while task.tick() is State.Running:
+        pass
+    assert task.ended.is_set()
+    assert ended == [1]
+    assert message(task) == "stopped"
+
+
+@pytest.mark.parametrize(("answer", "state"), [(True, State.Success), (False, State.Failure), (State.Success, State.Success)])
+def test_on_preempt_may_answer_a_state_or_a_bool(bench, answer, state):
+    bench.load(primitive(Work, "work", execute=lambda self: self.step(), onPreempt=answer))
+    task = bench.task(bench.node("work"))
+    task.tick()
+    task.preempt()
+    task.tick()
+    assert task.root.children[0].state is state
+    assert task.state is State.Failure
+
+
+def test_what_on_preempt_raises_is_reported_and_the_task_ends(bench):
+    def raises(self):
+        raise RuntimeError("stuck")
+
+    bench.load(primitive(Work, "work", execute=lambda self: self.step(), onPreempt=raises))
+    task = bench.task(bench.node("work"))
+    task.tick()
+    task.preempt()
+    assert task.tick() is State.Failure
+    assert code(task) == -406
+    assert "stuck" in message(task)
+
+
+def test_a_selector_goes_back_to_an_earlier_child_and_preempts_the_running_one(bench):
+    watched = describe("Guard", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], pre=[contains()])
+    bench.load(
+        primitive(watched, "guard", execute=lambda self: self.step()),
+        primitive(Work, "work", execute=lambda self: self.step()),
+    )
+    guard = bench.node("guard", Object=bench.product, Container=bench.other_tray)
+    work = bench.node("work")
+    task = bench.task(Skill("", Selector())(guard, work))
+    task.tick()
+    assert (guard.state, work.state) == (State.Failure, State.Running)
+    bench.wmi.set_relation(bench.other_tray.id, "skiros:contain", bench.product.id, True)
+    task.tick()
+    assert (guard.state, work.state) == (State.Running, State.Failure)
+
+
+# -- trees -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_tree_of_a_thousand_levels_is_ticked(bench):
+    import sys
+
+    bench.load(primitive(Work, "work", execute=running_for(2)))
+    top = node = Skill("top")
+    for _ in range(1000):
+        below = Skill("")
+        node(below)
+        node = below
+    node(bench.node("work"))
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(100_000)  # as the ticker does
+    try:
+        assert bench.run(top).state is State.Success
+    finally:
+        sys.setrecursionlimit(limit)
+
+
+def test_ten_thousand_children_are_ticked_and_numbered(bench):
+    bench.load(primitive(Work, "work"))
+    task = bench.run(Skill("", ParallelFf())(*(bench.node("work") for _ in range(10_000))))
+    assert task.state is State.Success
+    ids = [p.id for p in task.progress()]
+    assert len(set(ids)) == len(ids) == 10_002
+    assert ids[0] == task.id
+
+
+def test_progress_of_a_task_names_only_its_own_nodes(bench):
+    bench.load(primitive(Speak, "speak", execute=running_for(2)), primitive(Note, "note"))
+    one = bench.task(bench.node("speak"))
+    other = bench.task(bench.node("note", Text="x"))
+    one.tick()
+    other.tick()
+    assert [p.label for p in one.progress()] == ["root", "speak"]
+    assert [p.label for p in other.progress()] == ["root", "note"]
+    assert one.progress()[1].parent_id == one.id

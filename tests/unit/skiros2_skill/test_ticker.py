@@ -1,0 +1,177 @@
+"""The ticking thread: several tasks, commands from other threads, and what must not end it."""
+
+import threading
+import time
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_skill.core.skill import Skill
+from skiros2_skill.core.ticker import Ticker
+from unit.skiros2_skill.skills import Work, primitive, running_for
+
+
+@pytest.fixture
+def ticker():
+    made = []
+
+    def make(**options):
+        made.append(Ticker(rate=200, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.stop()
+
+
+def started(ticker, bench, *nodes, ticks=0):
+    task = ticker.new_task(bench.wmi, "test")
+    task.root(*nodes)
+    ticker.start(task.id, ticks)
+    return task
+
+
+@pytest.fixture
+def skills(bench):
+    return bench.load(
+        primitive(Work, "work", execute=running_for(3)),
+        primitive(Work, "endless", execute=lambda self: self.step()),
+    )
+
+
+def test_tasks_run_side_by_side_to_their_ends(ticker, skills):
+    one = ticker()
+    tasks = [started(one, skills, skills.node("work")) for _ in range(20)]
+    assert all(task.ended.wait(5) for task in tasks)
+    assert {task.state for task in tasks} == {State.Success}
+    assert one.tasks() == []
+
+
+def test_the_last_progress_of_a_task_has_its_end(ticker, skills):
+    told, ended = [], threading.Event()
+
+    def on_progress(task):
+        told.append((task.state, task.root.progress_code))
+        if task.ended.is_set():
+            ended.set()
+
+    started(ticker(on_progress=on_progress), skills, skills.node("work"))
+    assert ended.wait(5)
+    assert told[-1] == (State.Success, 1)
+    assert [code for _, code in told[:-1]] == [0] * (len(told) - 1)
+
+
+def test_progress_is_told_again_while_nothing_changes(ticker, skills):
+    told = threading.Semaphore(0)
+    one = ticker(on_progress=lambda task: told.release(), keep_alive=0.02)
+    skills.load(primitive(Work, "still", execute=State.Running))
+    started(one, skills, skills.node("still"))
+    assert all(told.acquire(timeout=5) for _ in range(5))
+
+
+def test_preempting_one_task_leaves_the_others_alone(ticker, skills):
+    one = ticker()
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
+    one.preempt(tasks[2].id)
+    assert tasks[2].ended.wait(5)
+    assert sorted(t.id for t in one.tasks()) == sorted(t.id for t in tasks if t is not tasks[2])
+
+
+def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(ticker, skills):
+    count = []
+    skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
+    ticks = threading.Semaphore(0)
+    one = ticker(on_tick=ticks.release)
+    task = started(one, skills, skills.node("count"))
+    other = started(one, skills, skills.node("endless"))
+    while len(count) < 3:
+        assert ticks.acquire(timeout=5)
+    one.pause(task.id)
+    for _ in range(3):  # the round under way may still tick it
+        assert ticks.acquire(timeout=5)
+    held = len(count)
+    for _ in range(10):
+        assert ticks.acquire(timeout=5)
+    assert len(count) <= held + 1
+    with pytest.raises(Refused):
+        one.start(other.id)
+    held = len(count)
+    one.start(task.id)
+    while len(count) == held:
+        assert ticks.acquire(timeout=5)
+
+
+def test_tick_once_ticks_once_and_pauses(ticker, skills):
+    count = []
+    skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
+    one = ticker()
+    task = started(one, skills, skills.node("count"), ticks=1)
+    deadline = time.monotonic() + 5
+    while not task.paused and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert len(count) == 1
+    one.preempt(task.id)
+    assert task.ended.wait(5)
+
+
+def test_a_paused_task_can_be_preempted(ticker, skills):
+    one = ticker()
+    task = started(one, skills, skills.node("endless"), ticks=1)
+    one.pause(task.id)
+    one.preempt(task.id)
+    assert task.ended.wait(5)
+
+
+def test_commands_to_an_unknown_task_name_it(ticker, skills):
+    one = ticker()
+    for command in (one.start, one.preempt, one.pause):
+        with pytest.raises(UnknownName, match="no task 77 is here; there are: none"):
+            command(77)
+
+
+def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(ticker, skills):
+    class Broken(Skill):
+        def visit(self, visitor):
+            raise RuntimeError("broken node")
+
+    one = ticker()
+    bad = started(one, skills, Broken("broken"))
+    good = started(one, skills, skills.node("work"))
+    assert bad.ended.wait(5)
+    assert good.ended.wait(5)
+    assert bad.state is State.Failure
+    assert "broken node" in bad.root.progress_msg
+    assert good.state is State.Success
+
+
+def test_what_a_callback_raises_does_not_end_the_thread(ticker, skills):
+    def raises(*_):
+        raise RuntimeError("callback")
+
+    one = ticker(on_tick=raises, on_progress=raises)
+    assert started(one, skills, skills.node("work")).ended.wait(5)
+    assert started(one, skills, skills.node("work")).ended.wait(5)
+
+
+def test_ids_of_running_tasks_differ_and_stay_within_int16(ticker, skills):
+    one = ticker()
+    one._next_id = 32767
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
+    assert [t.id for t in tasks] == [32767, 0, 1]
+
+
+def test_stopping_ends_all_tasks_and_the_thread(skills):
+    one = Ticker(rate=200)
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
+    one.stop()
+    assert all(t.ended.is_set() for t in tasks)
+    assert not one._thread.is_alive()
+
+
+def test_a_skill_may_give_commands_from_its_own_hooks(ticker, skills):
+    one = ticker()
+    skills.load(primitive(Work, "ender", execute=lambda self: one.preempt(other.id) or self.success()))
+    other = started(one, skills, skills.node("endless"))
+    started(one, skills, skills.node("ender"))
+    assert other.ended.wait(5)

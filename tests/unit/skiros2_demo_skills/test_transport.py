@@ -1,0 +1,152 @@
+"""Drive, pick and place on the demo's own scene: each changes the world as its conditions promise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_demo_skills import timed_motions
+from skiros2_demo_skills.poses import get_pose
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+from support.skill_bench import SkillBench
+
+ROOT = Path(__file__).parents[3]
+WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> SkillBench:
+    """The demo's scene with the robot at the charging station. Each look at the clock is half a second later."""
+    model = WorldModel(ROOT / "ontologies", WORKSPACE)
+    model.load_initial("pick_place_scene.ttl")
+    wmi = LocalWorldModel("test", model)
+    (robot,) = (e for e in wmi.get_scene() if e.type == "cora:Robot")
+    wmi.set_relation(robot.id, "skiros:at", robot.getRelation("-1", "skiros:hasStartLocation", "")["dst"])
+    time = half_seconds()
+    monkeypatch.setattr(timed_motions, "now", lambda: next(time))
+    return SkillBench(wmi, wmi.get_element(robot.id), "skiros2_std_skills", "skiros2_demo_skills")
+
+
+def half_seconds() -> Iterator[float]:
+    now = 1.0
+    while True:
+        yield now
+        now += 0.5
+
+
+def drive(bench: SkillBench, place: str) -> Any:
+    return bench.run("Drive", TargetLocation=bench.element(place))
+
+
+def at(bench: SkillBench) -> list[str]:
+    relations = bench.wmi.get_element(bench.robot.id).getRelations("-1", "skiros:at", "")
+    return [bench.wmi.get_element(r["dst"]).label for r in relations]
+
+
+def pick(bench: SkillBench, product: str) -> Any:
+    return bench.run("Pick", Object=bench.element(product))
+
+
+def place(bench: SkillBench, product: str, tray: str) -> Any:
+    return bench.run("Place", Object=bench.element(product), Container=bench.element(tray))
+
+
+def succeeded(*nodes: Any) -> bool:
+    for node in nodes:
+        assert node.state is State.Success, node.progress_msg
+    return True
+
+
+def test_a_product_is_brought_from_tray_to_tray(bench: SkillBench) -> None:
+    assert succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
+    assert bench.holder("Product A") == "Gripper"
+    assert bench.element("Gripper").value_of("skiros:ContainerState") == "Full"
+    assert succeeded(drive(bench, "Workstation 2"), place(bench, "Product A", "Tray B"))
+    assert bench.holder("Product A") == "Tray B"
+    assert bench.element("Gripper").value_of("skiros:ContainerState") == "Empty"
+    assert [bench.element(f"Tray {t}").value_of("skiros:ContainerState") for t in "ABCD"] == [
+        "Empty",
+        "Full",
+        "Full",
+        "Full",
+    ]
+
+
+def test_driving_leaves_one_place_for_the_other_and_moves_the_robot_in_front_of_it(bench: SkillBench) -> None:
+    assert succeeded(drive(bench, "Workstation 1"))
+    assert at(bench) == ["Workstation 1"]
+    assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((1.1, 1.5, 0.2))
+
+
+def test_driving_to_a_place_without_an_approach_pose_ends_at_the_place(bench: SkillBench) -> None:
+    assert succeeded(drive(bench, "Workstation 1"), drive(bench, "Charging station"))
+    assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((0.0, 0.0, 0.2))
+
+
+def test_driving_to_where_the_robot_is_is_refused_with_the_reason(bench: SkillBench) -> None:
+    node = drive(bench, "Charging station")
+    assert node.state is State.Failure
+    assert "RobotElsewhere" in node.progress_msg
+
+
+def test_picking_where_the_robot_is_not_is_refused(bench: SkillBench) -> None:
+    succeeded(drive(bench, "Workstation 2"))
+    node = pick(bench, "Product A")
+    assert node.state is State.Failure
+    assert bench.holder("Product A") == "Tray A"
+
+
+def test_picking_with_a_full_gripper_is_refused(bench: SkillBench) -> None:
+    succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
+    node = pick(bench, "Product C")
+    assert node.state is State.Failure
+    assert "Gripper" in node.progress_msg
+    assert bench.holder("Product C") == "Tray C"
+
+
+def test_placing_what_is_not_in_the_gripper_is_refused(bench: SkillBench) -> None:
+    succeeded(drive(bench, "Workstation 2"))
+    assert place(bench, "Product A", "Tray B").state is State.Failure
+    assert bench.holder("Product A") == "Tray A"
+
+
+def test_a_robot_that_is_taken_away_stops_picking(bench: SkillBench) -> None:
+    succeeded(drive(bench, "Workstation 1"))
+    task = bench.task(("Pick", {"Object": bench.element("Product A")}))
+    assert task.tick() is State.Running
+    bench.wmi.set_relation(bench.robot.id, "skiros:at", bench.element("Workstation 1").id, False)
+    assert task.tick() is State.Failure
+    assert "RobotAtWorkstation" in task.root.children[0].progress_msg
+    assert bench.holder("Product A") == "Tray A"
+
+
+def test_a_stopped_motion_changes_nothing(bench: SkillBench) -> None:
+    succeeded(drive(bench, "Workstation 1"))
+    task = bench.task(("Drive", {"TargetLocation": bench.element("Workstation 2")}))
+    assert task.tick() is State.Running
+    task.preempt()
+    assert task.tick() is State.Failure
+    assert at(bench) == ["Workstation 1"]
+
+
+def test_motions_tell_how_far_they_are(bench: SkillBench) -> None:
+    task = bench.task(("Drive", {"TargetLocation": bench.element("Workstation 1")}))
+    task.tick()
+    task.tick()
+    told = [n.progress_message for n in task.progress() if n.label == "move_base_timed"]
+    assert told == ["Driving to Workstation 1: 50%"]
+
+
+def test_the_object_is_at_the_middle_of_the_gripper_and_stands_in_the_tray(bench: SkillBench) -> None:
+    def position() -> tuple[float, ...]:
+        return get_pose(bench.element("Product A"))[:3]
+
+    succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
+    assert position() == (0.0, 0.0, 0.0)
+    succeeded(drive(bench, "Workstation 2"), place(bench, "Product A", "Tray B"))
+    assert position() == (0.0, 0.0, 0.06)

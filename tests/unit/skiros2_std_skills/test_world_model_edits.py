@@ -1,0 +1,248 @@
+"""The skills that edit the world model change what they are told to, in one step, and nothing else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.world_element import Element
+from skiros2_std_skills import utility_primitives
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from support.skill_bench import SkillBench
+
+SCENE = "skiros:Scene-0"
+
+
+@pytest.fixture
+def bench() -> SkillBench:
+    """A robot, three trays and a product in the first."""
+    wmi = LocalWorldModel("test")
+    trays = [add(wmi, "skiros:Container", f"tray {i}", ContainerState="Empty") for i in (1, 2, 3)]
+    add(wmi, "skiros:Product", "product", trays[0], Weight=0.3)
+    return SkillBench(wmi, add(wmi, "cora:Robot", "skiros:robot"), "skiros2_std_skills")
+
+
+def add(wmi: Any, etype: str, label: str, container: Element | None = None, **properties: Any) -> Element:
+    element = Element(etype, label)
+    for key, value in properties.items():
+        element.setProperty(f"skiros:{key}", value)
+    element.addRelation(container.id if container else SCENE, "skiros:contain", "-1")
+    wmi.add_element(element)
+    return element
+
+
+def at(bench: SkillBench, label: str) -> set[str]:
+    """The labels of the places that an element is at."""
+    relations = bench.element(label).getRelations("-1", "skiros:at", "")
+    return {bench.wmi.get_element(r["dst"]).label for r in relations}
+
+
+class TestWmSetRelation:
+    def set(self, bench: SkillBench, target: str, state: bool = True, **old: str) -> Any:
+        elements = {key: bench.element(label) for key, label in old.items()}
+        source = bench.element("skiros:robot")
+        return bench.run(
+            "WmSetRelation",
+            Src=source,
+            Dst=bench.element(target),
+            Relation="skiros:at",
+            RelationState=state,
+            **elements,
+        )
+
+    def test_a_relation_is_added_beside_others(self, bench: SkillBench) -> None:
+        for tray in ("tray 1", "tray 2"):
+            assert self.set(bench, tray).state is State.Success
+        assert at(bench, "skiros:robot") == {"tray 1", "tray 2"}
+
+    def test_a_relation_is_removed(self, bench: SkillBench) -> None:
+        self.set(bench, "tray 1")
+        assert self.set(bench, "tray 1", state=False).state is State.Success
+        assert at(bench, "skiros:robot") == set()
+
+    def test_the_relation_to_an_old_object_goes_in_the_same_change(self, bench: SkillBench) -> None:
+        self.set(bench, "tray 1")
+        changes: list[Any] = []
+        bench.wmi.add_listener(changes.append)
+        assert self.set(bench, "tray 2", OldDstToRemove="tray 1").state is State.Success
+        assert at(bench, "skiros:robot") == {"tray 2"}
+        assert len(changes) == 1
+
+    def test_the_relation_from_an_old_subject_goes_in_the_same_change(self, bench: SkillBench) -> None:
+        old = add(bench.wmi, "cora:Robot", "old robot")
+        bench.wmi.set_relation(old.id, "skiros:at", bench.element("tray 1").id)
+        changes: list[Any] = []
+        bench.wmi.add_listener(changes.append)
+        assert self.set(bench, "tray 1", OldSrcToRemove="old robot").state is State.Success
+        assert (at(bench, "old robot"), at(bench, "skiros:robot")) == (set(), {"tray 1"})
+        assert len(changes) == 1
+
+    def test_an_old_object_that_is_the_new_one_keeps_the_relation(self, bench: SkillBench) -> None:
+        assert self.set(bench, "tray 1", OldDstToRemove="tray 1").state is State.Success
+        assert at(bench, "skiros:robot") == {"tray 1"}
+
+    def test_what_the_world_model_refuses_is_a_failure_with_the_reason(self, bench: SkillBench) -> None:
+        robot = bench.element("skiros:robot")
+        product, tray = bench.element("product"), bench.element("tray 1")
+        node = bench.run("WmSetRelation", Src=product, Dst=tray, Relation="skiros:contain")
+        assert node.state is State.Failure
+        assert "tray 1" in node.progress_msg or tray.id in node.progress_msg
+        assert bench.holder("product") == "tray 1"
+        assert bench.wmi.get_element(robot.id)
+
+
+class TestWmSetProperties:
+    def test_all_properties_are_set_in_one_change(self, bench: SkillBench) -> None:
+        changes: list[Any] = []
+        bench.wmi.add_listener(changes.append)
+        wanted = {"skiros:Weight": 0.5, "StateProperty": "Idle"}
+        assert bench.run("WmSetProperties", Src=bench.element("product"), Properties=wanted).state is State.Success
+        product = bench.element("product")
+        assert product.value_of("skiros:Weight") == 0.5
+        assert product.value_of("skiros:StateProperty") == "Idle"
+        assert len(changes) == 1
+
+    def test_several_values_are_given_as_a_list(self, bench: SkillBench) -> None:
+        bench.run("WmSetProperties", Src=bench.element("product"), Properties={"CadModel": ["a", "b"]})
+        assert bench.element("product").getProperty("CadModel").values == ["a", "b"]
+
+    def test_a_value_of_a_wrong_type_fails_and_changes_nothing(self, bench: SkillBench) -> None:
+        wanted = {"StateProperty": "Idle", "skiros:Weight": "heavy"}
+        node = bench.run("WmSetProperties", Src=bench.element("product"), Properties=wanted)
+        assert node.state is State.Failure
+        assert "skiros:Weight takes values of type float, got 'heavy'" in node.progress_msg
+        assert not bench.element("product").hasProperty("skiros:StateProperty")
+
+    def test_relations_stay(self, bench: SkillBench) -> None:
+        bench.run("WmSetProperties", Src=bench.element("product"), Properties={"skiros:Weight": 0.5})
+        assert bench.holder("product") == "tray 1"
+
+
+class TestWmMoveObject:
+    @pytest.fixture(autouse=True)
+    def load(self, bench: SkillBench) -> None:
+        bench.library.load(["wm_move_object"])
+
+    def test_the_object_is_at_the_target_and_no_longer_at_the_start(self, bench: SkillBench) -> None:
+        node = bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+        assert node.state is State.Success
+        assert bench.holder("product") == "tray 2"
+
+    def test_the_start_is_empty_and_the_target_full(self, bench: SkillBench) -> None:
+        bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+        states = [bench.element(f"tray {i}").value_of("skiros:ContainerState") for i in (1, 2, 3)]
+        assert states == ["Empty", "Full", "Empty"]
+
+    def test_without_a_target_it_is_at_the_start_again(self, bench: SkillBench) -> None:
+        node = bench.run("WmMoveObject", Object=bench.element("product"))
+        assert node.state is State.Success
+        assert bench.holder("product") == "tray 1"
+        assert bench.element("tray 1").value_of("skiros:ContainerState") == "Full"
+
+    def test_it_may_be_held_otherwise_than_it_was(self, bench: SkillBench) -> None:
+        bench.run(
+            "WmMoveObject",
+            Object=bench.element("product"),
+            TargetLocation=bench.element("tray 2"),
+            Relation="skiros:hasA",
+        )
+        product = bench.element("product")
+        assert [r["type"] for r in product.getRelations("", [], "-1")] == ["skiros:hasA"]
+        assert bench.holder("product") == "tray 2"
+
+    def test_the_start_is_found_and_unset_at_the_end(self, bench: SkillBench) -> None:
+        task = bench.task(
+            ("WmMoveObject", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 2")}),
+            ("WmMoveObject", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 3")}),
+        )
+        while task.tick() is State.Running:
+            pass
+        assert task.state is State.Success
+        assert bench.holder("product") == "tray 3"
+        assert not task.root.children[0].params["StartLocation"].isSpecified()
+
+    def test_a_start_where_the_object_is_not_fails_and_changes_nothing(self, bench: SkillBench) -> None:
+        node = bench.run(
+            "WmMoveObject",
+            Object=bench.element("product"),
+            StartLocation=bench.element("tray 3"),
+            TargetLocation=bench.element("tray 2"),
+        )
+        assert node.state is State.Failure
+        assert "ObjectAtStart" in node.progress_msg
+        assert bench.holder("product") == "tray 1"
+
+
+class FakeReasoner:
+    """Stands in for the spatial reasoner: moves an element by a metre in each transform that it knows."""
+
+    def __init__(self, *frames: str) -> None:
+        self.frames = frames
+
+    def transform(self, element: Element, frame: str) -> bool:
+        if frame not in self.frames:
+            return False
+        element.setProperty("skiros:PositionX", 1.0)
+        element.setProperty("skiros:BaseFrameId", frame)
+        return True
+
+
+class TestWmMoveAndTransformObject:
+    def move(self, bench: SkillBench) -> Any:
+        bench.library.load(["wm_move_and_transform_object"])
+        return bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+
+    def test_the_pose_is_written_in_the_frame_of_the_target(
+        self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        frame = bench.element("tray 2").id
+        monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner(frame))
+        assert self.move(bench).state is State.Success
+        product = bench.element("product")
+        assert bench.holder("product") == "tray 2"
+        assert (product.value_of("skiros:PositionX"), product.value_of("skiros:BaseFrameId")) == (1.0, frame)
+
+    def test_without_a_transform_it_fails_and_nothing_moves(
+        self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner())
+        node = self.move(bench)
+        assert node.state is State.Failure
+        assert "no transform to frame" in node.progress_msg
+        assert bench.holder("product") == "tray 1"
+
+
+def test_every_skill_is_described_as_libraries_rely_on() -> None:
+    expected = {
+        "Wait": {"Duration": (float, 0.0, "Required")},
+        "Counter": {"CountTarget": (int, None, "Required")},
+        "WmSetProperties": {"Src": ("sumo:Object", None, "Required"), "Properties": (dict, None, "Required")},
+        "WmSetRelation": {
+            "Src": ("sumo:Object", None, "Required"),
+            "Dst": ("sumo:Object", None, "Required"),
+            "Relation": (str, None, "Required"),
+            "RelationState": (bool, True, "Required"),
+            "OldDstToRemove": ("sumo:Object", None, "Optional"),
+            "OldSrcToRemove": ("sumo:Object", None, "Optional"),
+        },
+        "WmMoveObject": {
+            "StartLocation": ("sumo:Object", None, "Inferred"),
+            "TargetLocation": ("sumo:Object", None, "Optional"),
+            "Object": ("sumo:Object", None, "Required"),
+            "Relation": (str, "skiros:contain", "Required"),
+        },
+    }
+    for name, params in expected.items():
+        description = getattr(utility_primitives, name)()
+        description.createDescription()
+        found = {
+            key: (
+                param.element_type if param.is_element else param.dataType(),
+                None if param.is_element else param.default,
+                param.paramType.name,
+            )
+            for key, param in description.params.items()
+        }
+        assert found == params

@@ -241,4 +241,3 @@ def test_without_a_master_a_node_says_so(ros, tmp_path):
     program = ros.run("skiros2_skill", "skill_manager_node", env=env)
     assert program.wait() != 0
     assert "no ROS master" in program.output
-

@@ -167,7 +167,9 @@ def test_generate_makes_and_removes_elements(params, bench):
     assert bench.wmi.get_relations(bench.tray.id, "skiros:contain", bench.product.id)
 
 
-@pytest.mark.parametrize(("wanted", "answer"), [("skiros:Product", True), ("sumo:Object", True), ("skiros:Part", False)])
+@pytest.mark.parametrize(
+    ("wanted", "answer"), [("skiros:Product", True), ("sumo:Object", True), ("skiros:Part", False)]
+)
 def test_on_type_means_the_class_or_one_under_it(params, bench, wanted, answer):
     assert holds(make.getOnTypeCond("C", "Object", wanted), params, bench) is answer
 

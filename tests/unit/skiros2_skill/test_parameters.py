@@ -76,7 +76,9 @@ def test_a_fixed_parameter_keeps_its_value(bench):
 
 
 def test_a_child_s_output_reaches_its_siblings(bench):
-    bench.load(primitive(Produce, "produce", execute=put("Text", "made")), primitive(Note, "note", execute=tell("Text")))
+    bench.load(
+        primitive(Produce, "produce", execute=put("Text", "made")), primitive(Note, "note", execute=tell("Text"))
+    )
     assert "made" in messages(bench.run(bench.node("produce"), bench.node("note")))
 
 
@@ -103,9 +105,7 @@ def test_a_parameter_may_be_filled_by_a_parallel_sibling_while_the_skill_runs(be
 
     bench.load(
         primitive(Note, "note", execute=wait_for_text),
-        primitive(
-            Produce, "produce", execute=lambda s: put("Text", "late")(s) if s.progress_code > 1 else s.step()
-        ),
+        primitive(Produce, "produce", execute=lambda s: put("Text", "late")(s) if s.progress_code > 1 else s.step()),
         compound(
             "Both",
             lambda self, skill: (
@@ -144,7 +144,9 @@ def test_remaps_hold_through_several_levels(bench):
     bench.load(
         primitive(Produce, "produce", execute=put("Text", "deep")),
         primitive(Note, "note", execute=tell("Text")),
-        compound("Inner", lambda self, skill: skill(self.skill("Produce", remap={"Text": "A"})), [("A", str, OPTIONAL)]),
+        compound(
+            "Inner", lambda self, skill: skill(self.skill("Produce", remap={"Text": "A"})), [("A", str, OPTIONAL)]
+        ),
         compound("Middle", lambda self, skill: skill(self.skill("Inner", remap={"A": "B"})), [("B", str, OPTIONAL)]),
     )
     task = bench.run(bench.node("middle", remap={"B": "C"}), bench.node("note", remap={"Text": "C"}))
@@ -233,7 +235,9 @@ def test_unset_parameters_are_searched_together(bench):
     )
     bench.load(
         primitive(
-            take_heavy, "take", execute=lambda s: s.success(f"{s.params['Container'].value.id} {s.params['Object'].value.id}")
+            take_heavy,
+            "take",
+            execute=lambda s: s.success(f"{s.params['Container'].value.id} {s.params['Object'].value.id}"),
         )
     )
     assert f"{bench.other_tray.id} {heavy.id}" in messages(bench.run(bench.node("take")))

@@ -113,7 +113,9 @@ def test_symbols(processor, symbol):
     assert processor.printType() == symbol
 
 
-@pytest.mark.parametrize("processor", [SerialStar(), SelectorStar(), ParallelFf(), RetryOnFail(3), NoFail(SerialStar())])
+@pytest.mark.parametrize(
+    "processor", [SerialStar(), SelectorStar(), ParallelFf(), RetryOnFail(3), NoFail(SerialStar())]
+)
 def test_a_fresh_one_does_not_share_where_it_is(processor):
     processor.processChildren([Child("S"), Child("R")], None)
     children = [Child("R"), Child("R")]

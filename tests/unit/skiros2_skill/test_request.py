@@ -23,7 +23,9 @@ def nodes(bench, *requests):
 
 
 def test_a_request_becomes_nodes_with_its_values_fixed(skills):
-    task = skills.run(*nodes(skills, request("Note", "note", Text="a"), request("skiros:Hold", "", Object=skills.product)))
+    task = skills.run(
+        *nodes(skills, request("Note", "note", Text="a"), request("skiros:Hold", "", Object=skills.product))
+    )
     assert [n.label for n in task.nodes()] == ["root", "note", "hold"]
     assert task.root.children[1].params.getParamValue("Object").id == skills.product.id
 
@@ -37,7 +39,11 @@ def test_a_request_becomes_nodes_with_its_values_fixed(skills):
         ([request("Note")], Refused, "required parameter 'Text' \\(str\\) is not set"),
         ([request("Note", Text="a", Txt="b")], UnknownName, "has no parameter 'Txt'; it has: Text, Robot"),
         ([request("Note", Text=5)], WrongType, "parameter Text: expected a value of type str, got int 5"),
-        ([request("Hold", Object=Element("skiros:Product", "", "skiros:Product-999"))], UnknownName, "skiros:Product-999"),
+        (
+            [request("Hold", Object=Element("skiros:Product", "", "skiros:Product-999"))],
+            UnknownName,
+            "skiros:Product-999",
+        ),
     ],
 )
 def test_a_wrong_request_is_refused_by_name(skills, asked, error, named):

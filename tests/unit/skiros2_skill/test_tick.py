@@ -94,9 +94,7 @@ def test_the_hooks_are_called_in_order(bench):
 
 def test_on_start_false_is_a_failure_with_its_reason(bench):
     calls = []
-    bench.load(
-        primitive(Work, "work", onStart=lambda self: self.startError("no battery", 12), execute=calls.append)
-    )
+    bench.load(primitive(Work, "work", onStart=lambda self: self.startError("no battery", 12), execute=calls.append))
     task = bench.run(bench.node("work"))
     assert task.state is State.Failure
     assert (code(task), message(task)) == (-12, "no battery")
@@ -194,7 +192,9 @@ def test_a_broken_hold_condition_preempts_and_fails(bench):
 
 
 def test_a_post_condition_that_does_not_hold_makes_a_success_a_failure(bench):
-    gone = describe("Gone", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], post=[contains(state=False)])
+    gone = describe(
+        "Gone", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], post=[contains(state=False)]
+    )
     bench.load(primitive(gone, "gone"))
     task = bench.run(bench.node("gone", Object=bench.product, Container=bench.tray))
     assert task.state is State.Failure
@@ -447,9 +447,7 @@ def test_a_node_that_needs_time_to_end_gets_it(bench):
         return self.step("braking") if self.count < 4 else self.fail("stopped", 1)
 
     ended = []
-    bench.load(
-        primitive(Work, "work", execute=execute, onPreempt=State.Running, onEnd=lambda self: ended.append(1))
-    )
+    bench.load(primitive(Work, "work", execute=execute, onPreempt=State.Running, onEnd=lambda self: ended.append(1)))
     task = bench.task(bench.node("work"))
     task.tick()
     task.preempt()
@@ -462,7 +460,9 @@ def test_a_node_that_needs_time_to_end_gets_it(bench):
     assert message(task) == "stopped"
 
 
-@pytest.mark.parametrize(("answer", "state"), [(True, State.Success), (False, State.Failure), (State.Success, State.Success)])
+@pytest.mark.parametrize(
+    ("answer", "state"), [(True, State.Success), (False, State.Failure), (State.Success, State.Success)]
+)
 def test_on_preempt_may_answer_a_state_or_a_bool(bench, answer, state):
     bench.load(primitive(Work, "work", execute=lambda self: self.step(), onPreempt=answer))
     task = bench.task(bench.node("work"))

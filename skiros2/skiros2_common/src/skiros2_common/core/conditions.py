@@ -623,5 +623,3 @@ def _as_new(gone: Element) -> Element:
     for relation in gone.getRelations():
         element.addRelation(relation["src"], relation["type"], relation["dst"])
     return element
-
-

@@ -278,9 +278,7 @@ class Element:
         prop = self._props.get(full_name(key))
         return prop.value if prop is not None else None
 
-    def setProperty(
-        self, key: str, value: Any, datatype: str | None = None, force_convertion: bool = False
-    ) -> None:
+    def setProperty(self, key: str, value: Any, datatype: str | None = None, force_convertion: bool = False) -> None:
         """Sets a property to a value or a list of values, or, given a Python type, to none of that type.
 
         :param datatype: an XSD datatype, such as `xsd:float`: the property gets that type, the value is converted.
@@ -367,9 +365,7 @@ class Element:
 
     def hasRelation(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> bool:
         """Whether there is such a relation; an empty side or predicate matches any."""
-        return any(
-            r["state"] == value and r["abstract"] == abstract for r in self.getRelations(subj, predicate, obj)
-        )
+        return any(r["state"] == value and r["abstract"] == abstract for r in self.getRelations(subj, predicate, obj))
 
     def removeRelations(self, relations: Sequence[RelationDict]) -> None:
         """Removes those relations that are there."""
@@ -380,9 +376,7 @@ class Element:
         """Removes a relation, if it is there."""
         self.removeRelations([relation])
 
-    def removeRelation2(
-        self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False
-    ) -> None:
+    def removeRelation2(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> None:
         """Removes the relations with these parts; an empty side or predicate matches any."""
         self.removeRelations(
             [r for r in self.getRelations(subj, predicate, obj) if r["state"] == value and r["abstract"] == abstract]
@@ -450,9 +444,7 @@ class Element:
         for key, prop in abstract._props.items():
             if not all(self.hasProperty(key, v) for v in prop.values if v not in ("", None)):
                 return False
-        return all(
-            self.hasRelation(r["src"], r["type"], r["dst"], r["state"], r["abstract"]) for r in abstract._rels
-        )
+        return all(self.hasRelation(r["src"], r["type"], r["dst"], r["state"], r["abstract"]) for r in abstract._rels)
 
     # -- copy on write -----------------------------------------------------------------------------------------
 

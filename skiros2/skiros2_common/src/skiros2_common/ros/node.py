@@ -34,7 +34,6 @@ class RosoutHandler(logging.Handler):
         else:
             rospy.logdebug("%s", text)
 
-
     def filter(self, record: logging.LogRecord) -> bool:
         # rospy's own records reach rosout by themselves.
         return not record.name.startswith(("ros", "topics", "xmlrpc"))

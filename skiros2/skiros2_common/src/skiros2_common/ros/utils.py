@@ -55,9 +55,7 @@ def registerCtype(name: str, class_type: type) -> None:
     _types[name] = class_type
 
 
-def registerClass(
-    name: str, class_type: type, encoder: Callable[..., Any], decoder: Callable[[Any], Any]
-) -> None:
+def registerClass(name: str, class_type: type, encoder: Callable[..., Any], decoder: Callable[[Any], Any]) -> None:
     """Gives a Python class a wire name, so that values of it may travel in parameters.
 
     :param encoder: `encoder(json_encoder, value)` gives a value that JSON can hold.

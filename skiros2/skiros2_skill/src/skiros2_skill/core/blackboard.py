@@ -63,8 +63,7 @@ def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
     for param in params.values():
         param.setDefault()
     slots = {
-        key: Slot(param, Source.Fixed if param.hasSpecifiedDefault() else Source.Unset)
-        for key, param in params.items()
+        key: Slot(param, Source.Fixed if param.hasSpecifiedDefault() else Source.Unset) for key, param in params.items()
     }
     for name, values in node._specified.items():
         key = node.own_name(name)

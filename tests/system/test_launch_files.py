@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -104,15 +105,22 @@ def test_without_deploy_and_without_display_the_output_stays_on_the_screen(ros: 
 @pytest.mark.parametrize(
     ("arguments", "culprit"),
     [
+        ({"init_scene": "no_such_scene.ttl"}, "no_such_scene.ttl: cannot be read"),
+        ({"workspace_dir": "{folder}", "init_scene": "broken.ttl"}, "broken.ttl, line 2: expected Turtle"),
+        ({"workspace_dir": "/no/such/folder"}, "/no/such/folder: there is no such folder"),
+        ({"memory_contexts": ["memory no_such_file.ttl"]}, "no_such_file.ttl: cannot be read"),
         ({"libraries_list": ["no_such_library"]}, "library 'no_such_library'"),
         ({"libraries_list": ["skiros2_std_skills"], "primitive_list": ["no_such_skill"]}, "skill 'no_such_skill'"),
         ({"libraries_list": ["skiros2_std_skills"], "skill_list": ["no_such_skill"]}, "skill 'no_such_skill'"),
     ],
-    ids=["library", "primitive", "skill"],
+    ids=["scene", "Turtle", "workspace", "context", "library", "primitive", "skill"],
 )
 def test_a_launch_that_names_what_is_not_there_says_so_and_starts_nothing(
-    ros: Ros, arguments: dict[str, list[str]], culprit: str
+    ros: Ros, tmp_path: Path, arguments: dict[str, Any], culprit: str
 ) -> None:
+    (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
+    if arguments.get("workspace_dir") == "{folder}":
+        arguments = {**arguments, "workspace_dir": tmp_path}
     program = ros.launch("skiros2", "skiros.launch", gui=False, **arguments)
     assert program.wait() == 1
     assert program.output.count(culprit) == 1

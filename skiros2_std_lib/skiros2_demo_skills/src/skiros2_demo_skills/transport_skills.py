@@ -32,15 +32,13 @@ class Drive(SkillDescription):
 class Manipulation(SkillDescription):
     """Base of the descriptions of skills that use the arm on a container at a workstation."""
 
-    def add_common(self, thing: str) -> None:
-        """Declares robot, arm, gripper, workstation, container and the object, and how they belong together.
-
-        :param thing: what the object is, in words.
-        """
-        self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="Its arm")
-        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper")
+    def add_common(self) -> None:
+        """Declares workstation, arm and gripper, and how these, the robot and the container belong together."""
         self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Inferred, description="Where it is")
-        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description=thing)
+        self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="The robot's arm")
+        self.addParam(
+            "Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper"
+        )
         at_workstation = self.getRelationCond("RobotAtWorkstation", "skiros:at", "Robot", "Workstation", True)
         self.addPreCondition(self.getRelationCond("RobotHasArm", "skiros:hasA", "Robot", "Arm", True))
         self.addPreCondition(self.getRelationCond("ArmHasGripper", "skiros:hasA", "Arm", "Gripper", True))
@@ -55,8 +53,9 @@ class Pick(Manipulation):
     """Takes an object out of a container on a workstation."""
 
     def createDescription(self) -> None:
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to take")
         self.addParam("Container", Element("skiros:Container"), ParamTypes.Inferred, description="What it lies in")
-        self.add_common("The object to take")
+        self.add_common()
         self.addPreCondition(self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True))
         self.addPreCondition(self.getPropCond("GripperEmpty", CONTAINER_STATE, "Gripper", "=", "Empty", True))
         self.addPostCondition(self.getRelationCond("ObjectInGripper", "skiros:contain", "Gripper", "Object", True))
@@ -71,8 +70,9 @@ class Place(Manipulation):
     """Puts the object in the gripper into a container on a workstation."""
 
     def createDescription(self) -> None:
+        self.addParam("Object", Element("skiros:Manipulatable"), ParamTypes.Required, description="What to put down")
         self.addParam("Container", Element("skiros:Container"), ParamTypes.Required, description="Where to put it")
-        self.add_common("The object to put down")
+        self.add_common()
         self.addPreCondition(self.getRelationCond("ObjectInGripper", "skiros:contain", "Gripper", "Object", True))
         self.addPostCondition(self.getRelationCond("ObjectInContainer", "skiros:contain", "Container", "Object", True))
         self.addPostCondition(self.getRelationCond("ObjectNotInGripper", "skiros:contain", "Gripper", "Object", False))

@@ -1,0 +1,77 @@
+"""The demo's skills and scene are all that planning needs: no planning text is written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.ros.registration import Registration
+from skiros2_task.core.planner import Limits
+from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.up_planner import UpPlanner
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+
+ROOT = Path(__file__).parents[3]
+WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+TRAY_A, TRAY_B, TRAY_C = "demo:Tray-10", "demo:Tray-12", "demo:Tray-11"
+PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
+
+
+@pytest.fixture(scope="module")
+def planner() -> Iterator[TaskPlanner]:
+    """Plans with the demo's robot and skills."""
+    model = WorldModel(ROOT / "ontologies", WORKSPACE)
+    model.load_initial("pick_place_scene.ttl")
+    wmi = LocalWorldModel("test", model)
+    library = SkillLibrary(wmi)
+    library.import_libraries(["skiros2_demo_skills"])
+    library.load(["drive", "pick", "place", "move_base_timed", "move_arm_timed"])
+    registration = Registration(wmi, "demo", "mobile_manipulator", "/mobile_manipulator")
+    registration.register_robot()
+    registration.register_skills(library.implementations())
+    engine = UpPlanner()
+    yield TaskPlanner(wmi, engine, Limits(30.0))
+    engine.close()
+
+
+def steps(planner: TaskPlanner, goal: str) -> list[str]:
+    result = planner.plan(goal)
+    assert result.verdict is Verdict.PLANNED, result.message
+    return [call.label for call in result.calls]
+
+
+def test_a_product_for_the_other_workstation_is_fetched_there(planner: TaskPlanner) -> None:
+    result = planner.plan(f"(skiros:contain {TRAY_B} {PRODUCT_A})")
+    assert [call.label for call in result.calls] == ["drive", "pick", "drive", "place"]
+    assert {call.manager for call in result.calls} == {"/mobile_manipulator"}
+    pick = {key: element.id for key, element in result.calls[1].arguments}
+    assert pick == {
+        "Robot": "cora:Robot-1",
+        "Object": PRODUCT_A,
+        "Container": TRAY_A,
+        "Workstation": "demo:Workstation-6",
+        "Arm": "rparts:ArmDevice-3",
+        "Gripper": "rparts:GripperEffector-4",
+    }
+
+
+def test_a_product_for_the_same_workstation_needs_one_drive(planner: TaskPlanner) -> None:
+    assert steps(planner, f"(skiros:contain {TRAY_C} {PRODUCT_A})") == ["drive", "pick", "place"]
+
+
+def test_the_gripper_holds_one_product_at_a_time(planner: TaskPlanner) -> None:
+    plan = steps(planner, f"(skiros:contain {TRAY_B} {PRODUCT_A}), (skiros:contain {TRAY_A} {PRODUCT_B})")
+    assert [step for step in plan if step != "drive"] == ["pick", "place"] * 2
+
+
+def test_a_goal_that_holds_needs_nothing(planner: TaskPlanner) -> None:
+    assert planner.plan(f"(skiros:contain {TRAY_A} {PRODUCT_A})").verdict is Verdict.NOTHING_TO_DO
+
+
+def test_a_tray_cannot_be_moved(planner: TaskPlanner) -> None:
+    result = planner.plan(f"(skiros:contain demo:Workstation-7 {TRAY_A})")
+    assert result.verdict is Verdict.IMPOSSIBLE

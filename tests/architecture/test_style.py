@@ -109,7 +109,7 @@ def test_the_test_knows_what_it_looks_for(tmp_path: Path) -> None:
     """Each rule above fails on a file that breaks it."""
     bad = SourceFile(tmp_path / "src" / "bad.py", "skiros2_common", "core")
     bad.path.parent.mkdir()
-    bad.path.write_text("from os import *\ntry:\n    print()\nexcept:\n    pass\ndef f(a=[]): ...\n")
+    bad.path.write_text("from os import *\ntry:\n    print()\nexcept(BaseException):\n    pass\ndef f(a=[]): ...\n")
     for rule in (
         test_no_wildcard_import,
         test_no_except_that_also_takes_exits_and_interrupts,

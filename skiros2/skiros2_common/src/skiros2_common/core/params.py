@@ -56,26 +56,8 @@ class Param(Property):
         since = time.to_sec() if hasattr(time, "to_sec") else float(time)
         return self._last_update > since + tolerance * 1e-9
 
-    # Every way to change the values ends in one of these.
-
-    def assign(self, value: Any) -> None:
-        super().assign(value)
-        self._last_update = time_module.time()
-
-    def setValue(self, value: Any, index: int = 0) -> None:
-        super().setValue(value, index)
-        self._last_update = time_module.time()
-
-    def setValues(self, value: Any) -> None:
-        super().setValues(value)
-        self._last_update = time_module.time()
-
-    def removeValue(self, value: Any) -> None:
-        super().removeValue(value)
-        self._last_update = time_module.time()
-
-    def unset(self) -> None:
-        super().unset()
+    def _set(self, values: list[Any]) -> None:
+        super()._set(values)
         self._last_update = time_module.time()
 
     def isSpecified(self) -> bool:
@@ -107,8 +89,7 @@ class Param(Property):
     def setDefault(self) -> None:
         """Sets the values back to the default."""
         # An abstract element may get data while the skill runs: the declared one stays as it is.
-        self._values = [v.view() if isinstance(v, Element) else v for v in self._default]
-        self._last_update = time_module.time()
+        self._set([v.view() if isinstance(v, Element) else v for v in self._default])
 
     @property
     def description(self) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.mutations import mutations
 
 log = logging.getLogger(__name__)
 
@@ -148,14 +149,14 @@ class Property:
 
     def unset(self) -> None:
         """Removes all values."""
-        self._values = []
+        self._set([])
 
     def assign(self, value: Any) -> None:
         """Sets all values, from a list or one value; None removes all.
 
         :raises WrongType: a value is of another type; nothing has changed then.
         """
-        self._values = [] if value is None else self._checked(self._as_list(value))
+        self._set([] if value is None else self._checked(self._as_list(value)))
 
     def setValue(self, value: Any, index: int = 0) -> None:
         """Sets the value at `index`; the index after the last one adds it. None removes all values."""
@@ -167,7 +168,7 @@ class Property:
             return
         checked = self._checked_or_log([value])
         if checked:
-            self._values = [*self._values[:index], checked[0], *self._values[index + 1 :]]
+            self._set([*self._values[:index], checked[0], *self._values[index + 1 :]])
 
     def setValueFromStr(self, value: str, index: int = 0) -> None:
         """Sets the value at `index` from its text. An unusable text is refused with a logged error."""
@@ -190,7 +191,7 @@ class Property:
             return
         checked = self._checked_or_log(self._as_list(value))
         if checked is not None:
-            self._values = checked
+            self._set(checked)
 
     def removeValue(self, value: Any) -> None:
         """Removes the first such value.
@@ -200,7 +201,7 @@ class Property:
         index = self.find(value)
         if index < 0:
             raise WrongValue(f"{self._key}: no value {value!r} among {self._values!r}")
-        self._values = [*self._values[:index], *self._values[index + 1 :]]
+        self._set([*self._values[:index], *self._values[index + 1 :]])
 
     def find(self, value: Any) -> int:
         """The index of the first such value, or -1."""
@@ -235,6 +236,11 @@ class Property:
 
     def __repr__(self) -> str:
         return self.printState()
+
+    def _set(self, values: list[Any]) -> None:
+        """Every change of the values ends here. The list is a new one each time, which shows that it has changed."""
+        self._values = values
+        mutations.note()
 
     def _as_list(self, value: Any) -> list[Any]:
         if not isinstance(value, (list, tuple)):

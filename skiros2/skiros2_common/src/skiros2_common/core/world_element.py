@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property, as_type, from_text, same_value
 
@@ -193,6 +194,7 @@ class Element:
     @type.setter
     def type(self, etype: str) -> None:
         self._type = etype
+        mutations.note()
 
     @property
     def label(self) -> str:
@@ -202,6 +204,7 @@ class Element:
     @label.setter
     def label(self, label: str) -> None:
         self._label = label
+        mutations.note()
 
     def isAbstract(self) -> bool:
         """Whether the element has no id."""
@@ -314,6 +317,7 @@ class Element:
         if key in self._props:
             self._own_dict()
             del self._props[key]
+            mutations.note()
 
     # -- relations ---------------------------------------------------------------------------------------------
 
@@ -336,6 +340,7 @@ class Element:
         predicate = full_name(predicate)
         if isinstance(obj, Element) or isinstance(subj, Element):
             self._local.append((subj, predicate, obj))
+            mutations.note()
         elif not self.hasRelation(subj, predicate, obj, value, abstract):
             self._own_relations().append(
                 {"src": subj, "type": predicate, "dst": obj, "state": value, "abstract": abstract}
@@ -461,6 +466,7 @@ class Element:
 
     def _put(self, key: str, prop: Property) -> None:
         self._own_dict()[key] = prop
+        mutations.note()
         if self._own_keys is not None:
             self._own_keys.add(key)
 
@@ -468,6 +474,7 @@ class Element:
         if not self._owns_relations:
             self._rels = [dict(r) for r in self._rels]
             self._owns_relations = True
+        mutations.note()
         assert isinstance(self._rels, list)
         return self._rels
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import DEVICE_IDLE, DEVICE_STATE, ParamOptions, State, as_state
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.mutations import mutations
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Source
@@ -282,40 +283,47 @@ class Executor:
         return _FAILURE
 
     def _run(self, node: SkillWrapper) -> State:
-        instance = node._instance
-        if isinstance(instance, SkillBase):
-            state = node._processor.processChildren(node._children, self)
-            if node.runs_after_children:
-                if node.seen_stamp != self._stamp:
-                    self._renew(node)
-                answer = self._guarded(node, instance.execute, EXECUTE_RAISED)
-                state = state if answer is None else as_state(answer, state)
-        else:
-            try:
-                state = instance.execute()
-            except Exception as error:
-                state = self._raised(node, error, EXECUTE_RAISED)
-            if not isinstance(state, State):
-                state = self._unusable(node, state)
+        mark = mutations.mark
+        state = self._tick_children(node) if isinstance(node._instance, SkillBase) else self._call_execute(node)
         self._copy_progress(node)
+        if state is _RUNNING and mutations.mark == mark:
+            self._look_at_world()
+            return _RUNNING  # nothing to write or to pass on
         if self._give_changes(node):
             return _RUNNING if state is _RUNNING else self._end(node, state)
         return self._end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
 
-    def _unusable(self, node: SkillWrapper, answer: Any) -> State:
+    def _tick_children(self, node: SkillWrapper) -> State:
+        state: State = node._processor.processChildren(node._children, self)
+        if not node.runs_after_children:
+            return state
+        if node.seen_stamp != self._stamp:
+            self._renew(node)
+        return self._call_execute(node, state)
+
+    def _call_execute(self, node: SkillWrapper, of_children: State | None = None) -> State:
+        """What `execute` answers; None keeps the state of the children, where there are some."""
+        try:
+            answer = node._instance.execute()
+        except Exception as error:
+            return self._raised(node, error, EXECUTE_RAISED)
+        if isinstance(answer, State):
+            return answer
+        if answer is None and of_children is not None:
+            return of_children
         if isinstance(answer, bool):
             return as_state(answer, _FAILURE)
         text = f"{node.label}: execute returned {answer!r}, expected step(...), success(...) or fail(...)"
-        node.getInstance()._setProgress(text, EXECUTE_RAISED)
+        node._instance._setProgress(text, EXECUTE_RAISED)
         return _FAILURE
 
     def _tick_ending(self, node: SkillWrapper) -> None:
         """One more tick of a node that was preempted and needs time."""
-        state = self._guarded(node, node.getInstance().execute, EXECUTE_RAISED)
+        state = self._call_execute(node, _FAILURE)
         self._copy_progress(node)
         if state is not _RUNNING:
             self._ending.remove(node)
-            self._end(node, _FAILURE if not isinstance(state, State) else state, preempted=True)
+            self._end(node, state, preempted=True)
             if node.verdict is not None:
                 node._setProgress(*node.verdict)
                 self._set_state(node, _FAILURE)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import socket
@@ -25,6 +26,11 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 END_TIMEOUT = 20.0
 #: How long a part of the system may take to start (s).
 START_TIMEOUT = 30.0
+
+
+_TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
+#: A node that names a mistake in its configuration (`/wm: scene ...`), or words of roslaunch and others for a failure.
+_FAILURE = re.compile(r"^/\w+: |error|failed|cannot|exception|unable", re.IGNORECASE)
 
 
 class SystemDown(SkirosError):
@@ -98,7 +104,9 @@ class System:
         :raises SystemDown: it ends.
         :raises TimedOut: it does not subscribe.
         """
-        self._start("the recorder", ["rosbag", "record", "-O", str(self.bag), *topics, "__name:=recorder"])
+        # Not `rosbag record`, which may end before the recorder that it starts has closed the bag.
+        command = ["rosrun", "rosbag", "record", "-O", str(self.bag), *topics, "__name:=recorder"]
+        self._start("the recorder", command)
         self.wait_for(lambda: self._subscribed("/recorder", topics), "the recorder's subscriptions")
 
     def launch(self, package: str, file: str, *arguments: str) -> None:
@@ -115,10 +123,10 @@ class System:
             _end(process)
 
     def check(self) -> None:
-        """:raises SystemDown: one of the processes has ended; the text has what it said last."""
+        """:raises SystemDown: one of the processes has ended; the text has why, as far as its log tells."""
         for name, process in self._running:
             if process.poll() is not None:
-                raise SystemDown(f"{name} has ended with status {process.returncode}:\n{self._last_words()}")
+                raise SystemDown(f"{name} has ended: {self._last_words()} (log: {self.log})")
 
     def wait_for(self, condition: Callable[[], Any], what: str, timeout: float = START_TIMEOUT) -> None:
         """Waits until a condition holds; looks 20 times a second.
@@ -131,7 +139,7 @@ class System:
         while not condition():
             self.check()
             if time.monotonic() > deadline:
-                raise TimedOut(f"waited {timeout:.0f} s for {what} in vain:\n{self._last_words()}")
+                raise TimedOut(f"{what}: not there after {timeout:.0f} s; {self._last_words()} (log: {self.log})")
             time.sleep(0.05)
 
     # -- inside --------------------------------------------------------------------------------------------------------
@@ -160,12 +168,10 @@ class System:
         return answer
 
     def _last_words(self) -> str:
-        """The last lines of the log that speak of a failure, or the last ones of all."""
-        lines = [line for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
-        bad = [
-            line for line in lines if any(word in line.lower() for word in ("error", "failed", "cannot", "exception"))
-        ]
-        return "\n".join(f"    {line}" for line in (bad or lines)[-5:]) + f"\n  (all of it: {self.log})"
+        """The last line of the log that speaks of a failure, or the last of all."""
+        text = _TERMINAL_CODES.sub("", self.log.read_text(errors="replace"))
+        lines = [line.strip() for line in text.splitlines() if line.strip()] or ["nothing was said"]
+        return next((line for line in reversed(lines) if _FAILURE.search(line)), lines[-1])
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -36,9 +36,7 @@ class Manipulation(SkillDescription):
         """Declares workstation, arm and gripper, and how these, the robot and the container belong together."""
         self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Inferred, description="Where it is")
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="The robot's arm")
-        self.addParam(
-            "Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper"
-        )
+        self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper")
         at_workstation = self.getRelationCond("RobotAtWorkstation", "skiros:at", "Robot", "Workstation", True)
         self.addPreCondition(self.getRelationCond("RobotHasArm", "skiros:hasA", "Robot", "Arm", True))
         self.addPreCondition(self.getRelationCond("ArmHasGripper", "skiros:hasA", "Arm", "Gripper", True))

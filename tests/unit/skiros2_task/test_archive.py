@@ -15,7 +15,10 @@ def test_each_request_has_a_folder_and_the_latest_pddl_lies_on_top(tmp_path: Pat
     archive.keep({"domain.pddl": "one", "p01.pddl": "p", "goal.txt": "g"})
     archive.keep({"domain.pddl": "two", "p01.pddl": "p"})
     top = tmp_path / "planner"
-    assert {p.name: p.read_text() for p in top.iterdir() if p.is_file()} == {"domain.pddl": "two", "p01.pddl": "p"}
+    assert {p.name: p.read_text() for p in top.iterdir() if p.is_file()} == {
+        "domain.pddl": "two",
+        "p01.pddl": "p",
+    }
     kept = sorted(sorted(f.name for f in p.iterdir()) for p in top.iterdir() if p.is_dir())
     assert kept == [["domain.pddl", "goal.txt", "p01.pddl"], ["domain.pddl", "p01.pddl"]]
 

@@ -8,14 +8,24 @@ from skiros2_task.core.simulation import after
 from skiros2_task.core.task import PlanStep
 from support.transport_task import at, contain, transport_task
 
-R, G, A, B, P = "cora:Robot-0", "rparts:GripperEffector-0", "skiros:Location-0", "skiros:Location-1", "skiros:Product-0"
+R, G, A, B, P = (
+    "cora:Robot-0",
+    "rparts:GripperEffector-0",
+    "skiros:Location-0",
+    "skiros:Location-1",
+    "skiros:Product-0",
+)
 
 
 def test_all_that_a_plan_reaches_is_found() -> None:
     task = transport_task(1, 2, 1)
     reached = explore(task, 10.0)
     state = task.init
-    for step in (PlanStep("pick", (R, G, A, P)), PlanStep("drive", (R, A, B)), PlanStep("place", (R, G, B, P))):
+    for step in (
+        PlanStep("pick", (R, G, A, P)),
+        PlanStep("drive", (R, A, B)),
+        PlanStep("place", (R, G, B, P)),
+    ):
         assert state <= reached.true
         state = after(task, state, step)
     assert state <= reached.true
@@ -50,4 +60,7 @@ def test_what_must_not_hold_may_stop_holding() -> None:
 
 
 def test_without_time_nothing_is_claimed() -> None:
-    assert explain(transport_task(0, 2, 1), seconds=-1.0) == [] or explore(transport_task(0, 2, 1), -1.0).complete
+    assert (
+        explain(transport_task(0, 2, 1), seconds=-1.0) == []
+        or explore(transport_task(0, 2, 1), -1.0).complete
+    )

@@ -8,7 +8,13 @@ from skiros2_task.core.simulation import after, flaw
 from skiros2_task.core.task import PlanStep
 from support.transport_task import at, contain, transport_task
 
-R, G, A, B, P = "cora:Robot-0", "rparts:GripperEffector-0", "skiros:Location-0", "skiros:Location-1", "skiros:Product-0"
+R, G, A, B, P = (
+    "cora:Robot-0",
+    "rparts:GripperEffector-0",
+    "skiros:Location-0",
+    "skiros:Location-1",
+    "skiros:Product-0",
+)
 PLAN = (PlanStep("pick", (R, G, A, P)), PlanStep("drive", (R, A, B)), PlanStep("place", (R, G, B, P)))
 TASK = transport_task(1, 2, 1)
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planner import Limits, Outcome
 from skiros2_task.core.processes import descendants
@@ -22,11 +25,9 @@ LIMITS = Limits(seconds=60.0)
 R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "skiros:Product-0"
 
 
-@pytest.fixture(scope="module")
-def planner() -> Iterator[UpPlanner]:
-    planner = UpPlanner()
-    yield planner
-    planner.close()
+@pytest.fixture
+def planner(processes: EngineProcesses) -> UpPlanner:
+    return UpPlanner(processes)
 
 
 @pytest.fixture
@@ -74,12 +75,13 @@ def test_the_pddl_is_given_back_and_readable(planner: UpPlanner) -> None:
     assert "(:goal (and \n           (skiros_contain skiros_location-1 skiros_product-0)" in files["p01.pddl"]
 
 
-def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(own_folder: Path) -> None:
-    planner = UpPlanner(keep_ready=False)
+def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(
+    planner: UpPlanner, own_folder: Path
+) -> None:
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
-    assert own_workers() == []
+    assert running_in(own_folder / "tmp") == []
 
 
 def test_several_plan_at_once(planner: UpPlanner) -> None:
@@ -98,64 +100,98 @@ def test_several_plan_at_once(planner: UpPlanner) -> None:
     assert outcomes == dict.fromkeys((2, 3, 4), Outcome.SOLVED)
 
 
-def test_a_run_ends_with_its_time_and_leaves_no_process(own_folder: Path) -> None:
-    planner = UpPlanner("fast-downward-opt", keep_ready=False)
+def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
+    planner = UpPlanner(processes, "fast-downward-opt")
     started = time.monotonic()
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=2.0))
     assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())
     assert time.monotonic() - started < 8.0
-    assert own_workers() == []
+    assert running_in(own_folder / "tmp") == []
     assert list((own_folder / "tmp").iterdir()) == []
 
 
-def test_a_run_can_be_cancelled_and_leaves_no_process(own_folder: Path) -> None:
-    planner = UpPlanner("fast-downward-opt", keep_ready=False)
+def test_a_run_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
+    planner = UpPlanner(processes, "fast-downward-opt")
     cancelled = threading.Event()
     answers = []
     task = transport_task(4, 12, 14)
     thread = threading.Thread(target=lambda: answers.append(planner.solve(task, LIMITS, cancelled)))
     thread.start()
-    wait_until(lambda: any("downward" in line for line in own_workers()), what="the engine's own process")
+    wait_until(
+        lambda: any("downward" in line for line in running_in(own_folder / "tmp")),
+        what="the engine's own process",
+    )
     cancelled.set()
     thread.join(5.0)
     assert [a.outcome for a in answers] == [Outcome.CANCELLED]
-    assert own_workers() == []
+    assert running_in(own_folder / "tmp") == []
     assert list((own_folder / "tmp").iterdir()) == []
 
 
-def test_an_unknown_engine_is_named_with_those_that_are_there() -> None:
-    answer = UpPlanner("slow-upward", keep_ready=False).solve(transport_task(1, 2, 1), LIMITS)
+def test_an_unknown_engine_is_named_with_those_that_are_there(processes: EngineProcesses) -> None:
+    answer = UpPlanner(processes, "slow-upward").solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "there is no planner 'slow-upward'" in answer.reason
     assert "fast-downward" in answer.reason
 
 
-def test_an_engine_that_crashes_is_told_with_its_log() -> None:
-    planner = UpPlanner(options={"fast_downward_search_config": "nonsense()"}, keep_ready=False)
+def test_an_engine_that_crashes_is_told_with_its_log(processes: EngineProcesses) -> None:
+    planner = UpPlanner(processes, options={"fast_downward_search_config": "nonsense()"})
     answer = planner.solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "nonsense" in answer.log
 
 
-def test_memory_is_limited() -> None:
-    planner = UpPlanner(options={"fast_downward_search_config": "astar(blind())"}, keep_ready=False)
+def test_memory_is_limited(processes: EngineProcesses) -> None:
+    planner = UpPlanner(processes, options={"fast_downward_search_config": "astar(blind())"})
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=60.0, memory_mb=60))
-    assert (answer.outcome, answer.reason) == (Outcome.FAILED, "the planner needs more memory than it may use")
+    assert (answer.outcome, answer.reason) == (
+        Outcome.FAILED,
+        "the planner needs more memory than it may use",
+    )
 
 
-def test_a_waiting_process_that_died_is_replaced() -> None:
+def test_the_process_that_is_kept_ready_is_started_anew_when_it_died() -> None:
     before = set(descendants(os.getpid()))
-    planner = UpPlanner()
+    processes = EngineProcesses()
     try:
-        worker = wait_until(
-            lambda: next((p for p in descendants(os.getpid()) if p not in before and command(p)), None),
-            what="the process that waits",
-        )
-        os.kill(worker, 9)
-        wait_until(lambda: not command(worker), what="the end of the process")
-        assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+        (pid,) = set(descendants(os.getpid())) - before
+        os.kill(pid, signal.SIGKILL)
+        wait_until(lambda: command(pid) == "", what="the end of the process")
+        assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     finally:
-        planner.close()
+        processes.close()
+    assert set(descendants(os.getpid())) <= before
+
+
+def test_a_planner_outlives_no_process_that_used_it(tmp_path: Path) -> None:
+    """A node that is killed takes its engines with it."""
+    program = """if True:
+        import os, threading
+        from skiros2_task.core.engine_processes import EngineProcesses
+        from skiros2_task.core.planner import Limits
+        from skiros2_task.core.up_planner import UpPlanner
+        from support.transport_task import transport_task
+
+        planner = UpPlanner(EngineProcesses(), "fast-downward-opt")
+        planner.solve(transport_task(4, 12, 14), Limits(seconds=60.0))
+    """
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+        "TMPDIR": str(tmp_path),
+    }
+    user = subprocess.Popen([sys.executable, "-c", program], env=environment)
+    engines = wait_until(
+        lambda: [p for p in descendants(user.pid) if "downward" in command(p)], what="an engine"
+    )
+    processes = descendants(user.pid)
+    user.kill()
+    user.wait()
+    assert set(engines) <= set(processes)
+    wait_until(
+        lambda: not any(command(pid) for pid in processes), timeout=5.0, what="the end of all processes"
+    )
 
 
 def command(pid: int) -> str:
@@ -166,8 +202,17 @@ def command(pid: int) -> str:
         return ""
 
 
-def own_workers() -> list[str]:
-    """The command lines of the planning processes under this one, but for the one that waits in the fixture."""
-    lines = [command(pid) for pid in descendants(os.getpid())]
-    workers = [line for line in lines if "engine_worker" in line or "downward" in line]
-    return workers[1:] if workers and all("engine_worker" in line for line in workers) else workers
+def running_in(folder: Path) -> list[str]:
+    """The command lines of the processes that work in a folder or below."""
+    return [
+        command(int(entry.name))
+        for entry in Path("/proc").iterdir()
+        if entry.name.isdigit() and works_in(entry, folder)
+    ]
+
+
+def works_in(process: Path, folder: Path) -> bool:
+    try:
+        return (process / "cwd").readlink().is_relative_to(folder)
+    except OSError:
+        return False

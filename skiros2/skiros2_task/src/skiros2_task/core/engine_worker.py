@@ -1,21 +1,24 @@
-"""The process in which an engine of unified-planning runs: `python -m skiros2_task.core.engine_worker`.
+"""The process in which engines of unified-planning run: `python -m skiros2_task.core.engine_worker FD`.
 
-It loads unified-planning, waits for one job on its standard input (pickled by the process that started it), solves it
-in its working folder, writes the pickled answer to its standard output and ends. When the input is closed, it ends at
-once, with all processes under it. What it and the engine print goes to standard error.
+Loading unified-planning takes a second. This process does it once, and then makes a child process for each request
+that comes over the socket FD: a working folder, and with it the socket over which the child gets its job and gives its
+answer, both pickled. When the other side closes a socket, what belongs to it ends at once, with all processes under it.
 """
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import pickle
 import resource
+import signal
+import socket
 import sys
 import threading
 import traceback
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import Any
 
 from skiros2_task.core.planner import Limits, Outcome
 from skiros2_task.core.processes import kill_tree
@@ -23,6 +26,7 @@ from skiros2_task.core.task import PlanningTask, PlanStep
 
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "p01.pddl"
+LOG_FILE = "planner.log"
 
 _LOADING_NICENESS = 10
 
@@ -43,26 +47,33 @@ class Job:
 
 @dataclass(frozen=True)
 class WorkerAnswer:
+    """What came of a job."""
+
     outcome: Outcome
     plan: tuple[PlanStep, ...] = ()
     reason: str = ""
 
 
+TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan in its time")
+_OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner needs more memory than it may use")
+
+
 def main() -> None:
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    loading = threading.Thread(target=_load, name="loading", daemon=True)
+    """Serves requests until the socket is closed."""
+    requests = socket.socket(fileno=int(sys.argv[1]))
+    loading = threading.Thread(target=_load, name="loading")
     loading.start()
-    try:
-        job = pickle.load(sys.stdin.buffer)
-    except EOFError:
-        os._exit(0)  # nobody wants anything
-    threading.Thread(target=_end_with, args=(sys.stdin.buffer,), name="input", daemon=True).start()
     loading.join()
-    answer = _solved(job)
-    pickle.dump(answer, answers)
-    answers.close()
-    os._exit(0)  # without waiting for the thread that reads
+    gc.freeze()  # what is loaded stays; children need not look at it
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children that end leave nothing to be waited for
+    while True:
+        message, descriptors, _, _ = socket.recv_fds(requests, 4096, 1)
+        if not message:
+            return
+        if os.fork() == 0:
+            requests.close()
+            _serve(os.fsdecode(message), socket.socket(fileno=descriptors[0]))
+        os.close(descriptors[0])
 
 
 def _load() -> None:
@@ -72,9 +83,32 @@ def _load() -> None:
         importlib.import_module(name)
 
 
-def _end_with(stream: BinaryIO) -> None:
-    """Waits until the process that started this one closes the input, or is gone, and ends everything."""
-    while stream.read(1):
+def _serve(folder: str, connection: socket.socket) -> None:
+    """The life of a child process. Does not return."""
+    status = 1
+    try:
+        os.setsid()
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        os.chdir(folder)
+        os.environ["TMPDIR"] = folder
+        log = os.open(LOG_FILE, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        os.dup2(log, 1)
+        os.dup2(log, 2)
+        stream = connection.makefile("rwb")
+        pickle.dump(os.getpid(), stream)
+        stream.flush()
+        job = pickle.load(stream)
+        threading.Thread(target=_end_with, args=(connection,), name="input", daemon=True).start()
+        pickle.dump(_solved(job), stream)
+        stream.flush()
+        status = 0
+    finally:
+        os._exit(status)  # nothing of the process that this one was copied from is to be cleaned up here
+
+
+def _end_with(connection: socket.socket) -> None:
+    """Waits until the other side closes the connection, or is gone, and ends everything."""
+    while connection.recv(1, socket.MSG_PEEK):
         pass
     kill_tree(os.getpid(), itself=False)
     os._exit(1)
@@ -87,7 +121,7 @@ def _solved(job: Job) -> WorkerAnswer:
     try:
         return _solve(job)
     except MemoryError:
-        return WorkerAnswer(Outcome.FAILED, reason=f"more than {job.limits.memory_mb} MiB of memory were needed")
+        return _OUT_OF_MEMORY
     except Exception as error:  # an engine may raise anything; the answer tells it
         traceback.print_exc()
         return WorkerAnswer(Outcome.FAILED, reason=f"{type(error).__name__}: {error}")
@@ -119,20 +153,21 @@ def _solve(job: Job) -> WorkerAnswer:
     sys.stderr.flush()
     if result.plan is not None:
         return WorkerAnswer(Outcome.SOLVED, model.steps(result.plan))
-    return WorkerAnswer(*_meaning(result.status, Status))
+    return _meaning(result.status, Status)
 
 
-def _meaning(status: Any, names: Any) -> tuple[Outcome, tuple[PlanStep, ...], str]:
-    """The outcome and the reason for a status without a plan."""
+def _meaning(status: Any, names: Any) -> WorkerAnswer:
+    """What a status without a plan says."""
     if status == names.UNSOLVABLE_PROVEN:
-        return Outcome.IMPOSSIBLE, (), "no sequence of the robots' skills reaches the goal"
+        return WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
     if status == names.TIMEOUT:
-        return Outcome.TIMED_OUT, (), "the planner found no plan in its time"
+        return TIMED_OUT
     if status == names.UNSOLVABLE_INCOMPLETELY:
-        return Outcome.FAILED, (), "the planner found no plan, and does not prove that there is none"
+        reason = "the planner found no plan, and does not prove that there is none"
+        return WorkerAnswer(Outcome.FAILED, reason=reason)
     if status == names.MEMOUT:
-        return Outcome.FAILED, (), "the planner needs more memory than it may use"
-    return Outcome.FAILED, (), f"the planner ended with {status.name}"
+        return _OUT_OF_MEMORY
+    return WorkerAnswer(Outcome.FAILED, reason=f"the planner ended with {status.name}")
 
 
 if __name__ == "__main__":

@@ -60,6 +60,3 @@ class Planner(Protocol):
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
         """Blocks until there is an answer, the limits are reached or `cancelled` is set."""
-
-    def close(self) -> None:
-        """Ends what it keeps ready. No `solve` may be under way."""

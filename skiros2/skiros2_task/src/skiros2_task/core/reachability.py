@@ -136,6 +136,12 @@ def explain(task: PlanningTask, seconds: float = 5.0) -> list[str]:
     ]
 
 
+def contradictions(goal: Formula) -> list[str]:
+    """In words, what a goal asks for together with its opposite."""
+    parts = set(conjuncts(goal))
+    return [f"the goal asks for {part} and for the opposite" for part in conjuncts(goal) if Not(part) in parts]
+
+
 def _obstacle(part: Formula, task: PlanningTask, reached: Reached) -> str:
     """What the skills that could bring about a part of the goal lack."""
     state = not isinstance(part, Not)

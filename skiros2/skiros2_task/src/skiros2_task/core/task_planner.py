@@ -16,10 +16,11 @@ from skiros2_task.core.goal_syntax import GoalError
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
-from skiros2_task.core.reachability import explain
+from skiros2_task.core.reachability import contradictions, explain
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.world_view import WorldReader, WorldView
+from skiros2_task.core.world_view import WorldView
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +63,7 @@ class PlanningResult:
 class TaskPlanner:
     """Makes plans for goals from a world model and the skills in it. Any thread may call it, several at once."""
 
-    def __init__(self, wm: WorldReader, planner: Planner, limits: Limits, archive: Archive | None = None) -> None:
+    def __init__(self, wm: WorldModelPort, planner: Planner, limits: Limits, archive: Archive | None = None) -> None:
         """
         :param archive: keeps what was made for each goal.
         """
@@ -123,10 +124,12 @@ class TaskPlanner:
     def _impossible(self, task: PlanningTask, world: WorldView, reason: str = "") -> PlanningResult:
         """Says why there is no plan."""
         if not world.robots:
-            reason = "no robot in the world model offers skills"
-        elif not task.actions:
-            reason = "none of the robots' skills can help"
-        why = explain(task) if world.robots else []
+            reason, why = "no robot in the world model offers skills", []
+        else:
+            reason = reason or "none of the robots' skills can help"
+            why = contradictions(task.goal) or explain(task)
+            if not why:
+                reason += ": each part of the goal can be reached on its own, but not all together"
         return PlanningResult(Verdict.IMPOSSIBLE, message="\n".join([f"no plan: {reason}", *why]), notes=task.notes)
 
     def _kept(

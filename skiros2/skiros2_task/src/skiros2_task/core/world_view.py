@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.skill_model import Robot, read_robots
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: Where an element came from.
 TEMPLATE_RELATION = "skiros:hasTemplate"
+
+#: The context that holds the ontologies alone.
+_ONTOLOGY = "ontology"
 
 #: What no goal and no parameter means, though it stands in the scene.
 _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition")
 
 
-class WorldReader(Protocol):
-    """What planning asks of the world model's port."""
-
-    def get_scene(self) -> list[Element]: ...
-    def get_template_element(self, uri: str) -> Element: ...
-    def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]: ...
-    def get_sub_properties(self, parent_property: str, recursive: bool = True) -> list[str]: ...
-    def is_subclass(self, child: str, parent: str) -> bool: ...
-    def is_subproperty(self, child: str, parent: str) -> bool: ...
-    def check_relation(self, subj: Element, pred: str, obj: Element, state: bool, abstract: bool) -> bool: ...
-    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
-
-
 class WorldView:
     """The scene as it was when this was made. Later changes are not seen; templates are read when asked for."""
 
-    def __init__(self, wm: WorldReader) -> None:
+    def __init__(self, wm: WorldModelPort) -> None:
         """Reads the whole scene.
 
         :raises WmException: the world model does not answer.
         """
         self._wm = wm
-        self._all: dict[str, Element] = {e.id: e for e in wm.get_scene()}
+        self._all: dict[str, Element] = {e.id: e for e in wm.resolve_elements(Element())}
         self.robots: tuple[Robot, ...] = read_robots(self._all)
         skill_parts = self._skill_parts()
         #: The elements that goals and parameters may mean, by id; a template that stands for itself by its name.
@@ -81,15 +71,15 @@ class WorldView:
 
     def classes(self) -> set[str]:
         """All classes that the ontology or the scene names."""
-        return self._named("owl:Class") | {e.type for e in self._all.values()}
+        return self._named("Class") | {e.type for e in self._all.values()}
 
     def relations(self) -> set[str]:
-        """All relations that the ontology or the scene names."""
-        return self._named("owl:ObjectProperty") | set(self._relation_index())
+        """All relations that the ontology or the scene names, or that a reasoner computes."""
+        return self._named("ObjectProperty") | set(self._relation_index()) | _computed_relations()
 
     def properties(self) -> set[str]:
         """All properties with values that the ontology or the scene names."""
-        return self._named("owl:DatatypeProperty") | {k for e in self.objects.values() for k in e.available_properties}
+        return self._named("DatatypeProperty") | {k for e in self.objects.values() for k in e.available_properties}
 
     def truth_properties(self) -> set[str]:
         """The properties whose values are true or false, as the ontology or the scene has them."""
@@ -101,7 +91,8 @@ class WorldView:
         }
         rows = self._wm.query_ontology(
             "SELECT ?x WHERE { ?x <http://www.w3.org/2000/01/rdf-schema#range> "
-            "<http://www.w3.org/2001/XMLSchema#boolean> }"
+            "<http://www.w3.org/2001/XMLSchema#boolean> }",
+            context=_ONTOLOGY,
         )
         return found | set(rows)
 
@@ -119,7 +110,8 @@ class WorldView:
     def _named(self, kind: str) -> set[str]:
         rows = self._wm.query_ontology(
             f"SELECT ?x WHERE {{ ?x <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> "
-            f"<http://www.w3.org/2002/07/owl#{kind.partition(':')[2]}> }}"
+            f"<http://www.w3.org/2002/07/owl#{kind}> }}",
+            context=_ONTOLOGY,
         )
         return {name for name in rows if ":" in name and not name.startswith("_:")}
 
@@ -153,7 +145,7 @@ class WorldView:
 
     def templates(self) -> set[str]:
         """The names of all templates."""
-        return self._named("owl:NamedIndividual")
+        return self._named("NamedIndividual")
 
     def quantified(self, cls: str) -> tuple[str, ...]:
         """The objects that a goal's quantifier over a class means: those in the scene, or that may come there."""
@@ -201,7 +193,7 @@ class WorldView:
 
     def computed(self, relation: str) -> bool:
         """Whether a reasoner of this process computes the relation."""
-        return any(relation in _full_names(r.getAssociatedRelations()) for r in reasoners.all())
+        return relation in _computed_relations()
 
     def computed_pairs(self, relation: str, subjects: Iterable[str], objects: Iterable[str]) -> list[tuple[str, str]]:
         """The pairs between which a reasoner finds the relation."""
@@ -230,5 +222,5 @@ class WorldView:
             return False  # the world has changed since: the element is gone
 
 
-def _full_names(names: Iterable[Any]) -> set[str]:
-    return {full_name(str(name)) for name in names}
+def _computed_relations() -> set[str]:
+    return {full_name(str(name)) for reasoner in reasoners.all() for name in reasoner.getAssociatedRelations()}

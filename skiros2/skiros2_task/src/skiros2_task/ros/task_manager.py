@@ -15,6 +15,7 @@ from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_task.core.archive import Archive
+from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
@@ -124,13 +125,14 @@ def main() -> None:
     seconds = rospy.get_param("~planning_time", Limits.seconds)
     if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
         raise ConfigurationError(f"parameter {rospy.resolve_name('~planning_time')} is {seconds!r}, expected seconds")
-    engine = UpPlanner(str(rospy.get_param("~planner", DEFAULT_ENGINE)))
+    processes = EngineProcesses()
     try:
         wm = WorldModelInterface(rospy.get_name(), make_cache=True)
+        engine = UpPlanner(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
         archive = Archive(Path(os.path.expanduser(ARCHIVE)))
         manager = TaskManager(TaskPlanner(wm, engine, Limits(float(seconds)), archive))
         rospy.on_shutdown(manager.stop)
         manager.start()
         rospy.spin()
     finally:
-        engine.close()
+        processes.close()

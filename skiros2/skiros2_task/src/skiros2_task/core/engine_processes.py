@@ -1,0 +1,173 @@
+"""Runs of planning engines, each in a process of its own that can be ended at any time."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import select
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from skiros2_task.core.engine_worker import DOMAIN_FILE, LOG_FILE, PROBLEM_FILE, TIMED_OUT, Job, WorkerAnswer
+from skiros2_task.core.planner import Outcome
+from skiros2_task.core.processes import kill_tree
+
+_CANCEL_PERIOD = 0.02  # s between two looks at whether a run is cancelled
+_GRACE = 2.0  # s that an engine gets beyond its time to end by itself
+_LOADING_TIME = 60.0  # s that loading unified-planning may take
+_ENDING_TIME = 1.0  # s that a process gets to end itself and what it started
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run gave.
+
+    :param log: what the engine printed.
+    :param files: the PDDL of domain and problem, by file name, as far as it was written.
+    """
+
+    answer: WorkerAnswer
+    log: str = ""
+    files: tuple[tuple[str, str], ...] = ()
+
+
+class EngineProcesses:
+    """One process that has unified-planning loaded, and its children, one for each run (see `engine_worker`).
+
+    Any thread may call it, several at once.
+    """
+
+    def __init__(self) -> None:
+        """Starts the process, which loads in the background."""
+        self._lock = threading.Lock()
+        self._process, self._requests = _start()
+
+    def run(self, job: Job, cancelled: threading.Event) -> Run:
+        """Runs a job until there is an answer, its time is over or `cancelled` is set."""
+        folder = Path(tempfile.mkdtemp(prefix="skiros-plan-"))
+        try:
+            connection = self._connect(folder)
+            try:
+                answer = _answer(connection, job, cancelled)
+            finally:
+                connection.close()
+            log = _text(folder / LOG_FILE)
+            if answer is None:
+                last = (log.strip().splitlines() or ["without a word"])[-1]
+                answer = WorkerAnswer(Outcome.FAILED, reason=f"the planner's process ended without an answer: {last}")
+            names = (name for name in (DOMAIN_FILE, PROBLEM_FILE) if (folder / name).exists())
+            return Run(answer, log, tuple((name, _text(folder / name)) for name in names))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def close(self) -> None:
+        """Ends the process and its children."""
+        with self._lock:
+            self._stop()
+
+    def _connect(self, folder: Path) -> socket.socket:
+        """The connection to a new child process; the process is started anew if it has died."""
+        with self._lock:
+            ours, theirs = socket.socketpair()
+            try:
+                if self._process.poll() is not None:
+                    self._stop()
+                    self._process, self._requests = _start()
+                socket.send_fds(self._requests, [os.fsencode(folder)], [theirs.fileno()])
+            except OSError:
+                ours.close()
+                raise
+            finally:
+                theirs.close()
+            return ours
+
+    def _stop(self) -> None:
+        self._requests.close()
+        kill_tree(self._process.pid)
+        self._process.wait()
+
+
+def _start() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    # A message each, so that a request and its socket come together.
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        places = [place for place in sys.path if place and Path(place).exists()]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "skiros2_task.core.engine_worker", str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(places)},
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,  # a Ctrl-C in the terminal is for the node, which ends this one
+        )
+    return process, ours
+
+
+def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+    """The answer to a job; None when the process ended without one. When it comes back, the process is at its end."""
+    reader = _Reader(connection, cancelled)
+    pid = reader.next(_LOADING_TIME)
+    if not isinstance(pid, int):
+        return pid if isinstance(pid, WorkerAnswer) else None
+    try:
+        connection.sendall(pickle.dumps(job))
+        answer = reader.next(job.limits.seconds + _GRACE)
+    except OSError:  # it is gone
+        return None
+    _end(connection, pid)
+    return answer if isinstance(answer, WorkerAnswer) else None
+
+
+def _end(connection: socket.socket, pid: int) -> None:
+    """Waits until the process has ended, which the end of what is sent here tells it to, if it has not yet."""
+    connection.shutdown(socket.SHUT_WR)
+    connection.settimeout(_ENDING_TIME)
+    try:
+        while connection.recv(1 << 16):
+            pass
+    except TimeoutError:
+        kill_tree(pid)  # an engine that lets nothing else run; it is there, for the connection is
+    except OSError:
+        pass
+
+
+class _Reader:
+    """Reads pickled objects from a connection as they come."""
+
+    def __init__(self, connection: socket.socket, cancelled: threading.Event) -> None:
+        self._connection = connection
+        self._cancelled = cancelled
+        self._received = b""
+
+    def next(self, seconds: float) -> object:
+        """The next object, a `WorkerAnswer` when that is cancelled or takes too long, or None at the end."""
+        ends = time.monotonic() + seconds
+        while True:
+            stream = io.BytesIO(self._received)
+            try:
+                found = pickle.load(stream)
+            except (EOFError, pickle.UnpicklingError):
+                pass
+            else:
+                self._received = stream.read()
+                return found
+            if select.select([self._connection], [], [], _CANCEL_PERIOD)[0]:
+                part = self._connection.recv(1 << 16)
+                if not part:
+                    return None
+                self._received += part
+            elif self._cancelled.is_set():
+                return WorkerAnswer(Outcome.CANCELLED, reason="cancelled")
+            elif time.monotonic() > ends:
+                return TIMED_OUT
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""

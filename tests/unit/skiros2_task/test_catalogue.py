@@ -1,0 +1,642 @@
+"""Worlds and goals with known answers, planned from the world model's elements to the skills to be called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from skiros2_task.core.task_planner import PlanningResult, Verdict
+from support.planning_world import (
+    DRIVE,
+    INFERRED,
+    OPTIONAL,
+    PICK,
+    PLACE,
+    REQUIRED,
+    PlanningWorld,
+    allowed,
+    given,
+    has,
+    made,
+    of_type,
+    one_of,
+    prop,
+    related,
+    skill,
+    transport_world,
+)
+
+Plan = Callable[[PlanningWorld, str], PlanningResult]
+Step = tuple[str, dict[str, str]]
+
+AT = related("Robot", "skiros:at", "Place")
+HERE: list[tuple[Any, ...]] = [("Place", "skiros:Location", INFERRED)]
+PRODUCT: list[tuple[Any, ...]] = [("Object", "skiros:Product", REQUIRED)]
+
+
+def steps(result: PlanningResult) -> list[Step]:
+    """(implementation, ids by parameter) of each call."""
+    assert result.verdict is Verdict.PLANNED, result.message
+    return [(call.label, {key: e.id or e.label for key, e in call.arguments}) for call in result.calls]
+
+
+def labels(result: PlanningResult) -> list[str]:
+    return [label for label, _ in steps(result)]
+
+
+# -- drive, pick and place ----------------------------------------------------------------------------------------
+
+
+def test_one_robot_brings_a_product(plan: Plan) -> None:
+    world = transport_world()
+    (robot,), (gripper,), (start, target), (product,) = (
+        world.robots,
+        world.grippers,
+        world.places,
+        world.products,
+    )
+    hand = {"Robot": robot, "Gripper": gripper, "Object": product}
+    assert steps(plan(world, f"(skiros:contain {target} {product})")) == [
+        ("pick", {**hand, "Place": start}),
+        ("drive", {"Robot": robot, "StartLocation": start, "TargetLocation": target}),
+        ("place", {**hand, "Place": target}),
+    ]
+
+
+def test_each_step_names_the_manager_of_its_robot(plan: Plan) -> None:
+    world = transport_world(robots=2, places=3)
+    alpha, beta = world.robots
+    places = world.places
+    result = plan(world, f"(skiros:at {alpha} {places[1]}), (skiros:at {beta} {places[2]})")
+    assert {(call.manager, dict(call.arguments)["Robot"].id) for call in result.calls} == {
+        ("/alpha", alpha),
+        ("/beta", beta),
+    }
+    assert labels(result) == ["drive", "drive"]
+
+
+def test_a_skill_is_done_by_a_robot_that_has_it(plan: Plan) -> None:
+    world = transport_world(robots=1)
+    driver = world.robot("driver", DRIVE, at=world.places[0])
+    world.gripper(driver)
+    result = plan(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
+    assert {call.manager for call in result.calls} == {"/alpha"}
+
+
+def test_what_one_robot_cannot_do_alone_several_do_together(plan: Plan) -> None:
+    world = PlanningWorld()
+    near, far = world.thing("skiros:Location"), world.thing("skiros:Location")
+    product = world.thing("skiros:Product", inside=near)
+    paint = skill("Paint", [*HERE, *PRODUCT], [AT, related("Place", "skiros:contain", "Object")], [PAINTED])
+    world.robot("painter", paint, at=far)
+    carrier = world.robot("carrier", DRIVE, PICK, PLACE, at=near)
+    world.gripper(carrier)
+    result = plan(world, f"(Painted {product})")
+    assert labels(result) == ["pick", "drive", "place", "paint"]
+    assert [call.manager for call in result.calls] == ["/carrier", "/carrier", "/carrier", "/painter"]
+
+
+def test_all_products_of_a_type_are_brought(plan: Plan) -> None:
+    world = transport_world(places=2, products=4)
+    goal = f"(forall (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))"
+    result = plan(world, goal)
+    brought = [arguments["Object"] for label, arguments in steps(result) if label == "place"]
+    assert sorted(brought) == sorted([world.products[0], world.products[2]])
+
+
+def test_a_type_that_no_skill_names_may_be_quantified_over(plan: Plan) -> None:
+    world = transport_world(places=2)
+    starter = world.thing("skiros:Starter", inside=world.places[0])
+    result = plan(world, f"(forall (?x - skiros:Starter) (skiros:contain {world.places[1]} ?x))")
+    assert {arguments.get("Object") for _, arguments in steps(result)} == {None, starter}
+
+
+def test_some_product_is_enough_for_exists(plan: Plan) -> None:
+    world = transport_world(places=2, products=3)
+    world.relate(world.robots[0], "skiros:at", world.places[1])
+    goal = f"(exists (?x - skiros:Product) (skiros:contain {world.grippers[0]} ?x))"
+    assert labels(plan(world, goal)) == ["pick"]
+
+
+def test_one_of_two_goals_is_enough_for_or(plan: Plan) -> None:
+    world = transport_world()
+    product = world.products[0]
+    goal = f"(or (skiros:contain {product} {world.places[0]}) (skiros:contain {world.places[1]} {product}))"
+    assert labels(plan(world, goal)) == ["pick", "drive", "place"]
+
+
+def test_what_must_not_hold_any_more_is_undone(plan: Plan) -> None:
+    world = transport_world()
+    goal = f"(not (skiros:contain {world.places[0]} {world.products[0]}))"
+    assert labels(plan(world, goal)) == ["pick"]
+
+
+# -- nothing to do, no plan ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        "(skiros:contain {place} {product})",
+        "(not (skiros:at {robot} {other}))",
+        "(forall (?x - skiros:DepthCamera) (skiros:contain {other} ?x))",
+        "(exists (?x - skiros:Location) (skiros:at {robot} ?x))",
+        "(Empty {gripper})",
+        "(skiros:spatiallyRelated {place} {product})",
+    ],
+)
+def test_a_goal_that_holds_needs_nothing(plan: Plan, goal: str) -> None:
+    world = transport_world()
+    names = {"place": world.places[0], "other": world.places[1], "product": world.products[0]}
+    names |= {"robot": world.robots[0], "gripper": world.grippers[0]}
+    result = plan(world, goal.format(**names))
+    assert (result.verdict, result.calls) == (Verdict.NOTHING_TO_DO, ()), result.message
+
+
+def test_a_goal_that_no_skill_serves_is_impossible_and_says_so(plan: Plan) -> None:
+    world = transport_world()
+    result = plan(world, f"(skiros:hasA {world.places[0]} {world.products[0]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert (
+        f"(skiros:hasA {world.places[0]} {world.products[0]}) cannot be reached: no skill" in result.message
+    )
+
+
+def test_a_missing_condition_is_named(plan: Plan) -> None:
+    world = transport_world(robots=0)
+    world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
+    world.thing("rparts:GripperEffector", ContainerState="Empty")  # lies about
+    result = plan(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "it needs" in result.message
+
+
+def test_a_missing_kind_of_element_is_named(plan: Plan) -> None:
+    world = transport_world(robots=0)
+    world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
+    result = plan(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert any("the scene has nothing for Gripper (rparts:GripperEffector)" in note for note in result.notes)
+
+
+def test_goals_that_exclude_each_other_are_impossible(plan: Plan) -> None:
+    world = transport_world(places=3)
+    robot, places = world.robots[0], world.places
+    result = plan(world, f"(skiros:at {robot} {places[1]}), (skiros:at {robot} {places[2]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "not all together" in result.message
+
+
+def test_a_goal_that_contradicts_itself_is_impossible(plan: Plan) -> None:
+    world = transport_world()
+    atom = f"(skiros:at {world.robots[0]} {world.places[1]})"
+    result = plan(world, f"{atom}, (not {atom})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert f"the goal asks for {atom} and for the opposite" in result.message
+
+
+def test_without_robots_only_what_holds_can_be_had(plan: Plan) -> None:
+    world = transport_world(robots=0)
+    places, product = world.places, world.products[0]
+    assert plan(world, f"(skiros:contain {places[0]} {product})").verdict is Verdict.NOTHING_TO_DO
+    result = plan(world, f"(skiros:contain {places[1]} {product})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "no robot" in result.message
+
+
+# -- properties ---------------------------------------------------------------------------------------------------
+
+PAINTED = prop("Object", "skiros:Surface", "=", "Painted")
+IS_OPEN = prop("Door", "skiros:Open", "=", True)
+DOOR: list[tuple[Any, ...]] = [("Door", "skiros:Container", REQUIRED)]
+
+OPEN = skill("Open", DOOR, [prop("Door", "skiros:Open", "=", False)], [IS_OPEN])
+CLOSE = skill("Close", DOOR, [IS_OPEN], [prop("Door", "skiros:Open", "=", True, False)])
+
+
+@pytest.mark.parametrize(
+    ("is_open", "goal", "expected"),
+    [
+        (False, "(skiros:Open {door})", ["open"]),
+        (False, "(Open {door})", ["open"]),
+        (False, "(open {door})", ["open"]),
+        (True, "(not (Open {door}))", ["close"]),
+        (True, "(Open_False {door})", ["close"]),
+        (True, "(not (Open_False {door}))", []),
+        (False, "(not (Open {door}))", []),
+    ],
+)
+def test_a_truth_property_is_a_predicate_of_its_name(
+    plan: Plan, is_open: bool, goal: str, expected: list[str]
+) -> None:
+    world = PlanningWorld()
+    door = world.thing("skiros:Container", Open=is_open)
+    world.robot("alpha", OPEN, CLOSE)
+    result = plan(world, goal.format(door=door))
+    assert (labels(result) if expected else result.calls) == (expected or ())
+    assert result.verdict is (Verdict.PLANNED if expected else Verdict.NOTHING_TO_DO)
+
+
+def test_a_missing_truth_property_is_neither_true_nor_false(plan: Plan) -> None:
+    world = PlanningWorld()
+    door = world.thing("skiros:Container")
+    world.robot("alpha", OPEN, CLOSE)
+    result = plan(world, f"(Open {door})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert f"it needs (skiros:Open_False {door})" in result.message
+
+
+def test_negative_truth_conditions_are_planned_with(plan: Plan) -> None:
+    """A door has to be shut (state False) before what is inside may be heated."""
+    world = PlanningWorld()
+    oven = world.thing("skiros:Container", Open=True)
+    hot = prop("Door", "skiros:Temperature", "=", "Hot")
+    heat = skill("Heat", DOOR, [prop("Door", "skiros:Open", "=", True, False)], [hot])
+    world.robot("alpha", OPEN, CLOSE, heat)
+    assert labels(plan(world, f"(Hot {oven})")) == ["close", "heat"]
+    assert labels(plan(world, f"(Temperature_Hot {oven}), (Open {oven})")) == ["close", "heat", "open"]
+
+
+def test_a_text_property_changes_from_value_to_value(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product", Surface="Raw")
+    raw = prop("Object", "skiros:Surface", "=", "Raw")
+    prime = skill("Prime", PRODUCT, [raw], [prop("Object", "skiros:Surface", "=", "Primed")])
+    paint = skill("Paint", PRODUCT, [prop("Object", "skiros:Surface", "=", "Primed")], [PAINTED])
+    strip = skill("Strip", PRODUCT, [prop("Object", "skiros:Surface", "=", "Raw", False)], [raw])
+    world.robot("alpha", prime, paint, strip)
+    assert labels(plan(world, f"(Painted {product})")) == ["prime", "paint"]
+    assert labels(plan(world, f"(skiros:Surface_Painted {product}), (not (Raw {product}))")) == [
+        "prime",
+        "paint",
+    ]
+    assert plan(world, f"(Painted {product}), (Primed {product})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_a_text_with_spaces_is_a_predicate_too(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product", Surface="Raw")
+    paint = skill(
+        "Paint",
+        PRODUCT,
+        [has("Object", "skiros:Surface")],
+        [prop("Object", "skiros:Surface", "=", "Sky Blue")],
+    )
+    world.robot("alpha", paint)
+    for goal in (f"(Sky_Blue {product})", f'("Sky Blue" {product})', f"(surface_sky_blue {product})"):
+        assert labels(plan(world, goal)) == ["paint"]
+
+
+def test_a_value_of_two_properties_has_to_be_written_with_its_property(plan: Plan) -> None:
+    world = PlanningWorld()
+    camera = world.thing("skiros:DepthCamera", StateProperty="Busy", Power="Busy")
+    switch = skill(
+        "Stop",
+        [("Device", "sumo:Device", REQUIRED)],
+        [prop("Device", "skiros:StateProperty", "=", "Busy")],
+        [prop("Device", "skiros:StateProperty", "=", "Idle"), prop("Device", "skiros:Power", "=", "Idle")],
+    )
+    world.robot("alpha", switch)
+    result = plan(world, f"(Idle {camera})")
+    assert result.verdict is Verdict.FAILED
+    assert "write skiros:Power_Idle or skiros:StateProperty_Idle" in result.message
+    assert labels(plan(world, f"(Power_Idle {camera})")) == ["stop"]
+
+
+def test_having_a_property_is_planned_for(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    weigh = skill("Weigh", PRODUCT, [has("Object", "skiros:Weight", False)], [has("Object", "skiros:Weight")])
+    sort = skill(
+        "Sort", PRODUCT, [has("Object", "skiros:Weight")], [prop("Object", "skiros:Sorted", "=", True)]
+    )
+    world.robot("alpha", weigh, sort)
+    assert labels(plan(world, f"(Sorted {product})")) == ["weigh", "sort"]
+    assert labels(plan(world, f"(has_Weight {product})")) == ["weigh"]
+
+
+def test_numbers_are_compared(plan: Plan) -> None:
+    world = PlanningWorld()
+    battery = world.thing("skiros:Product", Charge=20.0)
+    low = prop("Object", "skiros:Charge", "<", 50.0)
+    charge = skill("Charge", PRODUCT, [low], [prop("Object", "skiros:Charge", "=", 100.0)])
+    work = skill(
+        "Work",
+        PRODUCT,
+        [prop("Object", "skiros:Charge", ">=", 80.0)],
+        [prop("Object", "skiros:Done", "=", True), prop("Object", "skiros:Charge", "<", 10.0)],
+    )
+    world.robot("alpha", charge, work)
+    assert labels(plan(world, f"(Done {battery})")) == ["charge", "work"]
+    assert labels(plan(world, f"(Done {battery}), (> (Charge {battery}) 90)")) == ["charge", "work", "charge"]
+    assert plan(world, f"(= (Charge {battery}) 20)").verdict is Verdict.NOTHING_TO_DO
+    assert plan(world, f"(> (Charge {battery}) 100)").verdict is Verdict.IMPOSSIBLE
+
+
+def test_a_locked_device_is_free_before_and_after(plan: Plan) -> None:
+    """What a skill itself holds while it runs is not asked for at its start."""
+    from skiros2_common.core.abstract_skill import ParamOptions
+
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    world.thing("skiros:DepthCamera", StateProperty="Idle")
+    look = skill(
+        "Look",
+        [*PRODUCT, ("Camera", "skiros:DepthCamera", INFERRED, [ParamOptions.Lock])],
+        [given("Object")],
+        [prop("Object", "skiros:Seen", "=", True)],
+    )
+    world.robot("alpha", look)
+    assert labels(plan(world, f"(Seen {product})")) == ["look"]
+
+
+# -- relations ----------------------------------------------------------------------------------------------------
+
+
+def test_a_relation_holds_when_one_under_it_does(plan: Plan) -> None:
+    """`contain` and `hasA` are under `spatiallyRelated`."""
+    world = transport_world()
+    inspect = skill(
+        "Inspect",
+        [*HERE, *PRODUCT],
+        [AT, related("Place", "skiros:spatiallyRelated", "Object")],
+        [prop("Object", "skiros:Seen", "=", True)],
+    )
+    inspector = world.robot("inspector", inspect, at=world.places[1])
+    result = plan(world, f"(Seen {world.products[0]})")
+    assert labels(result) == ["pick", "drive", "place", "inspect"]
+    assert result.calls[-1].manager == "/inspector"
+    assert dict(result.calls[-1].arguments)["Robot"].id == inspector
+
+
+def test_what_must_not_be_related_must_not_be_so_by_a_relation_under_it(plan: Plan) -> None:
+    world = transport_world()
+    sweep = skill(
+        "Sweep",
+        [*HERE, *PRODUCT],
+        [AT, related("Place", "skiros:spatiallyRelated", "Object", False)],
+        [prop("Place", "skiros:Clean", "=", True)],
+    )
+    world.robot("sweeper", sweep, at=world.places[0])
+    assert labels(plan(world, f"(Clean {world.places[0]})")) == ["pick", "sweep"]
+
+
+def test_what_the_ontology_does_not_allow_is_not_planned(plan: Plan) -> None:
+    """Containers are locations of manipulatables by the ontology; arms are of nothing."""
+    world = PlanningWorld()
+    box, arm = world.thing("skiros:LargeBox"), world.thing("rparts:ArmDevice")
+    part = world.thing("skiros:Part")
+    store = skill(
+        "Store",
+        [("Where", "sumo:Object", REQUIRED), ("What", "skiros:Part", REQUIRED)],
+        [allowed("Where", "sumo:isLocationOf", "What")],
+        [related("Where", "skiros:contain", "What")],
+    )
+    world.robot("alpha", store)
+    assert labels(plan(world, f"(contain {box} {part})")) == ["store"]
+    assert plan(world, f"(contain {arm} {part})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_one_of_several_conditions_is_enough(plan: Plan) -> None:
+    world = transport_world()
+    place, product = world.places[0], world.products[0]
+    touch = skill(
+        "Touch",
+        [*HERE, *PRODUCT],
+        [AT, one_of(related("Place", "skiros:contain", "Object"), prop("Object", "skiros:Near", "=", True))],
+        [prop("Object", "skiros:Touched", "=", True)],
+    )
+    world.robot("toucher", touch, at=world.places[1])
+    assert labels(plan(world, f"(Touched {product})")) == ["pick", "drive", "place", "touch"]
+    near = world.thing("skiros:Product", inside=place, Near=True)
+    assert labels(plan(world, f"(Touched {near})")) == ["touch"]
+
+
+# -- parameters ---------------------------------------------------------------------------------------------------
+
+
+def test_a_value_has_to_be_of_the_type_that_a_condition_names(plan: Plan) -> None:
+    world = PlanningWorld()
+    starter, part = world.thing("skiros:Starter"), world.thing("skiros:Part")
+    turn = skill(
+        "Turn",
+        [("Object", "skiros:Manipulatable", REQUIRED)],
+        [of_type("Object", "skiros:Starter")],
+        [prop("Object", "skiros:Turned", "=", True)],
+    )
+    world.robot("alpha", turn)
+    assert labels(plan(world, f"(Turned {starter})")) == ["turn"]
+    assert plan(world, f"(Turned {part})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_classes_with_several_superclasses_serve_parameters_of_each(plan: Plan) -> None:
+    """A robot is an agent and a device; other agents and devices are not both."""
+    world = PlanningWorld()
+    human, arm = world.thing("sumo:Agent"), world.thing("rparts:ArmDevice")
+    greet = skill(
+        "Greet", [("Who", "sumo:Agent", REQUIRED)], [given("Who")], [prop("Who", "skiros:Greeted", "=", True)]
+    )
+    oil = skill(
+        "Oil", [("What", "sumo:Device", REQUIRED)], [given("What")], [prop("What", "skiros:Oiled", "=", True)]
+    )
+    robot = world.robot("alpha", greet, oil)
+    assert sorted(labels(plan(world, f"(Greeted {robot}), (Oiled {robot})"))) == ["greet", "oil"]
+    assert sorted(labels(plan(world, f"(Greeted {human}), (Oiled {arm})"))) == ["greet", "oil"]
+    assert plan(world, f"(Oiled {human})").verdict is Verdict.IMPOSSIBLE
+    assert plan(world, f"(Greeted {arm})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    mark = skill(
+        "Mark",
+        [*PRODUCT, ("Pen", "sumo:Device", OPTIONAL), ("Ink", "black", REQUIRED)],
+        [given("Object"), has("Pen", "skiros:Weight")],
+        [prop("Object", "skiros:Marked", "=", True)],
+    )
+    robot = world.robot("alpha", mark)
+    assert steps(plan(world, f"(Marked {product})")) == [("mark", {"Robot": robot, "Object": product})]
+
+
+@pytest.mark.parametrize(
+    ("offered", "reason"),
+    [
+        (skill("Hide", PRODUCT, [given("Object")], [PAINTED], available=False), "not available for planning"),
+        (skill("Paint", PRODUCT, [], [PAINTED]), "it has no pre-conditions"),
+        (skill("Paint", PRODUCT, [given("Object")], []), "it has no post-conditions"),
+        (
+            skill("Paint", [*PRODUCT, ("Colour", str, REQUIRED)], [given("Object")], [PAINTED]),
+            "its parameter Colour",
+        ),
+        (
+            skill(
+                "Paint",
+                PRODUCT,
+                [given("Object")],
+                [PAINTED, prop("Object", "skiros:Surface", "=", "Painted", False)],
+            ),
+            "contradict each other",
+        ),
+        (
+            skill("Paint", PRODUCT, [prop("Nothing", "skiros:Surface", "=", "Raw")], [PAINTED]),
+            "none of its parameters",
+        ),
+        (
+            skill("Paint", PRODUCT, [prop("Object", "skiros:Weight", ">", "much")], [PAINTED]),
+            "expected a number",
+        ),
+    ],
+)
+def test_a_skill_that_cannot_be_planned_with_is_left_out_and_told(
+    plan: Plan, offered: Any, reason: str
+) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product", Surface="Raw")
+    world.robot("alpha", offered)
+    result = plan(world, f"(Surface_Painted {product})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert any(reason in note and "/alpha" in note for note in result.notes), result.notes
+
+
+def test_skills_that_cannot_help_are_left_out_and_told(plan: Plan) -> None:
+    world = transport_world()
+    world.robot("other", OPEN, CLOSE)
+    result = plan(world, f"(skiros:at {world.robots[0]} {world.places[1]})")
+    assert labels(result) == ["drive"]
+    (note,) = (n for n in result.notes if "cannot help" in n)
+    assert all(name in note for name in ("open", "close", "pick", "place"))
+
+
+def test_labels_that_pddl_cannot_hold_come_back_as_they_were(plan: Plan) -> None:
+    world = PlanningWorld()
+    first, second = world.thing("skiros:Product"), world.thing("skiros:Part")
+    one = skill(
+        "Paint",
+        [("The Object", "skiros:Product", REQUIRED)],
+        [given("The Object")],
+        [prop("The Object", "skiros:Surface", "=", "Painted")],
+        label="Paint it / blue",
+    )
+    two = skill(
+        "Dip",
+        [("The Object", "skiros:Part", REQUIRED)],
+        [given("The Object")],
+        [prop("The Object", "skiros:Surface", "=", "Painted")],
+        label="paint it / Blue",
+    )
+    robot = world.robot("alpha", one, two)
+    result = plan(world, f"(Painted {first}), (Painted {second})")
+    assert sorted(steps(result), key=str) == sorted(
+        [
+            ("Paint it / blue", {"Robot": robot, "The Object": first}),
+            ("paint it / Blue", {"Robot": robot, "The Object": second}),
+        ],
+        key=str,
+    )
+
+
+# -- templates, elements that come and go -------------------------------------------------------------------------
+
+
+def test_a_template_without_instance_stands_for_itself(plan: Plan) -> None:
+    """The box of starters holds starters by its template; which one is taken is found when the skill runs."""
+    world = PlanningWorld()
+    table = world.thing("skiros:Location")
+    box = world.wm.instanciate("skiros:large_box_test_starter").id
+    fetch = skill(
+        "Fetch",
+        [("Box", "skiros:LargeBox", INFERRED), ("Object", "skiros:Product", REQUIRED), *HERE],
+        [allowed("Box", "skiros:partReference", "Object")],
+        [related("Place", "skiros:contain", "Object")],
+    )
+    robot = world.robot("alpha", fetch)
+    result = plan(world, f"(skiros:contain {table} skiros:starter)")
+    assert steps(result) == [
+        ("fetch", {"Robot": robot, "Box": box, "Object": "skiros:starter", "Place": table})
+    ]
+    (call,) = result.calls
+    thing = dict(call.arguments)["Object"]
+    assert (thing.type, thing.label, thing.isAbstract()) == ("skiros:Starter", "skiros:starter", True)
+
+
+def test_a_template_with_an_instance_means_the_instance(plan: Plan) -> None:
+    world = transport_world()
+    starter = world.thing("skiros:Starter", "skiros:starter", inside=world.places[0])
+    result = plan(world, f"(skiros:contain {world.places[1]} skiros:starter)")
+    assert {arguments.get("Object") for _, arguments in steps(result)} == {None, starter}
+
+
+def test_one_goal_leaves_nothing_behind_for_the_next(plan: Plan) -> None:
+    world = transport_world()
+    plan(world, f"(skiros:contain {world.places[1]} skiros:starter)")
+    result = plan(world, f"(forall (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))")
+    assert {arguments.get("Object") for _, arguments in steps(result)} == {None, world.products[0]}
+
+
+def test_a_removed_element_cannot_be_used_any_more(plan: Plan) -> None:
+    world = transport_world(products=2)
+    eat = skill(
+        "Eat",
+        [*HERE, *PRODUCT],
+        [AT, related("Place", "skiros:contain", "Object")],
+        [made("Object", False), prop("Robot", "skiros:Fed", "=", True)],
+    )
+    eater = world.robot("eater", eat, at=world.places[0])
+    first = world.products[0]
+    assert labels(plan(world, f"(Fed {eater})")) == ["eat"]
+    assert labels(plan(world, f"(not (skiros:contain {world.places[0]} {first})), (Fed {eater})")) == ["eat"]
+    both = f"(Fed {eater}), (forall (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))"
+    result = plan(world, both)
+    assert result.verdict is Verdict.PLANNED, result.message
+    assert "eat" in labels(result)
+
+
+def test_an_element_that_a_skill_makes_can_be_used(plan: Plan) -> None:
+    world = transport_world(products=0)
+    cast = skill(
+        "Cast", [*HERE, *PRODUCT], [AT], [made("Object"), related("Place", "skiros:contain", "Object")]
+    )
+    world.robot("caster", cast, at=world.places[0])
+    goal = f"(exists (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))"
+    result = plan(world, goal)
+    assert labels(result) == ["cast", "pick", "drive", "place"]
+    assert all("Object" not in arguments for _, arguments in steps(result))
+
+
+# -- goals that cannot be read ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "expected"),
+    [
+        ("(skiros:contain {place} ", "expected"),
+        (
+            "(skiros:contains {place} {product})",
+            "unknown relation 'skiros:contains'; did you mean skiros:contain",
+        ),
+        ("(Emty {gripper})", "unknown predicate 'Emty'; did you mean Empty"),
+        ("(contain {place})", "'contain' is a relation"),
+        ("(contain {place} {product} {robot})", "expected one or two elements after 'contain', found 3"),
+        ("(contain)", "found no subject"),
+        ("(contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
+        (
+            "(contain {place} skiros:Product)",
+            "'skiros:Product' is a class; for some element of it write (exists",
+        ),
+        ("(contain {place} ?x)", "unknown variable '?x'"),
+        (
+            "(forall (?x - skiros:Produkt) (contain {place} ?x))",
+            "unknown type 'skiros:Produkt'; did you mean skiros:Pro",
+        ),
+    ],
+)
+def test_a_goal_that_cannot_be_read_says_what_and_where(plan: Plan, goal: str, expected: str) -> None:
+    world = transport_world()
+    names = {"place": world.places[0], "product": world.products[0], "robot": world.robots[0]}
+    result = plan(world, goal.format(**names, gripper=world.grippers[0]))
+    assert result.verdict is Verdict.FAILED
+    assert result.message.startswith("goal, line 1, column ")
+    assert expected in result.message

@@ -5,56 +5,24 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
+from skiros2_common.core.datatypes import DATATYPES, converted
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.element_changes import ElementChanges, RelationDict
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
-from skiros2_common.core.property import Property, as_type, from_text, same_value
+from skiros2_common.core.property import Property, same_value
 
 log = logging.getLogger(__name__)
 
-#: A relation as libraries read it: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
-RelationDict = dict[str, Any]
+__all__ = ["REASONER_PROPERTY", "Element", "ElementChanges", "RelationDict"]
 
 REASONER_PROPERTY = "skiros:DiscreteReasoner"
 
-#: The Python types of the datatypes that `setProperty` takes.
-DATATYPES: dict[str, type] = {
-    "xsd:float": float,
-    "xsd:double": float,
-    "xsd:decimal": float,
-    "xsd:int": int,
-    "xsd:integer": int,
-    "xsd:boolean": bool,
-    "xsd:string": str,
-}
-
 _ID_NUMBER = re.compile(r"-(\d+)$")
-
-
-@dataclass
-class ElementChanges:
-    """What was changed on an element since a world model gave it out. False when nothing was."""
-
-    properties: dict[str, Property] = field(default_factory=dict)
-    removed_properties: list[str] = field(default_factory=list)
-    added_relations: list[RelationDict] = field(default_factory=list)
-    removed_relations: list[RelationDict] = field(default_factory=list)
-    label: str | None = None
-    type: str | None = None
-
-    def __bool__(self) -> bool:
-        return bool(
-            self.properties
-            or self.removed_properties
-            or self.added_relations
-            or self.removed_relations
-            or self.label is not None
-            or self.type is not None
-        )
 
 
 @dataclass(frozen=True)
@@ -295,11 +263,11 @@ class Element:
         if datatype is not None:
             if datatype not in DATATYPES:
                 raise UnknownName(f"{key}: unknown datatype {datatype!r}; known: {', '.join(DATATYPES)}")
-            self._put(key, _converted(key, value, DATATYPES[datatype]))
+            self._put(key, converted(key, value, DATATYPES[datatype]))
         elif key not in self._props or isinstance(value, type):
             self._put(key, Property(key, value))
         elif force_convertion:
-            self._put(key, _converted(key, value, self._props[key].dataType()))
+            self._put(key, converted(key, value, self._props[key].dataType()))
         else:
             self._own(key).setValues(value)
 
@@ -477,22 +445,3 @@ class Element:
         mutations.note()
         assert isinstance(self._rels, list)
         return self._rels
-
-
-def _converted(key: str, value: Any, datatype: type) -> Property:
-    """A property of that type with the value, or values, converted to it."""
-    if value is None or isinstance(value, type):
-        return Property(key, datatype)
-    prop = Property(key, datatype)
-    values = value if isinstance(value, (list, tuple)) else [value]
-    converted = []
-    for item in values:
-        try:
-            converted.append(from_text(item, datatype) if isinstance(item, str) else as_type(item, datatype))
-        except (WrongValue, WrongType):
-            try:
-                converted.append(datatype(item))
-            except (TypeError, ValueError) as error:
-                raise WrongValue(f"{key}: {item!r} cannot be made a {datatype.__name__}") from error
-    prop.assign(converted)
-    return prop

@@ -12,22 +12,18 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from skiros2_common.core.abstract_skill import DEVICE_IDLE, DEVICE_STATE, ParamOptions, State, as_state
+from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.mutations import mutations
-from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
-from skiros2_skill.core.blackboard import Source
+from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
-from skiros2_skill.core.inference import infer, inferable
+from skiros2_skill.core.devices import free_devices, lock_devices
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
-
-#: What a locked device's state is while a skill has it.
-DEVICE_BUSY = "Busy"
 
 PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
 START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
@@ -118,67 +114,8 @@ class Executor:
             candidates = node._instanciator.candidates(node._type, node.asked_label)
         except SkirosError as error:
             return self._refuse(node, str(error), START_RAISED)
-        reasons = []
-        for implementation in candidates:
-            reason = self._try(node, implementation)
-            if reason is None:
-                return self._begin(node)
-            reasons.append(reason if len(candidates) == 1 else f"{implementation.label}: {reason}")
-        return self._refuse(node, "; ".join(reasons), PRE_FAILED)
-
-    def _try(self, node: SkillWrapper, implementation: Any) -> str | None:
-        """Makes an implementation the node's, if parameters and pre-conditions allow. Returns why not."""
-        params = ParamHandler(implementation.declared.params.getCopy())
-        try:
-            slots = blackboard.fix(node, params)
-            blackboard.take(node, slots)
-        except SkirosError as error:
-            return str(error)
-        given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
-        blackboard.renew(slots, self._wmi)
-        for key, value in given.items():
-            if value is not None and not params.getParamValues(key):
-                return f"parameter {key!r} is {value!r}, which is not in the scene"
-        conditions = [*implementation.declared.pre_conditions, *node._own_pre_conditions]
-        unset = {p.key for p in inferable(params)}
-        try:
-            if unset:
-                nothing = infer(params, conditions, self._wmi, self._on_blackboard(node))
-                if nothing is not None:
-                    return f"Pre-condition failed: {nothing}"
-            misfit = self._misfit(params, implementation.declared.params)
-            if misfit:
-                return misfit
-            failed = [c for c in conditions if not c.evaluate(params, self._wmi)]
-        except SkirosError as error:
-            return f"Pre-condition failed: {error}"
-        if failed:
-            return "Pre-condition failed: " + "; ".join(c.getDescription() for c in failed)
-        for slot in slots:
-            if slot.param.key in unset and slot.param.isSpecified():
-                slot.source = Source.Inferred
-            slot.known = slot.param.values
-        try:
-            self._adopt(node, implementation, params)
-        except SkirosError as error:
-            return str(error)
-        node.slots = slots
-        node.element_slots = [slot for slot in slots if slot.param.is_element]
-        return None
-
-    def _adopt(self, node: SkillWrapper, implementation: Any, params: ParamHandler) -> None:
-        """Gives the node an instance of the implementation, with these parameters."""
-        instance = node.getInstance()
-        if instance is None or node.implementation is not implementation:
-            self.release(node)
-            node.implementation = implementation
-            instance = implementation.acquire()
-            instance._params = params
-            node.setInstance(instance)
-            node.expanded = False
-        else:
-            instance._params = params
-            node.adopt_description()
+        reason = choose(node, candidates, self._wmi)
+        return self._begin(node) if reason is None else self._refuse(node, reason, PRE_FAILED)
 
     def _begin(self, node: SkillWrapper) -> bool:
         """Locks devices, makes the subtree and calls `onStart`."""
@@ -206,9 +143,7 @@ class Executor:
 
     def _start_instance(self, node: SkillWrapper) -> bool:
         instance = node.getInstance()
-        for key, options in node.options.items():
-            if ParamOptions.Lock in options:
-                self._lock(node, key)
+        lock_devices(node, self._wmi)
         if isinstance(instance, SkillBase) and (not node.expanded or instance.expand_on_start):
             node.wrapper_expand()
             node.expanded = True
@@ -221,27 +156,6 @@ class Executor:
         node._setProgress(message, code)
         self._set_state(node, _FAILURE)
         return False
-
-    def _misfit(self, params: ParamHandler, declared: ParamHandler) -> str | None:
-        """Which element is of a class that its parameter does not allow."""
-        for key, param in params.items():
-            wanted = declared._params[key].element_type if param.is_element else ""
-            for value in param.values if wanted else ():
-                if value.isAbstract() or value.type == wanted or self._wmi.is_subclass(value.type, wanted):
-                    continue
-                return f"parameter {key!r} is {value!r}, expected a {wanted}"
-        return None
-
-    def _on_blackboard(self, node: SkillWrapper) -> set[str]:
-        """The ids of the elements that the nodes above have as parameters."""
-        ids: set[str] = set()
-        above = node._parent
-        while above is not None:
-            for param in above._params.values():
-                if param.is_element:
-                    ids.update(v.id for v in param.values)
-            above = above._parent
-        return ids
 
     # -- run ---------------------------------------------------------------------------------------------------
 
@@ -337,7 +251,7 @@ class Executor:
         for child in node._children:
             if child._state is _RUNNING:
                 child.visitPreempt(self)
-        self._unlock(node)
+        free_devices(node, self._wmi)
         if state is _SUCCESS and node._post_conditions and not preempted:
             state = self._check_post(node)
         answer: Any = self._guarded(node, instance.onEnd, EXECUTE_RAISED)
@@ -365,37 +279,15 @@ class Executor:
         """The node has ended: its parameters go up, its implementation is free for others."""
         if not self._give_changes(node):
             state = _FAILURE
-        self._unlock(node)
+        free_devices(node, self._wmi)
         if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
             self._stamp += 1
         node.getInstance()._setState(state)
         if not isinstance(node.getInstance(), SkillBase):
-            self.release(node)
+            node.release()
         self._set_state(node, state)
         self._look_at_world()
         return state
-
-    def release(self, node: SkillWrapper) -> None:
-        """Gives the node's implementation back for others to use."""
-        if node.hasInstance():
-            node.implementation.release(node.release_instance())
-
-    # -- devices -----------------------------------------------------------------------------------------------
-
-    def _lock(self, node: SkillWrapper, key: str) -> None:
-        param = node._params._params.get(key)
-        for device in param.values if param is not None else ():
-            if not device.isAbstract():
-                device.setProperty(DEVICE_STATE, DEVICE_BUSY)
-                self._wmi.update_element(device)
-                node.locked.append(device.id)
-
-    def _unlock(self, node: SkillWrapper) -> None:
-        while node.locked:
-            device = self._wmi.find_element(node.locked.pop())
-            if device is not None:
-                device.setProperty(DEVICE_STATE, DEVICE_IDLE)
-                self._wmi.update_element(device)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

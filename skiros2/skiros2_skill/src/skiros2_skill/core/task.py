@@ -120,7 +120,7 @@ class Task:
     def _close(self, state: State) -> None:
         for node in self.nodes():
             if isinstance(node, SkillWrapper):
-                self._executor.release(node)
+                node.release()
         code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
         self.root._setProgress(self._verdict(state), code)
         self._executor.changed = True

@@ -80,11 +80,16 @@ class SkillWrapper(SkillInterface):
         """The implementation, None before one is chosen."""
         return self._instance
 
-    def release_instance(self) -> Any:
-        """Gives the implementation back, with parameters of its own; the node keeps what they were."""
-        instance = self._instance
-        self._instance = None
-        return instance
+    def release(self) -> None:
+        """Gives the implementation back for others to use; the node keeps its parameters and progress."""
+        if self._instance is not None:
+            self.implementation.release(self._instance)
+            self._instance = None
+
+    @property
+    def own_pre_conditions(self) -> list[Any]:
+        """The pre-conditions that came with the node, beside those of the implementation."""
+        return self._own_pre_conditions
 
     def wrapper_expand(self) -> None:
         """Makes the subtree that the implementation describes, in the place of an earlier one."""

@@ -1,0 +1,167 @@
+"""Conditions on the properties of an element."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.names import full_name
+from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.property import same_value
+from skiros2_common.core.world_element import Element
+
+#: The operators of `ConditionProperty`.
+OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    ">": lambda a, b: a > b,
+    "<": lambda a, b: a < b,
+    ">=": lambda a, b: a >= b,
+    "<=": lambda a, b: a <= b,
+}
+
+
+class ConditionProperty(ConditionBase):
+    """True when a property compares so with a value; `=` means that the value is among the property's.
+
+    :param olabel: the property.
+    :param operator: one of `= > < >= <=`.
+    :raises UnknownName: the operator is another one.
+    """
+
+    def __init__(self, clabel: str, olabel: str, subj: str, operator: str, value: Any, desired_state: bool) -> None:
+        super().__init__(clabel, subj, desired_state)
+        if operator != "=" and operator not in OPERATORS:
+            raise UnknownName(f"condition {clabel!r}: operator {operator!r}, expected one of = {' '.join(OPERATORS)}")
+        self._property = full_name(olabel)
+        self._operator = operator
+        self._desired_value = value
+
+    @property
+    def property(self) -> str:
+        return self._property
+
+    def _signature(self) -> tuple[Any, ...]:
+        return (self._subject_key, self._property, self._operator, self._desired_value)
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None:
+            return False
+        if self._operator == "=":
+            return element.hasProperty(self._property, self._desired_value)
+        value = element.value_of(self._property)
+        try:
+            return OPERATORS[self._operator](float(value), float(self._desired_value))
+        except (TypeError, ValueError):
+            return False  # missing, or no number
+
+    def fact(self) -> str:
+        return f"{self._name(self._subject_key)} {self._property} {self._operator} {self._desired_value}"
+
+    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+        if self.evaluate(ph, wmi):
+            return True
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None or element.isAbstract():
+            return False
+        before = element.copy()
+        if not self._apply(element):
+            return False
+        wmi.update_element_properties(element)
+        self._undo.append(lambda: _restore_property(before, self._property, wmi))
+        return self.evaluate(ph, wmi)
+
+    def setDesiredState(self, ph: ParamHandler) -> bool:
+        element = self._value(self._subject_key, ph)
+        return isinstance(element, Element) and self._apply(element)
+
+    def _apply(self, element: Element) -> bool:
+        if self._operator in (">", "<"):
+            return False  # no single value follows from it
+        if self._desired_state:
+            element.setProperty(self._property, self._desired_value, force_convertion=True)
+        elif same_value(self._desired_value, True) or same_value(self._desired_value, False):
+            element.setProperty(self._property, not same_value(self._desired_value, True), force_convertion=True)
+        elif element.hasProperty(self._property, self._desired_value):
+            element.removeProperty(self._property)
+        return True
+
+    def toElement(self) -> Element:
+        element = super().toElement()
+        element.setProperty("skiros:appliedOnType", self._property)
+        element.setProperty("skiros:operator", self._operator)
+        element.setProperty("skiros:desiredValue", self._desired_value)
+        return element
+
+
+class ConditionHasProperty(ConditionBase):
+    """True when a property has a value; for a parameter without an element, true when it is optional."""
+
+    def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
+        super().__init__(clabel, subj, desired_state)
+        self._property = full_name(olabel)
+
+    @property
+    def property(self) -> str:
+        return self._property
+
+    def _signature(self) -> tuple[Any, ...]:
+        return (self._subject_key, self._property)
+
+    def evaluate(self, ph: ParamHandler, wmi: Any) -> bool:
+        self._remember(self._subject_key, ph)
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None or element.isAbstract():
+            param = ph.getParam(self._subject_key)
+            return param is not None and param.paramTypeIs(ParamTypes.Optional)
+        return self.holds(ph, wmi) == self._desired_state
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._element(self._subject_key, ph, wmi)
+        return element is not None and element.hasProperty(self._property, not_none=True)
+
+    def fact(self) -> str:
+        return f"{self._name(self._subject_key)} has a value of {self._property}"
+
+    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+        if self.evaluate(ph, wmi):
+            return True
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None or element.isAbstract():
+            return False
+        before = element.copy()
+        self._apply(element)
+        wmi.update_element_properties(element)
+        self._undo.append(lambda: _restore_property(before, self._property, wmi))
+        return True
+
+    def setDesiredState(self, ph: ParamHandler) -> bool:
+        element = self._value(self._subject_key, ph)
+        if not isinstance(element, Element):
+            return False
+        self._apply(element)
+        return True
+
+    def _apply(self, element: Element) -> None:
+        if not self._desired_state:
+            element.removeProperty(self._property)
+        elif not element.hasProperty(self._property, not_none=True):
+            element.setProperty(self._property, "", force_convertion=False)
+
+    def toElement(self) -> Element:
+        element = super().toElement()
+        element.setProperty("skiros:appliedOnType", self._property)
+        return element
+
+
+def _restore_property(before: Element, key: str, wmi: Any) -> None:
+    """Sets a property of the element in the world model to what it was in `before`."""
+    element = wmi.get_element(before.id)
+    if before.hasProperty(key):
+        prop = before.getProperty(key)
+        element.setProperty(key, prop.dataType())
+        element.getProperty(key).assign(prop.values)
+    else:
+        element.removeProperty(key)
+    wmi.update_element_properties(element)

@@ -1,0 +1,143 @@
+"""Conditions on what a parameter holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.names import full_name
+from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.world_element import Element
+
+
+class ConditionIsSpecified(ConditionBase):
+    """True when a parameter holds an element of the scene."""
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._value(self._subject_key, ph)
+        if isinstance(element, Element):
+            return not element.isAbstract() and wmi.find_element(element.id) is not None
+        return element is not None
+
+    def fact(self) -> str:
+        return f"{self._subject_key} is specified ({self._name(self._subject_key)})"
+
+    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+        if self.evaluate(ph, wmi):
+            return True
+        if self._desired_state:
+            return False
+        param = ph.getParam(self._subject_key)
+        assert param is not None
+        before = list(param.values)
+        param.unset()
+        self._undo.append(lambda: param.assign(before))
+        return True
+
+    def setDesiredState(self, ph: ParamHandler) -> bool:
+        if self._desired_state:
+            return ph.isSpecified(self._subject_key)
+        param = ph.getParam(self._subject_key)
+        if param is None:
+            return False
+        param.unset()
+        return True
+
+
+class ConditionGenerate(ConditionIsSpecified):
+    """As `ConditionIsSpecified`; as an effect the skill makes the element (true) or removes it (false)."""
+
+    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
+        if self.evaluate(ph, wmi):
+            return True
+        param = ph.getParam(self._subject_key)
+        if param is None:
+            return False
+        before = list(param.values)
+        if self._desired_state:
+            made = (param.value or param.default or Element("sumo:Object")).copy()
+            made._id = ""
+            wmi.add_element(made)
+            param.assign(made)
+            self._undo.append(lambda: wmi.remove_element(made))
+        else:
+            gone = wmi.get_element(param.value.id)
+            wmi.remove_element(gone)
+            self._undo.append(lambda: wmi.add_element(_as_new(gone)))
+        self._undo.append(lambda: param.assign(before))
+        return self.evaluate(ph, wmi)
+
+
+class ConditionOnType(ConditionBase):
+    """True when the value's class is the given one or under it.
+
+    :param value: the class.
+    """
+
+    def __init__(self, clabel: str, subj: str, value: str) -> None:
+        super().__init__(clabel, subj, True)
+        self._type = full_name(value)
+
+    def _signature(self) -> tuple[Any, ...]:
+        return (self._subject_key, self._type)
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._element(self._subject_key, ph, wmi)
+        return element is not None and bool(element.type == self._type or wmi.is_subclass(element.type, self._type))
+
+    def hasConflict(self, other: Any) -> bool:
+        return False  # a value may be of both classes
+
+    def fact(self) -> str:
+        return f"{self._name(self._subject_key)} is a {self._type}"
+
+    def toElement(self) -> Element:
+        element = super().toElement()
+        element.setProperty("skiros:appliedOnType", self._type)
+        return element
+
+
+class ConditionFunction(ConditionBase):
+    """True when a function of the keys' values gives the desired state.
+
+    :param keys: the parameters whose (first) values the function gets, in that order.
+    :param function: called in the tick; it must be quick.
+    """
+
+    volatile = True
+
+    def __init__(
+        self, clabel: str, keys: Sequence[str], function: Callable[..., Any], desired_state: bool = True
+    ) -> None:
+        super().__init__(clabel, keys[0] if keys else "", desired_state)
+        self._keys = list(keys)
+        self._function = function
+
+    def _signature(self) -> tuple[Any, ...]:
+        return (tuple(self._keys), self._function)
+
+    def getKeys(self) -> list[str]:
+        return list(self._keys)
+
+    def remap(self, initial_key: str, target_key: str) -> None:
+        super().remap(initial_key, target_key)
+        self._keys = [target_key if key == initial_key else key for key in self._keys]
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        return bool(self._function(*(self._value(key, ph) for key in self._keys)))
+
+    def fact(self) -> str:
+        name = getattr(self._function, "__name__", "function")
+        return f"{name}({', '.join(self._name(key) for key in self._keys)})"
+
+
+def _as_new(gone: Element) -> Element:
+    """A removed element to be added again, under its old id and with its relations."""
+    element = Element(gone.type, gone.label, gone.id)
+    for prop in gone.properties:
+        element.setProperty(prop.key, prop.dataType())
+        element.getProperty(prop.key).assign(prop.values)
+    for relation in gone.getRelations():
+        element.addRelation(relation["src"], relation["type"], relation["dst"])
+    return element

@@ -1,0 +1,109 @@
+"""Choosing an implementation for a node that starts, and finding its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import ParamHandler
+from skiros2_skill.core import blackboard
+from skiros2_skill.core.blackboard import Slot, Source
+from skiros2_skill.core.inference import infer, inferable
+from skiros2_skill.core.library import Implementation
+from skiros2_skill.core.wrapper import SkillWrapper
+
+
+def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -> str | None:
+    """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's.
+
+    :returns: None, or why there is none, for each candidate.
+    """
+    reasons = []
+    for implementation in candidates:
+        params = ParamHandler(implementation.declared.params.getCopy())
+        try:
+            slots = _found_params(node, params, implementation, wmi)
+            _adopt(node, implementation, params)
+        except SkirosError as error:
+            reasons.append(str(error) if len(candidates) == 1 else f"{implementation.label}: {error}")
+            continue
+        node.slots = slots
+        node.element_slots = [slot for slot in slots if slot.param.is_element]
+        return None
+    return "; ".join(reasons)
+
+
+class DoesNotFit(SkirosError):
+    """Why an implementation cannot be a node's now."""
+
+
+def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Implementation, wmi: Any) -> list[Slot]:
+    """Sets the parameters that an implementation would run with: fixed, taken from above, inferred.
+
+    :raises SkirosError: one does not fit, or a pre-condition does not hold.
+    """
+    slots = blackboard.fix(node, params)
+    blackboard.take(node, slots)
+    given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
+    blackboard.renew(slots, wmi)
+    for key, value in given.items():
+        if value is not None and not params.getParamValues(key):
+            raise DoesNotFit(f"parameter {key!r} is {value!r}, which is not in the scene")
+
+    conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
+    unset = {param.key for param in inferable(params)}
+    if unset:
+        nothing = infer(params, conditions, wmi, _ids_above(node))
+        if nothing is not None:
+            raise DoesNotFit(f"Pre-condition failed: {nothing}")
+    _check_classes(params, implementation.declared.params, wmi)
+    failed = [c for c in conditions if not c.evaluate(params, wmi)]
+    if failed:
+        raise DoesNotFit("Pre-condition failed: " + "; ".join(c.getDescription() for c in failed))
+
+    for slot in slots:
+        if slot.param.key in unset and slot.param.isSpecified():
+            slot.source = Source.Inferred
+        slot.known = slot.param.values
+    return slots
+
+
+def _check_classes(params: ParamHandler, declared: ParamHandler, wmi: Any) -> None:
+    """
+    :raises DoesNotFit: an element is of a class that its parameter does not allow.
+    """
+    for key, param in params.items():
+        wanted = declared.getParamMap()[key].element_type if param.is_element else ""
+        for value in param.values if wanted else ():
+            if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
+                raise DoesNotFit(f"parameter {key!r} is {value!r}, expected a {wanted}")
+
+
+def _ids_above(node: SkillWrapper) -> set[str]:
+    """The ids of the elements that the nodes above have as parameters."""
+    ids: set[str] = set()
+    above = node.parent
+    while above is not None:
+        for param in above.params.values():
+            if param.is_element:
+                ids.update(v.id for v in param.values)
+        above = above.parent
+    return ids
+
+
+def _adopt(node: SkillWrapper, implementation: Implementation, params: ParamHandler) -> None:
+    """Gives the node an instance of the implementation, with these parameters.
+
+    :raises ConfigurationError: an instance cannot be made.
+    """
+    if node.hasInstance() and node.implementation is implementation:
+        node.getInstance()._params = params
+        node.adopt_description()
+        return
+    node.release()
+    instance = implementation.acquire()
+    instance._params = params
+    node.implementation = implementation
+    node.setInstance(instance)
+    node.expanded = False

@@ -159,9 +159,7 @@ def test_a_goal_that_no_skill_serves_is_impossible_and_says_so(plan: Plan) -> No
     world = transport_world()
     result = plan(world, f"(skiros:hasA {world.places[0]} {world.products[0]})")
     assert result.verdict is Verdict.IMPOSSIBLE
-    assert (
-        f"(skiros:hasA {world.places[0]} {world.products[0]}) cannot be reached: no skill" in result.message
-    )
+    assert f"(skiros:hasA {world.places[0]} {world.products[0]}) cannot be reached: no skill" in result.message
 
 
 def test_a_missing_condition_is_named(plan: Plan) -> None:
@@ -228,9 +226,7 @@ CLOSE = skill("Close", DOOR, [IS_OPEN], [prop("Door", "skiros:Open", "=", True, 
         (False, "(not (Open {door}))", []),
     ],
 )
-def test_a_truth_property_is_a_predicate_of_its_name(
-    plan: Plan, is_open: bool, goal: str, expected: list[str]
-) -> None:
+def test_a_truth_property_is_a_predicate_of_its_name(plan: Plan, is_open: bool, goal: str, expected: list[str]) -> None:
     world = PlanningWorld()
     door = world.thing("skiros:Container", Open=is_open)
     world.robot("alpha", OPEN, CLOSE)
@@ -309,9 +305,7 @@ def test_having_a_property_is_planned_for(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     weigh = skill("Weigh", PRODUCT, [has("Object", "skiros:Weight", False)], [has("Object", "skiros:Weight")])
-    sort = skill(
-        "Sort", PRODUCT, [has("Object", "skiros:Weight")], [prop("Object", "skiros:Sorted", "=", True)]
-    )
+    sort = skill("Sort", PRODUCT, [has("Object", "skiros:Weight")], [prop("Object", "skiros:Sorted", "=", True)])
     world.robot("alpha", weigh, sort)
     assert labels(plan(world, f"(Sorted {product})")) == ["weigh", "sort"]
     assert labels(plan(world, f"(has_Weight {product})")) == ["weigh"]
@@ -438,9 +432,7 @@ def test_classes_with_several_superclasses_serve_parameters_of_each(plan: Plan) 
     greet = skill(
         "Greet", [("Who", "sumo:Agent", REQUIRED)], [given("Who")], [prop("Who", "skiros:Greeted", "=", True)]
     )
-    oil = skill(
-        "Oil", [("What", "sumo:Device", REQUIRED)], [given("What")], [prop("What", "skiros:Oiled", "=", True)]
-    )
+    oil = skill("Oil", [("What", "sumo:Device", REQUIRED)], [given("What")], [prop("What", "skiros:Oiled", "=", True)])
     robot = world.robot("alpha", greet, oil)
     assert sorted(labels(plan(world, f"(Greeted {robot}), (Oiled {robot})"))) == ["greet", "oil"]
     assert sorted(labels(plan(world, f"(Greeted {human}), (Oiled {arm})"))) == ["greet", "oil"]
@@ -490,9 +482,7 @@ def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> Non
         ),
     ],
 )
-def test_a_skill_that_cannot_be_planned_with_is_left_out_and_told(
-    plan: Plan, offered: Any, reason: str
-) -> None:
+def test_a_skill_that_cannot_be_planned_with_is_left_out_and_told(plan: Plan, offered: Any, reason: str) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw")
     world.robot("alpha", offered)
@@ -554,9 +544,7 @@ def test_a_template_without_instance_stands_for_itself(plan: Plan) -> None:
     )
     robot = world.robot("alpha", fetch)
     result = plan(world, f"(skiros:contain {table} skiros:starter)")
-    assert steps(result) == [
-        ("fetch", {"Robot": robot, "Box": box, "Object": "skiros:starter", "Place": table})
-    ]
+    assert steps(result) == [("fetch", {"Robot": robot, "Box": box, "Object": "skiros:starter", "Place": table})]
     (call,) = result.calls
     thing = dict(call.arguments)["Object"]
     assert (thing.type, thing.label, thing.isAbstract()) == ("skiros:Starter", "skiros:starter", True)
@@ -596,9 +584,7 @@ def test_a_removed_element_cannot_be_used_any_more(plan: Plan) -> None:
 
 def test_an_element_that_a_skill_makes_can_be_used(plan: Plan) -> None:
     world = transport_world(products=0)
-    cast = skill(
-        "Cast", [*HERE, *PRODUCT], [AT], [made("Object"), related("Place", "skiros:contain", "Object")]
-    )
+    cast = skill("Cast", [*HERE, *PRODUCT], [AT], [made("Object"), related("Place", "skiros:contain", "Object")])
     world.robot("caster", cast, at=world.places[0])
     goal = f"(exists (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))"
     result = plan(world, goal)

@@ -67,9 +67,7 @@ def index() -> NameIndex:
         ("contains", []),
     ],
 )
-def test_a_name_is_found_without_its_prefix_and_in_any_case(
-    index: NameIndex, text: str, found: list[str]
-) -> None:
+def test_a_name_is_found_without_its_prefix_and_in_any_case(index: NameIndex, text: str, found: list[str]) -> None:
     assert index.find(text) == found
 
 

@@ -75,9 +75,7 @@ def test_the_pddl_is_given_back_and_readable(planner: UpPlanner) -> None:
     assert "(:goal (and \n           (skiros_contain skiros_location-1 skiros_product-0)" in files["p01.pddl"]
 
 
-def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(
-    planner: UpPlanner, own_folder: Path
-) -> None:
+def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(planner: UpPlanner, own_folder: Path) -> None:
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
@@ -182,16 +180,12 @@ def test_a_planner_outlives_no_process_that_used_it(tmp_path: Path) -> None:
         "TMPDIR": str(tmp_path),
     }
     user = subprocess.Popen([sys.executable, "-c", program], env=environment)
-    engines = wait_until(
-        lambda: [p for p in descendants(user.pid) if "downward" in command(p)], what="an engine"
-    )
+    engines = wait_until(lambda: [p for p in descendants(user.pid) if "downward" in command(p)], what="an engine")
     processes = descendants(user.pid)
     user.kill()
     user.wait()
     assert set(engines) <= set(processes)
-    wait_until(
-        lambda: not any(command(pid) for pid in processes), timeout=5.0, what="the end of all processes"
-    )
+    wait_until(lambda: not any(command(pid) for pid in processes), timeout=5.0, what="the end of all processes")
 
 
 def command(pid: int) -> str:

@@ -10,6 +10,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import product
+from math import prod
+
+from skiros2_common.core.errors import WrongValue
+
+#: How many formulas a quantifier may stand for.
+MAX_INSTANCES = 100_000
 
 
 class Kind(Enum):
@@ -207,6 +213,7 @@ def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]
     """The formula with each quantifier written out.
 
     :param members: gives the objects of a class.
+    :raises WrongValue: it would get too long.
     """
     if isinstance(formula, Atom):
         return formula
@@ -218,7 +225,11 @@ def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]
         return disjunction(expand_quantifiers(p, members) for p in formula.parts)
     names = [variable for variable, _ in formula.variables]
     body = expand_quantifiers(formula.body, members)
-    choices = product(*(members(cls) for _, cls in formula.variables))
+    objects = [members(cls) for _, cls in formula.variables]
+    count = prod(map(len, objects))
+    if count > MAX_INSTANCES:
+        raise WrongValue(f"{formula} stands for {count} formulas; at most {MAX_INSTANCES} can be written out")
+    choices = product(*objects)
     written = (bind(body, dict(zip(names, choice, strict=True))) for choice in choices)
     return conjunction(written) if isinstance(formula, ForAll) else disjunction(written)
 

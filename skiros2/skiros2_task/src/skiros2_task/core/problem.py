@@ -122,9 +122,7 @@ def _places(actions: Sequence[Action], goal: Formula, members: dict[str, tuple[s
     for atom, _ in literals(goal):
         note(atom, {})
     for action in actions:
-        possible = {
-            v.name: set.intersection(*(set(members[cls]) for cls in v.classes)) for v in action.variables
-        }
+        possible = {v.name: set.intersection(*(set(members[cls]) for cls in v.classes)) for v in action.variables}
         for atom, _ in literals(action.precondition):
             note(atom, possible)
         for effect in action.effects:
@@ -132,9 +130,7 @@ def _places(actions: Sequence[Action], goal: Formula, members: dict[str, tuple[s
     return places
 
 
-def _facts(
-    places: Places, actions: Sequence[Action], families: FactFamilies, world: WorldView
-) -> Iterator[Atom]:
+def _facts(places: Places, actions: Sequence[Action], families: FactFamilies, world: WorldView) -> Iterator[Atom]:
     """The facts that hold now, of predicates and objects that something asks for."""
     written = world.written_relations()
     for predicate, place in places.items():

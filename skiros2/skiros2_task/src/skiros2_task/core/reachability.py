@@ -124,11 +124,14 @@ def _steps(task: PlanningTask, action: Action, reached: Reached) -> Iterator[Pla
             yield PlanStep(action.name, tuple(binding[v.name] for v in action.variables))
 
 
-def explain(task: PlanningTask, seconds: float = 5.0) -> list[str]:
-    """In words, which parts of the goal cannot be reached and what stands in the way; empty when that is not seen."""
+def explain(task: PlanningTask, seconds: float = 5.0) -> list[str] | None:
+    """In words, which parts of the goal cannot be reached and what stands in the way; None when time ran out.
+
+    None of them: each can be reached on its own, as far as this tells.
+    """
     reached = explore(task, seconds)
     if not reached.complete:
-        return []
+        return None
     return [
         f"{part} cannot be reached: {_obstacle(part, task, reached)}"
         for part in conjuncts(task.goal)

@@ -32,9 +32,7 @@ class Relevant:
 
 def relevant_part(actions: Sequence[Action], goal: Formula, families: FactFamilies) -> Relevant:
     """What matters of some actions for a goal."""
-    normal = [
-        replace(a, precondition=rewrite(a.precondition, families.positive, families.negative)) for a in actions
-    ]
+    normal = [replace(a, precondition=rewrite(a.precondition, families.positive, families.negative)) for a in actions]
     goal = rewrite(goal, families.positive, families.negative)
     needed: dict[Literal, None] = {}
     _need(goal, needed)
@@ -48,9 +46,7 @@ def relevant_part(actions: Sequence[Action], goal: Formula, families: FactFamili
                 _need(action.precondition, needed)
                 growing = True
     predicates = tuple(dict.fromkeys(predicate for predicate, _ in needed))
-    kept = tuple(
-        replace(a, effects=_effects(a, predicates, families)) for a in normal if a.name in chosen
-    )
+    kept = tuple(replace(a, effects=_effects(a, predicates, families)) for a in normal if a.name in chosen)
     return Relevant(kept, goal, predicates, tuple(a.name for a in actions if a.name not in chosen))
 
 

@@ -123,8 +123,10 @@ def read_robots(elements: Mapping[str, Element]) -> tuple[Robot, ...]:
     robots = []
     for element in elements.values():
         manager = element.value_of(MANAGER_PROPERTY)
+        if not manager:
+            continue
         skills = [read_skill(child, elements) for child in _children(element, "skiros:hasSkill", elements)]
-        if manager and skills:
+        if skills:
             robots.append(Robot(element.id, str(manager), tuple(skills)))
     return tuple(robots)
 

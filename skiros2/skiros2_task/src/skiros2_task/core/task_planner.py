@@ -128,9 +128,10 @@ class TaskPlanner:
         else:
             reason = reason or "none of the robots' skills can help"
             why = contradictions(task.goal) or explain(task)
-            if not why:
+            if why == []:
                 reason += ": each part of the goal can be reached on its own, but not all together"
-        return PlanningResult(Verdict.IMPOSSIBLE, message="\n".join([f"no plan: {reason}", *why]), notes=task.notes)
+        message = "\n".join([f"no plan: {reason}", *(why or ())])
+        return PlanningResult(Verdict.IMPOSSIBLE, message=message, notes=task.notes)
 
     def _kept(
         self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None

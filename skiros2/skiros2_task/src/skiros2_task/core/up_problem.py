@@ -95,8 +95,7 @@ class UpProblem:
             names = Naming()
             wishes = self._predicate_names.get(predicate) or [str(predicate)]
             parameters = OrderedDict(
-                (names.name(place, [self._types[t].name]), self._types[t])
-                for place, t in enumerate(types)
+                (names.name(place, [self._types[t].name]), self._types[t]) for place, t in enumerate(types)
             )
             fluent = Fluent(
                 self._naming.name(("predicate", predicate), wishes),

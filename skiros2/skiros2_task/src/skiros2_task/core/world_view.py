@@ -84,10 +84,7 @@ class WorldView:
     def truth_properties(self) -> set[str]:
         """The properties whose values are true or false, as the ontology or the scene has them."""
         found = {
-            key
-            for e in self.objects.values()
-            for key in e.available_properties
-            if isinstance(e.value_of(key), bool)
+            key for e in self.objects.values() for key in e.available_properties if isinstance(e.value_of(key), bool)
         }
         rows = self._wm.query_ontology(
             "SELECT ?x WHERE { ?x <http://www.w3.org/2000/01/rdf-schema#range> "
@@ -215,9 +212,7 @@ class WorldView:
 
     def _check(self, subject: str, relation: str, obj: str, abstract: bool) -> bool:
         try:
-            return bool(
-                self._wm.check_relation(self.objects[subject], relation, self.objects[obj], True, abstract)
-            )
+            return bool(self._wm.check_relation(self.objects[subject], relation, self.objects[obj], True, abstract))
         except SkirosError:
             return False  # the world has changed since: the element is gone
 

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.formula import Formula
 from skiros2_task.core.goal import GoalReader, check_goal
-from skiros2_task.core.goal_syntax import GoalError
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
@@ -77,24 +77,23 @@ class TaskPlanner:
         goal: str | Formula,
         cancelled: threading.Event | None = None,
         progress: Callable[[str], None] | None = None,
+        asked_by: str = "",
     ) -> PlanningResult:
         """The plan for a goal, or why there is none. Blocks as long as the limits allow.
 
         :param goal: its text, or a formula over the ids of elements.
         :param progress: told in words what is being done.
+        :param asked_by: who asks. A skill manager runs the plan itself, so it gets one for its own robot alone.
         :raises WmException: the world model does not answer.
         """
         tell = progress or log.info
         tell("reading the world model")
         world = WorldView(self._wm)
+        world.robots = tuple(r for r in world.robots if r.manager == asked_by) or world.robots
         try:
-            formula = self._formula(goal, world)
-        except GoalError as error:
+            task = make_task(world, self._formula(goal, world))
+        except WrongValue as error:
             return PlanningResult(Verdict.FAILED, message=str(error))
-        if not world.robots:
-            # A goal may hold without them.
-            tell("no robot in the world model offers skills")
-        task = make_task(world, formula)
         if task.satisfied:
             return self._kept(goal, task, PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already"))
         if not task.actions:
@@ -123,8 +122,9 @@ class TaskPlanner:
 
     def _impossible(self, task: PlanningTask, world: WorldView, reason: str = "") -> PlanningResult:
         """Says why there is no plan."""
+        why: list[str] | None = []
         if not world.robots:
-            reason, why = "no robot in the world model offers skills", []
+            reason = "no robot in the world model offers skills"
         else:
             reason = reason or "none of the robots' skills can help"
             why = contradictions(task.goal) or explain(task)

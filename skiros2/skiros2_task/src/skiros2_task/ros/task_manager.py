@@ -11,7 +11,6 @@ from typing import Any
 import actionlib
 import rospy
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
-from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_task.core.archive import Archive
@@ -21,6 +20,7 @@ from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_task.ros.task_message import task_holder
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
 
@@ -74,13 +74,13 @@ class TaskManager:
         goal = handle.get_goal()
         log.info("goal of %s: %s", goal.author or "somebody", goal.goals)
         try:
-            result = self._plan(handle, goal.goals, cancelled)
+            result = self._plan(handle, goal, cancelled)
             self._answer(handle, result)
         finally:
             with self._lock:
                 del self._running[handle.get_goal_id().id]
 
-    def _plan(self, handle: Any, goals: str, cancelled: threading.Event) -> PlanningResult:
+    def _plan(self, handle: Any, goal: Any, cancelled: threading.Event) -> PlanningResult:
         steps = 0
 
         def progress(text: str) -> None:
@@ -90,11 +90,11 @@ class TaskManager:
             handle.publish_feedback(AssignTaskFeedback(steps, text))
 
         try:
-            return self._planner.plan(goals, cancelled, progress)
+            return self._planner.plan(goal.goals, cancelled, progress, goal.author)
         except SkirosError as error:
             return PlanningResult(Verdict.FAILED, message=str(error))
         except Exception as error:  # a client has to hear of our own mistakes too
-            log.exception("planning %s", goals)
+            log.exception("planning %s", goal.goals)
             return PlanningResult(Verdict.FAILED, message=f"internal error: {type(error).__name__}: {error}")
 
     def _answer(self, handle: Any, result: PlanningResult) -> None:

@@ -1,0 +1,146 @@
+"""From a goal to a plan that is checked, with planners that behave in all ways."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
+from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from support.planning_world import PlanningWorld, transport_world
+
+AT = Predicate(Kind.RELATION, "skiros:at")
+
+
+@dataclass
+class GivenAnswer:
+    """A planner that always answers the same."""
+
+    answer: PlannerAnswer
+    asked: list[PlanningTask] = field(default_factory=list)
+    name: str = "given"
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        self.asked.append(task)
+        return self.answer
+
+
+@pytest.fixture
+def world() -> PlanningWorld:
+    return transport_world()
+
+
+def drive_goal(world: PlanningWorld) -> str:
+    return f"(skiros:at {world.robots[0]} {world.places[1]})"
+
+
+def drive_step(world: PlanningWorld) -> PlanStep:
+    return PlanStep("drive", (world.robots[0], *world.places))
+
+
+def planner(world: PlanningWorld, answer: PlannerAnswer, archive: Archive | None = None) -> TaskPlanner:
+    return TaskPlanner(world.wm, GivenAnswer(answer), Limits(), archive)
+
+
+def test_a_plan_that_works_is_given(world: PlanningWorld) -> None:
+    result = planner(world, PlannerAnswer(Outcome.SOLVED, (drive_step(world),))).plan(drive_goal(world))
+    assert result.verdict is Verdict.PLANNED
+    (call,) = result.calls
+    assert (call.manager, call.type, call.label) == ("/alpha", "skiros:Drive", "drive")
+    assert "skiros:Drive (drive) by /alpha" in result.message
+
+
+@pytest.mark.parametrize("plan", [(), (PlanStep("drive", ("nobody", "nowhere", "nowhere")),), (PlanStep("dance", ()),)])
+def test_a_plan_that_does_not_work_is_not_given(world: PlanningWorld, plan: tuple[PlanStep, ...]) -> None:
+    result = planner(world, PlannerAnswer(Outcome.SOLVED, plan)).plan(drive_goal(world))
+    assert (result.verdict, result.calls) == (Verdict.FAILED, ())
+    assert "a plan that does not work" in result.message
+
+
+@pytest.mark.parametrize(
+    ("outcome", "verdict"),
+    [
+        (Outcome.TIMED_OUT, Verdict.TIMED_OUT),
+        (Outcome.CANCELLED, Verdict.CANCELLED),
+        (Outcome.FAILED, Verdict.FAILED),
+    ],
+)
+def test_a_planner_without_a_plan_is_quoted(world: PlanningWorld, outcome: Outcome, verdict: Verdict) -> None:
+    result = planner(world, PlannerAnswer(outcome, reason="because")).plan(drive_goal(world))
+    assert (result.verdict, result.calls, result.message) == (verdict, (), "because")
+
+
+def test_an_impossible_goal_is_explained(world: PlanningWorld) -> None:
+    goal = f"(skiros:at {world.robots[0]} {world.products[0]})"
+    result = planner(world, PlannerAnswer(Outcome.IMPOSSIBLE, reason="no way")).plan(goal)
+    assert result.message.splitlines()[0] == "no plan: no way"
+    assert f"{world.products[0]} is no skiros:Location" in result.message
+
+
+def test_the_planner_is_not_asked_for_what_holds_or_no_skill_can_help_with(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    tasks = TaskPlanner(world.wm, given, Limits())
+    assert tasks.plan(f"(skiros:at {world.robots[0]} {world.places[0]})").verdict is Verdict.NOTHING_TO_DO
+    assert tasks.plan(f"(skiros:hasA {world.places[0]} {world.products[0]})").verdict is Verdict.IMPOSSIBLE
+    assert given.asked == []
+
+
+def test_a_goal_may_be_a_formula(world: PlanningWorld) -> None:
+    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),))
+    goal = Atom(AT, (world.robots[0], world.places[1]))
+    assert planner(world, answer).plan(goal).verdict is Verdict.PLANNED
+    somewhere = Exists((("?x", "skiros:Location"),), Atom(AT, (world.robots[0], "?x")))
+    assert planner(world, answer).plan(somewhere).verdict is Verdict.NOTHING_TO_DO
+
+
+@pytest.mark.parametrize(
+    ("terms", "expected"), [(("nobody", "?x"), "unknown element 'nobody'"), (("?x",), "expected 2 element")]
+)
+def test_a_formula_that_means_nothing_is_refused(world: PlanningWorld, terms: tuple[str, ...], expected: str) -> None:
+    goal = Exists((("?x", "skiros:Location"),), Atom(AT, terms))
+    result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
+    assert result.verdict is Verdict.FAILED
+    assert expected in result.message
+
+
+def test_a_skill_manager_gets_a_plan_for_its_own_robot() -> None:
+    world = transport_world(robots=2)
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    tasks = TaskPlanner(world.wm, given, Limits())
+    goal = f"(skiros:contain {world.places[1]} {world.products[0]})"
+    tasks.plan(goal, asked_by="/beta")
+    tasks.plan(goal, asked_by="somebody")
+    managers = [{manager for a in task.actions for _, manager in a.managers} for task in given.asked]
+    assert managers == [{"/beta"}, {"/alpha", "/beta"}]
+
+
+def test_a_goal_that_stands_for_too_many_is_refused(world: PlanningWorld) -> None:
+    for _ in range(60):
+        world.thing("skiros:Product")
+    goal = "(forall (?a ?b ?c - skiros:Product) (skiros:contain ?a ?b))"
+    result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
+    assert result.verdict is Verdict.FAILED
+    assert "at most 100000 can be written out" in result.message
+
+
+def test_what_was_made_for_a_goal_is_kept(world: PlanningWorld, tmp_path: Path) -> None:
+    files = (("domain.pddl", "(define"), ("p01.pddl", "(define"))
+    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),), log="found it", files=files)
+    planner(world, answer, Archive(tmp_path)).plan(drive_goal(world))
+    (request,) = (p for p in tmp_path.iterdir() if p.is_dir())
+    assert {p.name for p in request.iterdir()} == {
+        "domain.pddl",
+        "p01.pddl",
+        "goal.txt",
+        "result.txt",
+        "planner.log",
+    }
+    assert (request / "goal.txt").read_text() == drive_goal(world)
+    assert "planned\nskiros:Drive (drive)" in (request / "result.txt").read_text()
+    assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {"domain.pddl", "p01.pddl"}

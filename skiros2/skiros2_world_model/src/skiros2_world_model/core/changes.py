@@ -89,7 +89,7 @@ class Relate:
 Operation = Add | Instantiate | Update | Patch | Remove | Relate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Change:
     """What is told of a change.
 

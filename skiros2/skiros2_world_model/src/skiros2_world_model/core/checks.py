@@ -108,6 +108,10 @@ class Checks:
     def _name(self, name: Any, kind: str, who: str) -> str:
         if not isinstance(name, str) or _NOT_IN_NAMES.search(name):
             raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
+        return self.full(name)
+
+    def full(self, name: str) -> str:
+        """A name with its prefix, from an IRI too."""
         return self._prefixes.name(name) if is_iri(name) else full_name(name)
 
     def _note(self, kind: str, name: str, who: str) -> None:

@@ -6,7 +6,8 @@ it from its store, a client from the answer to `STRUCTURE_QUERY`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import copy
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -208,6 +209,24 @@ class Ontology:
         found = self._individuals.get(subject)
         return found is not None and any(o == obj and self.is_subproperty(p, relation) for p, o in found.relations)
 
+    def with_classes(self, triples: Sequence[NamedTriple]) -> Ontology | None:
+        """The same ontologies and some more classes; None when the triples say more than that.
+
+        Declaring classes is what skill managers do at their start, many times; it need not read all anew.
+        """
+        if not all(_is_class_statement(*triple) for triple in triples):
+            return None
+        other = copy.copy(self)
+        other._superclasses = {name: list(above) for name, above in self._superclasses.items()}
+        other._types = {name: list(types) for name, types in self._types.items()}
+        other._closures, other._limits = {}, {}
+        for subject, predicate, obj in triples:
+            if predicate == "rdf:type":
+                _append(other._types.setdefault(subject, []), obj)
+            other._read_terms(subject, [(predicate, obj)], {})
+        other._subclasses = _inverse(other._superclasses)
+        return other
+
     # -- reading -----------------------------------------------------------------------------------------------
 
     def _read(self, triples: list[NamedTriple]) -> None:
@@ -334,6 +353,11 @@ def _members(
             members.append(cell["rdf:first"])
         link = cell.get("rdf:rest", "rdf:nil")
     return members
+
+
+def _is_class_statement(subject: str, predicate: str, obj: Any) -> bool:
+    is_named = isinstance(obj, str) and not subject.startswith("_:") and not obj.startswith("_:")
+    return is_named and (predicate == "rdfs:subClassOf" or (predicate == "rdf:type" and obj == "owl:Class"))
 
 
 def _is_standard(name: str) -> bool:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
 from skiros2_world_model.core.rdf_files import read_triples
@@ -51,19 +51,42 @@ class OntologyBase:
                 index = self._index = Ontology(self._named(t) for t in self.store.triples(ONTOLOGY))
         return index
 
-    def add(self, triples: Iterable[ox.Triple]) -> None:
-        """Adds triples to the ontologies."""
-        self.update(ONTOLOGY, [], triples)
-
-    def update(self, context: str, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> None:
-        """Removes triples from a context and adds others; in that of the ontologies, the index is made anew."""
-        added = list(added)
+    def update(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> bool:
+        """Removes triples from the ontologies and adds others. False when they were so already."""
         with self.lock:
+            removed = [t for t in removed if self.store.has(ONTOLOGY, t)]
+            added = [t for t in added if not self.store.has(ONTOLOGY, t)]
+            if not removed and not added:
+                return False
             for triple in added:
                 self._declare(triple)
-            self.store.update(context, removed, added)
-            if context == ONTOLOGY:
-                self._index = None
+            self.store.update(ONTOLOGY, removed, added)
+            index = self._index
+            only_classes = index and not removed and index.with_classes([self._named(t) for t in added])
+            self._index = only_classes or None
+        return True
+
+    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> bool:
+        """Adds and removes statements, all or none. False when they were so already.
+
+        :param context: "" or `ontology`: others hold elements, which are the world model's.
+        :raises WrongValue: a text is no RDF term.
+        :raises UnknownName: it is another context.
+        """
+        if context not in ("", ONTOLOGY):
+            raise UnknownName(f"{author}: there is no context {context!r}; there are the ontologies alone")
+        return self.update(*self.split(statements))
+
+    def split(self, statements: Sequence[Statement]) -> tuple[list[ox.Triple], list[ox.Triple]]:
+        """The triples that statements take away, and those that they add.
+
+        :raises WrongValue: a text is no RDF term.
+        """
+        removed: list[ox.Triple] = []
+        added: list[ox.Triple] = []
+        for subject, predicate, obj, value in statements:
+            (added if value else removed).append(self.triple(subject, predicate, obj))
+        return removed, added
 
     def triple(self, subject: str, predicate: str, obj: str) -> ox.Triple:
         """The triple that three texts write.
@@ -75,17 +98,14 @@ class OntologyBase:
             raise WrongValue(f"{subject} {predicate} {obj} is no RDF statement")
         return ox.Triple(s, p, o)
 
-    def query(
-        self, query: str, context: str = "", cut_prefix: bool = True, prefixes: Mapping[str, str] | None = None
-    ) -> list[str]:
+    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
         """One text for each row that a SPARQL query gives, its values parted by a space.
 
         :param context: the one to ask; "" asks all.
         :param cut_prefix: `prefix:name` and plain values; else N3.
-        :param prefixes: further ones, beside those of the ontologies.
         :raises WrongValue: the query cannot be answered.
         """
-        namespaces = {**self.prefixes.namespaces(), **(prefixes or {})}
+        namespaces = self.prefixes.namespaces()
         rows = self.store.query(query, context, namespaces)
         return [" ".join(term_text(term, self.prefixes, cut_prefix) for term in row) for row in rows]
 

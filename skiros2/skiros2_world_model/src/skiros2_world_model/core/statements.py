@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import pyoxigraph as ox
 
@@ -10,21 +10,9 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import Add, Operation, Patch, Relate
-from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.terms import python_value
-
-
-def split_statements(base: OntologyBase, statements: Sequence[Statement]) -> tuple[list[ox.Triple], list[ox.Triple]]:
-    """The triples to remove, and those to add.
-
-    :raises WrongValue: a text is no RDF term.
-    """
-    removed: list[ox.Triple] = []
-    added: list[ox.Triple] = []
-    for subject, predicate, obj, value in statements:
-        (added if value else removed).append(base.triple(subject, predicate, obj))
-    return removed, added
 
 
 def element_operations(

@@ -62,6 +62,7 @@ class Transaction:
         expanded: list[tuple[int, Operation]] = []
         for index, operation in enumerate(operations):
             if isinstance(operation, Instantiate):
+                operation.uri = self._checks.full(operation.uri)
                 expanded += [(index, add) for add in copies_of(self._ontology, operation)]
             else:
                 expanded.append((index, operation))

@@ -28,7 +28,8 @@ class TripleStore:
     def replace(self, context: str, triples: Iterable[ox.Triple]) -> None:
         """Makes these the triples of a context."""
         graph = _graph(context)
-        self._store.clear_graph(graph) if self._store.contains_named_graph(graph) else None
+        if self._store.contains_named_graph(graph):
+            self._store.clear_graph(graph)
         self.extend(context, triples)
 
     def extend(self, context: str, triples: Iterable[ox.Triple]) -> None:
@@ -47,6 +48,10 @@ class TripleStore:
         """The triples of a context with that subject, predicate and object; None matches any."""
         found = self._store.quads_for_pattern(subject, predicate, obj, _graph(context))
         return [quad.triple for quad in found]
+
+    def has(self, context: str, triple: ox.Triple) -> bool:
+        """Whether a context has that triple."""
+        return ox.Quad(triple.subject, triple.predicate, triple.object, _graph(context)) in self._store
 
     def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
         """The rows that a SPARQL SELECT gives, each a tuple of terms (None: unbound); ASK gives one row of one bool.

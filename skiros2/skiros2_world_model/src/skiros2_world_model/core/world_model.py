@@ -18,11 +18,12 @@ from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import SCENE, Context
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.rdf_files import read_triples, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.scene import Provenance, Scene
-from skiros2_world_model.core.statements import element_operations, split_statements
+from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.templates import template_element
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.triple_store import ONTOLOGY
@@ -93,7 +94,7 @@ class WorldModel:
 
         :raises UnknownName: there is none.
         """
-        return template_element(self.ontology, name)
+        return template_element(self.ontology, self.base.prefixes.name(name) if is_iri(name) else name)
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
         """The rows that a SPARQL query gives, as texts.
@@ -143,10 +144,10 @@ class WorldModel:
         :raises SkirosError: one of them is refused; nothing has changed.
         """
         with self.lock:
-            removed, added = split_statements(self.base, statements)
             if context in ("", ONTOLOGY):
-                self.base.update(ONTOLOGY, removed, added)
-                return [self._announce(author, UPDATE, ONTOLOGY)]
+                changed = self.base.modify(statements, author, context)
+                return [self._announce(author, UPDATE, ONTOLOGY)] if changed else []
+            removed, added = self.base.split(statements)
             scene = self._context(context, make=True).scene
             operations = element_operations(self.base, scene, removed, added)
             return self.transact(operations, author, context).changes

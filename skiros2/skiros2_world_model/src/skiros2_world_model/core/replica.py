@@ -1,0 +1,196 @@
+"""A client's copy of the scene: starts from a snapshot, follows the changes, notices when it missed some."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, Change
+from skiros2_world_model.core.scene import Node, Provenance, Scene
+
+
+@dataclass
+class Snapshot:
+    """A whole scene. Of the relations, the outgoing ones of each element are enough."""
+
+    snapshot_id: str
+    number: int
+    elements: Sequence[Element]
+
+
+class Replica:
+    """The scene as far as it is known here. Safe to use from all threads.
+
+    Changes come in two ways: all of them, in order, as the server publishes them (`follow`), and those that this client
+    made, with the server's answer (`include`). A change that does not continue the known state waits for those before
+    it; when the published ones have a gap, the next read fetches the scene anew.
+
+    :param fetch: gets a snapshot from the server; called without the lock.
+    :param patience: how long a write waits for changes before it that are still on their way (s).
+    """
+
+    def __init__(self, fetch: Callable[[], Snapshot], patience: float = 2.0) -> None:
+        self.lock = threading.RLock()
+        self._fetch = fetch
+        self._patience = patience
+        self._scene = Scene()
+        self._snapshot_id: str | None = None
+        self._number = 0
+        self._published: str | None = None
+        self._waiting: dict[str, Change] = {}
+        self._version = 0
+        self._progress = threading.Condition(self.lock)
+        self._fetching = threading.Lock()
+        self._is_fetching = False
+
+    @property
+    def version(self) -> int:
+        """Counts up with everything that may have changed."""
+        return self._version
+
+    def scene(self) -> Scene:
+        """The scene, to be read under the lock. Call `refresh` before.
+
+        Between the two the scene may become older than the server's; it is whole at any time.
+        """
+        return self._scene
+
+    def refresh(self) -> None:
+        """Fetches the scene if it is not known, or not any more. Called before each read."""
+        if self._snapshot_id is not None:
+            return
+        with self._fetching:
+            while self._snapshot_id is None:
+                with self.lock:
+                    self._waiting = {}
+                    self._is_fetching = True
+                try:
+                    self._load(self._fetch())
+                finally:
+                    self._is_fetching = False
+
+    def follow(self, change: Change) -> None:
+        """Takes a change that the server has published. Called in the order in which they come."""
+        with self.lock:
+            first = self._published is None
+            repeated = self._published == change.snapshot_id
+            continues = self._published == change.prev_snapshot_id
+            self._published = change.snapshot_id
+            if repeated:
+                return
+            if not (first or continues):
+                self._forget()
+            self._take(change)
+
+    def include(self, changes: Sequence[Change]) -> None:
+        """Takes the changes that a request of this client has made; afterwards they can be read here."""
+        if not changes:
+            return
+        with self.lock:
+            for change in changes:
+                self._take(change)
+            last = changes[-1]
+            arrived = self._progress.wait_for(
+                lambda: self._snapshot_id is None or self._number >= last.number, self._patience
+            )
+            if not arrived:
+                self._forget()
+
+    # -- under the lock ----------------------------------------------------------------------------------------
+
+    def _take(self, change: Change) -> None:
+        if self._snapshot_id is None:
+            if not self._is_fetching:
+                return  # what is fetched later has it
+        elif _session(change) != _session_of(self._snapshot_id):
+            self._forget()
+            return
+        elif change.number <= self._number:
+            return
+        self._waiting[change.prev_snapshot_id] = change
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Applies the waiting changes that continue the known state."""
+        while self._snapshot_id is not None and self._snapshot_id in self._waiting:
+            change = self._waiting.pop(self._snapshot_id)
+            if change.action == RESET:
+                self._forget()
+                return
+            self._apply(change)
+            self._snapshot_id = change.snapshot_id
+            self._number = change.number
+            self._version += 1
+        self._progress.notify_all()
+
+    def _forget(self) -> None:
+        """The scene is not known any more."""
+        self._snapshot_id = None
+        self._version += 1
+        self._progress.notify_all()
+
+    def _load(self, snapshot: Snapshot) -> None:
+        made = Provenance(snapshot.number, 0.0, "")
+        scene = Scene()
+        for element in snapshot.elements:
+            scene.put(Node(element.id, element.type, element.label, element._props, made))
+        for element in snapshot.elements:
+            for relation in element._rels:
+                if relation["src"] == "-1":
+                    scene.relate(element.id, relation["type"], relation["dst"])
+        with self.lock:
+            self._scene = scene
+            self._snapshot_id = snapshot.snapshot_id
+            self._number = snapshot.number
+            self._version += 1
+            session = _session_of(snapshot.snapshot_id)
+            self._waiting = {
+                before: change
+                for before, change in self._waiting.items()
+                if _session(change) == session and change.number > snapshot.number
+            }
+            self._catch_up()
+
+    def _apply(self, change: Change) -> None:
+        scene = self._scene
+        scene.begin()
+        if change.action in (REMOVE, REMOVE_RECURSIVE):
+            for element in change.elements:
+                if element.id in scene:
+                    scene.drop(element.id)
+        else:
+            for element in change.elements:
+                scene.put(Node(element.id, element.type, element.label, element._props))
+            for element in change.elements:
+                _set_relations(scene, element)
+        for relation in change.relations:
+            ends = relation["src"], relation["type"], relation["dst"]
+            if change.action == ADD:
+                scene.relate(*ends)
+            else:
+                scene.unrelate(*ends)
+        scene.commit(Provenance(change.number, change.stamp, change.author))
+
+
+def _set_relations(scene: Scene, element: Element) -> None:
+    """Gives an element exactly the relations that it has in a change."""
+    eid = element.id
+    wanted = dict.fromkeys(
+        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"])
+        for r in element._rels
+    )
+    for relation in [*scene.relations(eid), *scene.relations(dst=eid)]:
+        if relation not in wanted:
+            scene.unrelate(*relation)
+    for relation in wanted:
+        scene.relate(*relation)
+
+
+def _session(change: Change) -> str:
+    return _session_of(change.snapshot_id)
+
+
+def _session_of(snapshot_id: str) -> str:
+    return snapshot_id.rpartition("-")[0]

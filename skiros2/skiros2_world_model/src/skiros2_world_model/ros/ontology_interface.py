@@ -1,0 +1,134 @@
+"""The ontologies of a world model, over ROS."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import rospy
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from std_srvs.srv import SetBool, SetBoolRequest
+
+from skiros2_common.ros.utils import makeStatementMsg
+from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
+from skiros2_world_model.core.ontology_base import Statement
+from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
+from skiros2_world_model.core.triple_store import ONTOLOGY
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.ros.service_pool import ServicePool
+
+log = logging.getLogger(__name__)
+
+#: The name of the world model's node, relative to the caller's namespace.
+SERVER = "wm"
+
+#: How often a client that waits for the server says so (s).
+_WAITING_MESSAGE_PERIOD = 5.0
+
+
+class OntologyInterface(OntologyAbstractInterface):
+    """The ontologies, and all contexts as RDF, of the world model node `wm` in this node's namespace.
+
+    Making one waits until the server is there.
+
+    :param author_name: who makes the changes.
+    """
+
+    def __init__(self, author_name: str = "test") -> None:
+        super().__init__()
+        self._author_name = author_name
+        self._query_service = ServicePool(f"{SERVER}/ontology/query", srvs.WoQuery)
+        self._modify_service = ServicePool(f"{SERVER}/ontology/modify", srvs.WoModify)
+        self._file_service = ServicePool(f"{SERVER}/load_and_save", srvs.WoLoadAndSave)
+        self._lock_service = ServicePool(f"{SERVER}/lock", SetBool)
+        self._index: Ontology | None = None
+        self._index_lock = threading.Lock()
+        self._ontology_changes = 0
+        self._wait_for_server()
+        self._monitor = rospy.Subscriber(f"{SERVER}/monitor", msgs.WmMonitor, self._on_monitor)
+
+    def is_connected(self) -> bool:
+        """Whether the server answers now."""
+        return self._query_service.is_there()
+
+    def lock(self) -> None:
+        """Takes the advisory lock of the world model; waits until it is free."""
+        answer = self._lock_service.call(SetBoolRequest(True))
+        if not answer.success:
+            raise WmException(f"the world model cannot be locked: {answer.message}")
+
+    def unlock(self) -> None:
+        """Gives the advisory lock back.
+
+        :raises WmException: it was not taken.
+        """
+        answer = self._lock_service.call(SetBoolRequest(False))
+        if not answer.success:
+            raise WmException(f"the world model cannot be unlocked: {answer.message}")
+
+    def load(self, filename: str = "", context: str = "scene") -> None:
+        """Replaces a context with what a file of the server's workspace says.
+
+        :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
+        :raises WmException: the file is refused; the present content stays.
+        """
+        self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
+
+    def save(self, filename: str = "", context: str = "scene") -> None:
+        """Writes a context to a file of the server's workspace, as Turtle; `filename` as for `load`.
+
+        :raises WmException: the file is refused.
+        """
+        self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
+
+    # -- what the shared calls are made of ---------------------------------------------------------------------
+
+    @property
+    def _ontology(self) -> Ontology:
+        index = self._index
+        while index is None:
+            with self._index_lock:
+                changes = self._ontology_changes
+                index = self._index or self._fetch_ontology()
+                if changes == self._ontology_changes:
+                    self._index = index
+        return index
+
+    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        request = srvs.WoQueryRequest(query, context, cut_prefix)
+        return list(self._query_service.call(request).answer)
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> None:
+        request = srvs.WoModifyRequest(self._author_name, context, [makeStatementMsg(*s) for s in statements])
+        self._modify_service.call(request, repeatable=True)  # adding or removing twice is as once
+        self._forget_ontology()
+
+    def _on_monitor(self, message: Any) -> None:
+        """Something has changed in the world model; called in the thread of the subscription."""
+        if message.action == message.RESET or not (message.elements or message.relation):
+            self._forget_ontology()
+
+    def _forget_ontology(self) -> None:
+        self._ontology_changes += 1
+        self._index = None
+
+    def _fetch_ontology(self) -> Ontology:
+        rows = (row.split(" ") for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))
+        return Ontology((row[0], row[1], row[2]) for row in rows if len(row) == 3)
+
+    def _files(self, action: str, filename: str, context: str) -> None:
+        self._file_service.call(srvs.WoLoadAndSaveRequest(action, filename, context), repeatable=False)
+
+    def _wait_for_server(self) -> None:
+        waited = 0.0
+        while not rospy.is_shutdown():
+            try:
+                self._query("ASK {}", True, ONTOLOGY)
+                return
+            except WmException:
+                waited += self._query_service.patience
+                log.info("waiting for the world model, node %s", rospy.resolve_name(SERVER))
+        raise WmException("the node was shut down while it waited for the world model")

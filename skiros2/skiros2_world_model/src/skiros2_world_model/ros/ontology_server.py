@@ -1,0 +1,92 @@
+"""The services of ontologies: queries, statements, and the advisory lock."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import rosgraph
+import rospy
+from skiros2_msgs import srv as srvs
+from std_srvs.srv import SetBool, SetBoolResponse
+
+from skiros2_world_model.core.advisory_lock import AdvisoryLock
+from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.ros.errors import answering
+from skiros2_world_model.ros.parameters import ontology_folder, workspace_folder
+
+log = logging.getLogger(__name__)
+
+#: How often a taken lock is looked at for an owner that is gone (s).
+_OWNER_CHECK_PERIOD = 1.0
+
+
+class Ontologies(Protocol):
+    """What the services need: a world model, or ontologies alone."""
+
+    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]: ...
+    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> Any: ...
+
+
+class OntologyServices:
+    """`~ontology/query`, `~ontology/modify` and `~lock` of this node.
+
+    :param ontologies: what they are about.
+    :param lock: the lock that `~lock` takes and gives back.
+    """
+
+    def __init__(self, ontologies: Ontologies, lock: AdvisoryLock) -> None:
+        self._ontologies = ontologies
+        self._lock = lock
+        self._services = [
+            rospy.Service("~ontology/query", srvs.WoQuery, answering(self._on_query)),
+            rospy.Service("~ontology/modify", srvs.WoModify, answering(self._on_modify)),
+            rospy.Service("~lock", SetBool, self._on_lock),
+        ]
+
+    def _on_query(self, request: Any) -> Any:
+        return srvs.WoQueryResponse(self._ontologies.query(request.query_string, request.context, request.cut_prefix))
+
+    def _on_modify(self, request: Any) -> Any:
+        statements = [
+            (s.relation.subjectId, s.relation.predicate, s.relation.objectId, s.value) for s in request.statements
+        ]
+        self._ontologies.modify(statements, request.author, request.context)
+        return srvs.WoModifyResponse(True)
+
+    def _on_lock(self, request: Any) -> Any:
+        """Takes the lock, waiting for it, or gives it back. A node that has died has given it back."""
+        if not request.data:
+            done = self._lock.give_back()
+            return SetBoolResponse(done, "" if done else "it is not locked")
+        owner = request._connection_header.get("callerid", "unknown")
+        while not self._lock.take(owner, _OWNER_CHECK_PERIOD):
+            holder = self._lock.owner
+            if rospy.is_shutdown():
+                return SetBoolResponse(False, "the node is shutting down")
+            if holder is not None and not _is_alive(holder) and self._lock.give_back(holder):
+                log.warning("%s had the lock and is gone: it is free", holder)
+        return SetBoolResponse(True, "")
+
+
+def serve_ontologies() -> None:
+    """The program of the ontology server node: until shutdown.
+
+    :raises ConfigurationError: a folder is missing, or an ontology does not parse.
+    """
+    _services = OntologyServices(OntologyBase(ontology_folder(), workspace_folder()), AdvisoryLock())
+    log.info("ontologies are served")
+    rospy.spin()
+
+
+def _is_alive(node: str) -> bool:
+    """Whether a node still listens to others."""
+    try:
+        uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
+        host, port = rosgraph.network.parse_http_host_and_port(uri)
+        with socket.create_connection((host, port), 1.0):
+            return True
+    except (rosgraph.MasterException, OSError, ValueError):
+        return False

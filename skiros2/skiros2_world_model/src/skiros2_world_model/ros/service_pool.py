@@ -1,0 +1,126 @@
+"""Services over connections that stay open, from any number of threads."""
+
+from __future__ import annotations
+
+import ast
+import re
+import select
+import threading
+import time
+from typing import Any
+
+import rospy
+
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+
+_ANSWERED = re.compile(r"^service \[.*?\] responded with an error: (.*)$", re.DOTALL)
+#: How often a server that is not there is looked for (s).
+_RETRY_PERIOD = 0.1
+
+_PREFIX = re.compile(r"^(service cannot process request|error processing request): ", re.DOTALL)
+
+
+class ServicePool:
+    """Calls of one service. Each call has a connection to itself; idle ones are kept and used again.
+
+    :param name: the service; a relative name is resolved now.
+    :param patience: how long a call waits for a server that is not there (s).
+    """
+
+    def __init__(self, name: str, kind: Any, patience: float = 5.0) -> None:
+        self._name = rospy.resolve_name(name)
+        self._kind = kind
+        self.patience = patience
+        self._idle: list[Any] = []
+        self._lock = threading.Lock()
+
+    def call(self, request: Any, repeatable: bool = True) -> Any:
+        """Calls the service; blocks until it answers.
+
+        :param repeatable: may be sent again when the connection breaks before the answer.
+        :raises WmException: the server refuses (with its text), or does not answer.
+        """
+        give_up = time.monotonic() + self.patience
+        while True:
+            proxy = self._take()
+            try:
+                response = proxy.call(request)
+            except rospy.ServiceException as error:
+                refusal = _refusal(str(error))
+                if refusal is not None:
+                    self._put_back(proxy)
+                    raise WmException(refusal) from None
+                was_sent = proxy.transport is not None
+                proxy.close()
+                if was_sent and not repeatable:
+                    raise WmException(
+                        f"service {self._name} broke off: {error}; whether the request was carried out is not known"
+                    ) from error
+                self._wait(give_up, error)
+            except rospy.exceptions.TransportException as error:
+                proxy.close()  # the request was not sent whole
+                self._wait(give_up, error)
+            except (rospy.ROSInterruptException, rospy.ROSSerializationException) as error:
+                proxy.close()
+                raise WmException(f"service {self._name} was not called: {error}") from error
+            else:
+                self._put_back(proxy)
+                return response
+
+    def is_there(self) -> bool:
+        """Whether a server answers now."""
+        try:
+            rospy.wait_for_service(self._name, 0.5)
+        except rospy.ROSException:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Closes the idle connections."""
+        with self._lock:
+            idle, self._idle = self._idle, []
+        for proxy in idle:
+            proxy.close()
+
+    def _take(self) -> Any:
+        while True:
+            with self._lock:
+                proxy = self._idle.pop() if self._idle else None
+            if proxy is None:
+                return rospy.ServiceProxy(self._name, self._kind, persistent=True)
+            if not _was_closed(proxy):
+                return proxy
+            proxy.close()
+
+    def _put_back(self, proxy: Any) -> None:
+        with self._lock:
+            self._idle.append(proxy)
+
+    def _wait(self, give_up: float, error: Exception) -> None:
+        """Waits a moment for a server to come (again)."""
+        if time.monotonic() > give_up or rospy.is_shutdown():
+            raise WmException(f"service {self._name} does not answer: {error}") from error
+        time.sleep(_RETRY_PERIOD)
+
+
+def _was_closed(proxy: Any) -> bool:
+    """Whether the server has closed an idle connection: there is something to read, and that is its end."""
+    socket = getattr(proxy.transport, "socket", None)
+    if socket is None:
+        return True
+    try:
+        readable, _, _ = select.select([socket], [], [], 0)
+    except (OSError, ValueError):
+        return True
+    return bool(readable)
+
+
+def _refusal(text: str) -> str | None:
+    """What the server says in an error answer; None for errors of the transport."""
+    found = _ANSWERED.match(text)
+    if found is None:
+        return None
+    answer = found.group(1)
+    if answer[:2] in ("b'", 'b"'):  # rospy shows the bytes
+        answer = ast.literal_eval(answer).decode("utf-8", "replace")
+    return _PREFIX.sub("", answer)

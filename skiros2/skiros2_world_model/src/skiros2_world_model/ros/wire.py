@@ -1,0 +1,164 @@
+"""Changes and operations as messages, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import genpy
+from skiros2_msgs import msg as msgs
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
+from skiros2_world_model.core.changes import (
+    Add,
+    Change,
+    Instantiate,
+    Operation,
+    Patch,
+    Relate,
+    Remove,
+    Update,
+    relation_dict,
+)
+
+_OP = msgs.WmOperation
+
+
+def change2msg(change: Change) -> Any:
+    """A change as a `WmMonitor`."""
+    return msgs.WmMonitor(
+        change.prev_snapshot_id,
+        change.snapshot_id,
+        genpy.Time.from_sec(change.stamp),
+        change.author,
+        change.action,
+        [element2msg(e) for e in change.elements],
+        [relation2msg(r) for r in change.relations],
+    )
+
+
+def msg2change(msg: Any, context: str) -> Change:
+    """A change from a `WmMonitor`."""
+    return Change(
+        snapshot_number(msg.snapshot_id),
+        msg.prev_snapshot_id,
+        msg.snapshot_id,
+        msg.stamp.to_sec(),
+        msg.author,
+        msg.action,
+        context,
+        tuple(msg2given_element(e, snapshot_number(msg.snapshot_id)) for e in msg.elements),
+        tuple(msg2relation(r) for r in msg.relation),
+    )
+
+
+def msg2given_element(msg: Any, version: int) -> Element:
+    """An element as the world model gives it out, from a `WmElement`; `changes` counts from now."""
+    read = msg2element(msg)
+    if not read.id:
+        return read  # a template
+    return Element.shared(read.type, read.label, read.id, read._props, read._rels, version)
+
+
+def snapshot_number(snapshot_id: str) -> int:
+    """The number of the change that led to a state; 0 when the name has none."""
+    number = snapshot_id.rpartition("-")[2]
+    return int(number) if number.isdecimal() else 0
+
+
+def operation2msg(operation: Operation) -> Any:
+    """An operation as a `WmOperation`."""
+    if isinstance(operation, Add):
+        return _OP(action=_OP.ADD, reference=operation.reference, element=element2msg(operation.element))
+    if isinstance(operation, Update):
+        return _OP(
+            action=_OP.UPDATE,
+            element=element2msg(operation.element),
+            with_relations=operation.relations,
+            keys=sorted(operation.keys or ()),
+        )
+    if isinstance(operation, Patch):
+        return _patch2msg(operation)
+    if isinstance(operation, Remove):
+        return _OP(
+            action=_OP.REMOVE,
+            element=msgs.WmElement(id=operation.id),
+            recursive=operation.recursive,
+            relation_filter=operation.relation_filter,
+            type_filter=operation.type_filter,
+        )
+    if isinstance(operation, Relate):
+        relation = msgs.Relation(operation.src, operation.pred, operation.dst)
+        element = msgs.WmElement(relations=[relation])
+        return _OP(action=_OP.RELATE if operation.value else _OP.UNRELATE, element=element)
+    relations = [msgs.Relation(r["src"], r["type"], r["dst"]) for r in operation.relations]
+    return _OP(
+        action=_OP.INSTANTIATE,
+        reference=operation.reference,
+        element=msgs.WmElement(label=operation.uri, relations=relations),
+        keys=list(operation.relation_filter),
+        recursive=operation.recursive,
+        relation_filter=" ".join(sorted(operation.known)),
+    )
+
+
+def msg2operation(msg: Any) -> Operation:
+    """An operation from a `WmOperation`.
+
+    :raises WrongValue: the action is unknown, or a part is missing.
+    """
+    if msg.action == _OP.ADD:
+        return Add(msg2element(msg.element), msg.reference)
+    if msg.action == _OP.UPDATE:
+        return Update(msg2element(msg.element), msg.with_relations, frozenset(msg.keys) or None)
+    if msg.action == _OP.PATCH:
+        return _msg2patch(msg)
+    if msg.action == _OP.REMOVE:
+        return Remove(msg.element.id, msg.recursive, msg.relation_filter, msg.type_filter)
+    relations = [msg2relation(r) for r in msg.element.relations]
+    if msg.action == _OP.INSTANTIATE:
+        known = frozenset(msg.relation_filter.split())
+        return Instantiate(msg.element.label, msg.recursive, relations, list(msg.keys), known, msg.reference)
+    if msg.action in (_OP.RELATE, _OP.UNRELATE):
+        if len(relations) != 1:
+            raise WrongValue(f"operation {msg.action!r}: expected one relation in its element, got {len(relations)}")
+        relation = relations[0]
+        return Relate(relation["src"], relation["type"], relation["dst"], msg.action == _OP.RELATE)
+    known_actions = (_OP.ADD, _OP.INSTANTIATE, _OP.UPDATE, _OP.PATCH, _OP.REMOVE, _OP.RELATE, _OP.UNRELATE)
+    raise WrongValue(f"unknown operation {msg.action!r}; known: {', '.join(known_actions)}")
+
+
+def _patch2msg(patch: Patch) -> Any:
+    changes = patch.changes
+    element = Element(changes.type or "", changes.label or "", patch.id)
+    element._props = changes.properties
+    element._rels = changes.added_relations
+    return _OP(
+        action=_OP.PATCH,
+        element=element2msg(element),
+        keys=changes.removed_properties,
+        removed=_facts(changes.removed_relations),
+        with_label=changes.label is not None,
+        with_type=changes.type is not None,
+    )
+
+
+def _msg2patch(msg: Any) -> Patch:
+    element = msg2element(msg.element)
+    properties: dict[str, Property] = element._props
+    changes = ElementChanges(
+        properties,
+        list(msg.keys),
+        [relation_dict(r["src"], r["type"], r["dst"]) for r in element._rels],
+        [msg2relation(r) for r in msg.removed],
+        element.label if msg.with_label else None,
+        element.type if msg.with_type else None,
+    )
+    return Patch(element.id, changes)
+
+
+def _facts(relations: Sequence[Any]) -> list[Any]:
+    return [relation2msg(r) for r in relations if r["state"]]

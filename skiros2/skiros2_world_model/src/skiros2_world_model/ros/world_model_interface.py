@@ -1,0 +1,179 @@
+"""The world model over ROS, with or without a replica of the scene in this process."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rospy
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
+from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.ros.utils import element2msg, msg2relation
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.ros.ontology_interface import SERVER, OntologyInterface
+from skiros2_world_model.ros.service_pool import ServicePool
+from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
+
+__all__ = ["Element", "WmException", "WorldModelInterface"]
+
+log = logging.getLogger(__name__)
+
+_SCENE = "scene"
+
+
+class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
+    """The world model node `wm` in this node's namespace. Making one waits until the server is there.
+
+    :param author_name: who makes the changes.
+    :param make_cache: keeps a replica of the scene, from which it is read without calls.
+    """
+
+    def __init__(self, author_name: str = "test", make_cache: bool = False) -> None:
+        self._get_service = ServicePool(f"{SERVER}/get", srvs.WmGet)
+        self._relations_service = ServicePool(f"{SERVER}/scene/query_relations", srvs.WmQueryRelations)
+        self._transaction_service = ServicePool(f"{SERVER}/transaction", srvs.WmTransaction)
+        self._snapshot_service = ServicePool(f"{SERVER}/snapshot", srvs.WmSnapshot)
+        self._listeners: list[Callable[[Change], None]] = []
+        self._monitor_cb: Callable[[Any], None] | None = None
+        self._replica = Replica(self._fetch_scene) if make_cache else None
+        self._reader: SceneReader | None = None
+        if self._replica is not None:
+            self._reader = SceneReader(self._replica.lock, self._scenes, lambda: self._ontology)
+        super().__init__(author_name)
+        _load_reasoners()
+
+    @property
+    def version(self) -> int:
+        return self._replica.version + self._ontology_changes if self._replica is not None else -1
+
+    def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
+        """`cb(message)` is called with each `WmMonitor`, in the thread of the subscription; None ends that."""
+        self._monitor_cb = cb
+
+    def add_listener(self, callback: Callable[[Change], None]) -> None:
+        self._listeners = [*self._listeners, callback]
+
+    def remove_listener(self, callback: Callable[[Change], None]) -> None:
+        self._listeners = [known for known in self._listeners if known != callback]
+
+    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
+        reader = self._local(context_id)
+        if reader is not None:
+            return reader.find(eid, context_id)
+        try:
+            return self._get(srvs.WmGetRequest.GET, context_id, msgs.WmElement(id=eid))[0]
+        except WmException as error:
+            if str(error).startswith("there is no element"):
+                return None
+            raise
+
+    # -- what the shared calls are made of ---------------------------------------------------------------------
+
+    def _matching(self, wanted: Element, context: str) -> list[Element]:
+        reader = self._local(context)
+        if reader is not None:
+            return reader.matching(wanted, context)
+        return self._get(srvs.WmGetRequest.RESOLVE, context, element2msg(wanted))
+
+    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
+        reader = self._local(context)
+        if reader is not None:
+            try:
+                return reader.branch(eid, relation_filter, type_filter, context)
+            except SkirosError as error:
+                raise WmException(str(error)) from None
+        asked = msgs.WmElement(id=eid)
+        return self._get(srvs.WmGetRequest.GET_RECURSIVE, context, asked, relation_filter, type_filter)
+
+    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        reader = self._local(_SCENE)
+        if reader is not None:
+            return reader.related(src, pred, dst, _SCENE)
+        request = srvs.WmQueryRelationsRequest(msgs.Relation(src, pred, dst))
+        return [msg2relation(m) for m in self._relations_service.call(request).matches]
+
+    def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
+        reader = self._local(_SCENE)
+        if reader is not None:
+            return reader.holds(subj, pred, obj, _SCENE)
+        return super()._holds(subj, pred, obj)
+
+    def _template(self, name: str) -> Element:
+        return self._get(srvs.WmGetRequest.GET_TEMPLATE, _SCENE, msgs.WmElement(label=name))[0]
+
+    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+        try:
+            messages = [operation2msg(o) for o in operations]
+        except SkirosError as error:
+            raise WmException(str(error)) from None
+        request = srvs.WmTransactionRequest(self._author_name, context, messages)
+        response = self._transaction_service.call(request, repeatable=False)
+        outcome = Outcome(list(response.ids), [msg2change(m, context) for m in response.changes])
+        if self._replica is not None:
+            self._replica.include(outcome.changes)
+        return outcome
+
+    # -- the monitor -------------------------------------------------------------------------------------------
+
+    def _on_monitor(self, message: Any) -> None:
+        super()._on_monitor(message)
+        listeners = self._listeners
+        if self._replica is not None or listeners:
+            change = msg2change(message, _SCENE)
+            if self._replica is not None:
+                self._replica.follow(change)
+            for listener in listeners:
+                listener(change)
+        if self._monitor_cb is not None:
+            self._monitor_cb(message)
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def _local(self, context: str) -> SceneReader | None:
+        """What reads the replica, for contexts that it has; brought up to date."""
+        if self._replica is None or context != _SCENE:
+            return None
+        self._replica.refresh()
+        return self._reader
+
+    def _scenes(self, context: str) -> list[Scene]:
+        assert self._replica is not None
+        return [self._replica.scene()]
+
+    def _fetch_scene(self) -> Snapshot:
+        answer = self._snapshot_service.call(srvs.WmSnapshotRequest(_SCENE))
+        number = snapshot_number(answer.snapshot_id)
+        return Snapshot(answer.snapshot_id, number, [msg2given_element(m, number) for m in answer.elements])
+
+    def _get(
+        self, action: str, context: str, asked: Any, relation_filter: str = "", type_filter: str = ""
+    ) -> list[Element]:
+        request = srvs.WmGetRequest(action, context, asked, relation_filter, type_filter)
+        answer = self._get_service.call(request)
+        number = snapshot_number(answer.snapshot_id)
+        return [msg2given_element(m, number) for m in answer.elements]
+
+
+def _load_reasoners() -> None:
+    """Makes the reasoners that the server uses known in this process, where they are installed."""
+    loader = PluginLoader()
+    for package in rospy.get_param(rospy.resolve_name(f"{SERVER}/reasoners_pkgs"), []) or []:
+        try:
+            found = loader.load(package, DiscreteReasoner)
+        except ConfigurationError as error:
+            log.warning("the world model uses reasoners of %s: %s", package, error)
+            continue
+        for plugin in found:
+            if plugin.__name__ not in reasoners.names():
+                reasoners.add(plugin())

@@ -1,0 +1,224 @@
+"""The world model as a node: its services, its monitor topic, its reasoners."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import weakref
+from typing import Any
+
+import rospy
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
+from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_world_model.core.changes import Add, Change, Operation, Outcome, Relate, Remove, Update
+from skiros2_world_model.core.context import SCENE
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.ros.errors import answering
+from skiros2_world_model.ros.ontology_server import OntologyServices
+from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
+from skiros2_world_model.ros.wire import change2msg, msg2operation
+
+log = logging.getLogger(__name__)
+
+#: Changes that wait for a slow subscriber; one that misses some sees the gap and asks anew.
+_MONITOR_QUEUE = 1000
+
+
+class WorldModelServer:
+    """The services and the monitor topic of this node over a world model.
+
+    Handlers run in a thread for each connection; the world model's lock keeps changes one after the other.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+        self._messages: weakref.WeakKeyDictionary[Change, Any] = weakref.WeakKeyDictionary()
+        self._monitor = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_MONITOR_QUEUE)
+        with model.lock:
+            snapshot = model.snapshot_id
+            self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, rospy.Time.now(), "wm", "reset", [], []))
+            model.add_listener(self._on_change)
+        self._ontologies = OntologyServices(model, model.advisory_lock)
+        self._services = [
+            rospy.Service("~modify", srvs.WmModify, answering(self._on_modify)),
+            rospy.Service("~transaction", srvs.WmTransaction, answering(self._on_transaction)),
+            rospy.Service("~snapshot", srvs.WmSnapshot, answering(self._on_snapshot)),
+            rospy.Service("~scene/set_relation", srvs.WmSetRelation, answering(self._on_set_relation)),
+            rospy.Service("~scene/query_relations", srvs.WmQueryRelations, answering(self._on_query_relations)),
+            rospy.Service("~load_and_save", srvs.WoLoadAndSave, answering(self._on_load_and_save)),
+            rospy.Service("~get", srvs.WmGet, answering(self._on_get)),
+        ]
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def _on_get(self, request: Any) -> Any:
+        with self._model.lock:
+            snapshot = self._model.snapshot_id
+            elements = self._read(request)
+        return srvs.WmGetResponse(snapshot, [element2msg(e) for e in elements])
+
+    def _read(self, request: Any) -> list[Element]:
+        reader, asked = self._model.reader, request.element
+        if request.action == request.GET:
+            found = reader.find(asked.id, request.context)
+            if found is None:
+                raise UnknownName(f"there is no element {asked.id!r} in context {request.context!r}")
+            return [found]
+        if request.action == request.GET_TEMPLATE:
+            return [self._model.template(asked.label)]
+        if request.action == request.RESOLVE:
+            return reader.matching(msg2element(asked), request.context)
+        if request.action == request.GET_RECURSIVE:
+            return reader.branch(asked.id, request.relation_filter, request.type_filter, request.context)
+        known = (request.GET, request.GET_TEMPLATE, request.RESOLVE, request.GET_RECURSIVE)
+        raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
+
+    def _on_snapshot(self, request: Any) -> Any:
+        with self._model.lock:
+            scene = self._model.scene(request.context or SCENE)
+            snapshot = self._model.snapshot_id
+            nodes = list(scene)
+            outgoing = [[msgs.Relation("-1", pred, dst) for _, pred, dst in scene.relations(node.id)] for node in nodes]
+        elements = []
+        for node, relations in zip(nodes, outgoing, strict=True):
+            element = element2msg(Element.shared(node.type, node.label, node.id, node.properties, ()))
+            element.relations = relations
+            elements.append(element)
+        return srvs.WmSnapshotResponse(snapshot, elements)
+
+    def _on_query_relations(self, request: Any) -> Any:
+        asked = request.relation
+        found = self._model.reader.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId), SCENE)
+        return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
+
+    # -- writing -----------------------------------------------------------------------------------------------
+
+    def _on_modify(self, request: Any) -> Any:
+        operations = [self._operation(request, element) for element in request.elements]
+        outcome = self._model.transact(operations, request.author, request.context or SCENE)
+        if request.action in (request.REMOVE, request.REMOVE_RECURSIVE):
+            return srvs.WmModifyResponse(request.elements)
+        found = (self._model.reader.find(eid, request.context or SCENE) for eid in outcome.ids)
+        return srvs.WmModifyResponse([element2msg(e) for e in found if e is not None])
+
+    def _operation(self, request: Any, message: Any) -> Operation:
+        if request.action == request.ADD:
+            return Add(msg2element(message))
+        if request.action == request.UPDATE:
+            return Update(msg2element(message))
+        if request.action == request.UPDATE_PROPERTIES:
+            keys = self._model.reasoning.keys_of(request.type_filter) if request.type_filter else None
+            return Update(msg2element(message), relations=False, keys=keys)
+        if request.action == request.REMOVE:
+            return Remove(message.id, recursive=False)
+        if request.action == request.REMOVE_RECURSIVE:
+            relation_filter = request.relation_filter or "skiros:sceneProperty"
+            return Remove(message.id, True, relation_filter, request.type_filter)
+        known = (request.ADD, request.UPDATE, request.UPDATE_PROPERTIES, request.REMOVE, request.REMOVE_RECURSIVE)
+        raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
+
+    def _on_transaction(self, request: Any) -> Any:
+        operations = [msg2operation(m) for m in request.operations]
+        outcome: Outcome = self._model.transact(operations, request.author, request.context or SCENE)
+        return srvs.WmTransactionResponse(outcome.ids, [self._message(c) for c in outcome.changes])
+
+    def _on_set_relation(self, request: Any) -> Any:
+        relation = request.relation
+        operation = Relate(relation.subjectId, relation.predicate, relation.objectId, request.value)
+        self._model.transact([operation], request.author)
+        return srvs.WmSetRelationResponse(True)
+
+    def _on_load_and_save(self, request: Any) -> Any:
+        author = request._connection_header.get("callerid", "unknown")
+        context = request.context or SCENE
+        if request.action == request.LOAD:
+            self._model.load(request.filename, author, context)
+            log.info("%s loaded context %s from %s", author, context, request.filename)
+        elif request.action == request.SAVE:
+            path = self._model.save(request.filename, context)
+            log.info("%s saved context %s to %s", author, context, path)
+        else:
+            raise WrongValue(f"unknown action {request.action!r}; known: {request.LOAD}, {request.SAVE}")
+        return srvs.WoLoadAndSaveResponse(True)
+
+    # -- announcing --------------------------------------------------------------------------------------------
+
+    def _on_change(self, change: Change) -> None:
+        self._monitor.publish(self._message(change))
+
+    def _message(self, change: Change) -> Any:
+        message = self._messages.get(change)
+        if message is None:
+            message = self._messages[change] = change2msg(change)
+        return message
+
+
+class Reasoners:
+    """The reasoners that a server runs, each with a thread of its own."""
+
+    def __init__(self, model: WorldModel, packages: list[str]) -> None:
+        """Loads and starts the reasoners of some Python packages.
+
+        :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
+        """
+        loader = PluginLoader()
+        for package in packages:
+            loader.load(package, DiscreteReasoner)
+        if loader.failures:
+            module, cause = next(iter(loader.failures.items()))
+            raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
+        self._running: list[tuple[DiscreteReasoner, threading.Thread]] = []
+        for reasoner in loader.create():
+            name = reasoner.__class__.__name__
+            reasoners.add(reasoner)
+            reasoner.init(LocalWorldModel(name, model))
+            model.add_reasoner(reasoner)
+            thread = threading.Thread(target=_run, args=(reasoner,), name=name, daemon=True)
+            self._running.append((reasoner, thread))
+            thread.start()
+            log.info("reasoner %s is running", name)
+
+    def stop(self) -> None:
+        """Asks all to end, and waits for them."""
+        for reasoner, _ in self._running:
+            reasoner.stop()
+        for _, thread in self._running:
+            thread.join(2.0)
+
+
+def serve_world_model() -> None:
+    """The program of the world model node: until shutdown.
+
+    :raises ConfigurationError: a folder, scene, context or reasoner is missing or cannot be read.
+    """
+    model = WorldModel(ontology_folder(), workspace_folder(), bool(rospy.get_param("~strict", False)))
+    scene = str(rospy.get_param("~init_scene", "")).strip()
+    if scene:
+        model.load_initial(scene)
+    for entry in text_list("~load_contexts"):
+        context, _, filename = entry.strip().partition(" ")
+        model.load_initial(filename.strip(), context)
+    running = Reasoners(model, text_list("~reasoners_pkgs"))
+    _server = WorldModelServer(model)
+    log.info("the world model is ready: %s elements in %s", len(model.scene()), scene or "a blank scene")
+    rospy.spin()
+    running.stop()
+
+
+def _run(reasoner: DiscreteReasoner) -> None:
+    try:
+        reasoner.execute()
+    except Exception:
+        log.exception("reasoner %s has ended", reasoner.__class__.__name__)
+
+
+def _any(name: str) -> str:
+    """In questions "-1" means any, as "" does."""
+    return "" if name == "-1" else name

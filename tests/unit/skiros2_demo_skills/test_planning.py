@@ -11,6 +11,7 @@ from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.up_planner import UpPlanner
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
@@ -33,9 +34,9 @@ def planner() -> Iterator[TaskPlanner]:
     registration = Registration(wmi, "demo", "mobile_manipulator", "/mobile_manipulator")
     registration.register_robot()
     registration.register_skills(library.implementations())
-    engine = UpPlanner()
-    yield TaskPlanner(wmi, engine, Limits(30.0))
-    engine.close()
+    processes = EngineProcesses()
+    yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
+    processes.close()
 
 
 def steps(planner: TaskPlanner, goal: str) -> list[str]:

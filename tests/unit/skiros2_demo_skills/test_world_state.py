@@ -25,6 +25,12 @@ def test_a_reset_gives_the_whole_scene(world: WorldState) -> None:
     assert world.things[TRAY_A].properties == {"skiros:ContainerState": ["Full"]}
 
 
+def test_a_relation_may_be_told_by_one_of_its_elements_alone(monitor: Monitor) -> None:
+    state = WorldState()
+    state.apply(monitor("reset", element(TRAY_A, "Tray A", [("-1", "skiros:contain", PRODUCT)]), element(PRODUCT, "")))
+    assert state.holders(PRODUCT, "skiros:contain") == [TRAY_A]
+
+
 def test_a_reset_forgets_what_was_before(world: WorldState, monitor: Monitor) -> None:
     world.apply(monitor("reset", element(TRAY_B, "Tray B")))
     assert set(world.things) == {TRAY_B}

@@ -53,10 +53,9 @@ class WorldState:
         self.snapshot_id = message.snapshot_id
         removes = message.action in ("remove", "remove_recursive")
         for element in message.elements:
-            if removes:
-                self._remove(element.id)
-            else:
-                self._put(element)
+            self._remove(element.id)
+        for element in [] if removes else message.elements:
+            self._put(element)
         for relation in message.relation:
             triple = (relation.subjectId, relation.predicate, relation.objectId)
             if removes:
@@ -83,7 +82,6 @@ class WorldState:
         except ValueError as error:
             raise WrongValue(f"element {element.id}: a property is no JSON: {error}") from None
         self.things[element.id] = Thing(element.id, element.type, element.label, properties)
-        self.relations = {t for t in self.relations if element.id not in (t[0], t[2])}
         for relation in element.relations:
             subject = element.id if relation.subjectId == SELF else relation.subjectId
             target = element.id if relation.objectId == SELF else relation.objectId

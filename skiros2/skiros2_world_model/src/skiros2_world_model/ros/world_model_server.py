@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import weakref
+from collections.abc import Iterable
 from typing import Any
 
 import rospy
@@ -16,9 +17,10 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongVal
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_common.tools.plugin_loader import PluginLoader
-from skiros2_world_model.core.changes import Add, Change, Operation, Outcome, Relate, Remove, Update
+from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.context import SCENE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.scene import Node
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.errors import answering
 from skiros2_world_model.ros.ontology_server import OntologyServices
@@ -42,8 +44,8 @@ class WorldModelServer:
         self._messages: weakref.WeakKeyDictionary[Change, Any] = weakref.WeakKeyDictionary()
         self._monitor = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_MONITOR_QUEUE)
         with model.lock:
-            snapshot = model.snapshot_id
-            self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, rospy.Time.now(), "wm", "reset", [], []))
+            snapshot, stamp = model.snapshot_id, rospy.Time.now()
+            self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
             model.add_listener(self._on_change)
         self._ontologies = OntologyServices(model, model.advisory_lock)
         self._services = [
@@ -83,15 +85,8 @@ class WorldModelServer:
     def _on_snapshot(self, request: Any) -> Any:
         with self._model.lock:
             scene = self._model.scene(request.context or SCENE)
-            snapshot = self._model.snapshot_id
-            nodes = list(scene)
-            outgoing = [[msgs.Relation("-1", pred, dst) for _, pred, dst in scene.relations(node.id)] for node in nodes]
-        elements = []
-        for node, relations in zip(nodes, outgoing, strict=True):
-            element = element2msg(Element.shared(node.type, node.label, node.id, node.properties, ()))
-            element.relations = relations
-            elements.append(element)
-        return srvs.WmSnapshotResponse(snapshot, elements)
+            snapshot, parts = self._model.snapshot_id, [(n, list(scene.relations(n.id))) for n in scene]
+        return srvs.WmSnapshotResponse(snapshot, [_scene_element(*part) for part in parts])
 
     def _on_query_relations(self, request: Any) -> Any:
         asked = request.relation
@@ -151,7 +146,14 @@ class WorldModelServer:
     # -- announcing --------------------------------------------------------------------------------------------
 
     def _on_change(self, change: Change) -> None:
-        self._monitor.publish(self._message(change))
+        message = self._message(change)
+        if change.action == RESET:  # whoever has only the messages, as in a bag, begins from here
+            message.elements = self._scene()
+        self._monitor.publish(message)
+
+    def _scene(self) -> list[Any]:
+        scene = self._model.scene()
+        return [_scene_element(node, scene.relations(node.id)) for node in scene]
 
     def _message(self, change: Change) -> Any:
         message = self._messages.get(change)
@@ -217,6 +219,13 @@ def _run(reasoner: DiscreteReasoner) -> None:
         reasoner.execute()
     except Exception:
         log.exception("reasoner %s has ended", reasoner.__class__.__name__)
+
+
+def _scene_element(node: Node, outgoing: Iterable[tuple[str, str, str]]) -> Any:
+    """An element of a whole scene, with the relations that go out from it: each is told once."""
+    message = element2msg(Element.shared(node.type, node.label, node.id, node.properties, ()))
+    message.relations = [msgs.Relation("-1", pred, dst) for _, pred, dst in outgoing]
+    return message
 
 
 def _any(name: str) -> str:

@@ -29,8 +29,8 @@ LAUNCH_FILES = {
     "task_mgr.launch": {"/tm"},
 }
 PROGRAMS = {
-    "skiros2_world_model": {"world_model_server_node", "ontology_server_node"},
-    "skiros2_skill": {"skill_manager_node"},
+    "skiros2_world_model": {"check_world", "world_model_server_node", "ontology_server_node"},
+    "skiros2_skill": {"check_skills", "skill_manager_node"},
     "skiros2_task": {"task_manager_node"},
     "skiros2_gui": {"skiros_gui"},
     "skiros2_demo_skills": {"pick_place_demo"},

@@ -17,6 +17,7 @@ OUTSIDE = {
     "skiros2_world_model": {"numpy", "rdflib", "pyoxigraph", "oxrdflib", "pyshacl"},
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
+    "skiros2_std_reasoners": {"numpy"},
 }
 #: Of lower packages, only the port.
 PORTS = {

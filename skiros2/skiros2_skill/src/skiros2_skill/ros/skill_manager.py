@@ -152,6 +152,7 @@ class SkillManager(DiscoverableNode):
         if request.execution_id >= 0:
             ticker.start(request.execution_id, ticks)
             return int(request.execution_id)
+        self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
         requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in request.skills]
         nodes = make_nodes(requests, self._library, self._wmi)
         task = ticker.new_task(self._wmi, request.author)

@@ -98,6 +98,18 @@ class Replica:
             if not arrived:
                 self._forget()
 
+    def reach(self, snapshot_id: str) -> None:
+        """Waits until the scene is no older than that state of the server; it is fetched anew if that takes long."""
+        session, _, number = snapshot_id.rpartition("-")
+        with self.lock:
+            known = self._snapshot_id
+            if known is None:
+                return  # what is fetched later is newer
+            if _session_of(known) != session or not self._progress.wait_for(
+                lambda: self._snapshot_id is None or self._number >= int(number), self._patience
+            ):
+                self._forget()
+
     # -- under the lock ----------------------------------------------------------------------------------------
 
     def _take(self, change: Change) -> None:

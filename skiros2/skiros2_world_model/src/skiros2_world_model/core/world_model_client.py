@@ -37,6 +37,12 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
     def version(self) -> int:
         """Changes whenever something that a condition may read may have changed; -1: not known, always read anew."""
 
+    def catch_up(self) -> None:
+        """Makes sure that what is read from here on is no older than this call. Blocks for a call of the server.
+
+        For requests of others: who sends one may just have changed the world it speaks of.
+        """
+
     @abstractmethod
     def add_listener(self, callback: Callable[[Any], None]) -> None:
         """`callback(change)` is called after each change seen from here, in order; it must be quick."""

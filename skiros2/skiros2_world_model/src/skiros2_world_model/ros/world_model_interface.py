@@ -57,6 +57,13 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 
+    def catch_up(self) -> None:
+        if self._replica is not None:
+            # Nothing has this label: the answer is the name of the server's state alone.
+            nothing = msgs.WmElement(type="skiros:Scene", label="(none)")
+            answer = self._get_service.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, _SCENE, nothing, "", ""))
+            self._replica.reach(answer.snapshot_id)
+
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
         """`cb(message)` is called with each `WmMonitor`, in the thread of the subscription; None ends that."""
         self._monitor_cb = cb

@@ -109,7 +109,7 @@ class SkillManager(DiscoverableNode):
             try:
                 self._registration.remove_skills()
             except SkirosError as error:
-                log.warning("the skills of %s stay in the world model: %s", self._registration.robot_id, error)
+                log.info("the skills of %s stay in the world model: %s", self._registration.robot_id, error)
         for connection in self._connections:
             connection.unregister()
         self._ticker = None

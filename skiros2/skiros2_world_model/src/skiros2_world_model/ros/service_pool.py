@@ -98,7 +98,8 @@ class ServicePool:
 
     def _wait(self, give_up: float, error: Exception) -> None:
         """Waits a moment for a server to come (again)."""
-        if time.monotonic() > give_up or rospy.is_shutdown():
+        # "requested": already true in the shutdown hooks of nodes, which are not to wait for a server that ends too.
+        if time.monotonic() > give_up or rospy.core.is_shutdown_requested():
             raise WmException(f"service {self._name} does not answer: {error}") from error
         time.sleep(_RETRY_PERIOD)
 

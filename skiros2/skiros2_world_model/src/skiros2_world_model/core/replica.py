@@ -190,8 +190,7 @@ def _set_relations(scene: Scene, element: Element) -> None:
     """Gives an element exactly the relations that it has in a change."""
     eid = element.id
     wanted = dict.fromkeys(
-        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"])
-        for r in element._rels
+        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"]) for r in element._rels
     )
     for relation in [*scene.relations(eid), *scene.relations(dst=eid)]:
         if relation not in wanted:

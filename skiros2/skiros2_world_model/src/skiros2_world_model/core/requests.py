@@ -42,23 +42,28 @@ def added_elements(elements: Sequence[Element], exists: Callable[[str], bool]) -
     return family.members, list(family.additions())
 
 
-def written(element: Element, exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
-    """What writes an element, with its children kept aside.
+def written(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
+    """What writes some elements, with their children kept aside.
 
-    :returns: the elements that the operations are about, and the operations; none when nothing was changed.
+    :returns: the elements and children that the operations are about, and the operations; unchanged ones have none.
     """
     family = _Family(exists)
-    own = family.children_of(element, "-1")
-    operations: list[Operation] = list(family.additions())
-    changes = element.changes()
-    if changes is None:
-        whole = _bare(element)
-        whole._rels = [*element._rels, *own]
-        return [*family.members, element], [*operations, Update(whole)]
-    changes.added_relations = [*changes.added_relations, *own]
-    if not changes and not operations:
-        return [element], []
-    return [*family.members, element], [*operations, Patch(element.id, changes)]
+    given: list[Element] = []
+    updates: list[Operation] = []
+    for element in elements:
+        own = family.children_of(element, "-1")
+        changes = element.changes()
+        if changes is None:
+            whole = _bare(element)
+            whole._rels = [*element._rels, *own]
+            updates.append(Update(whole))
+        else:
+            changes.added_relations = [*changes.added_relations, *own]
+            if not changes:
+                continue
+            updates.append(Patch(element.id, changes))
+        given.append(element)
+    return [*family.members, *given], [*family.additions(), *updates]
 
 
 def written_properties(element: Element, keys: frozenset[str] | None) -> list[Operation]:

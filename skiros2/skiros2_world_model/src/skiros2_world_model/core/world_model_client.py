@@ -156,11 +156,18 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
 
         :raises WmException: there is no element of that id.
         """
-        given, operations = written(e, lambda eid: self.find_element(eid, context_id) is not None)
-        outcome = self._transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
+        return self.update_elements([e], context_id)[0]
+
+    def update_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
+        """Writes some elements, as `update_element`, all or none in one change; returns their ids."""
+        given, operations = written(es, lambda eid: self.find_element(eid, context_id) is not None)
+        outcome = self._transact(operations, context_id) if operations else Outcome()
         for element, eid in zip(given, outcome.ids, strict=True):
             self._refresh(element, eid, outcome, context_id)
-        return e.id
+        for element in es:
+            if element not in given:
+                self._refresh(element, self._known(element, context_id), outcome, context_id)
+        return [element.id for element in es]
 
     def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = _SCENE) -> str:
         """Writes the properties of an element as `update_element` does, and leaves its relations; returns its id.

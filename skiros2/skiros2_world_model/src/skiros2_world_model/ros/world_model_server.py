@@ -25,6 +25,7 @@ from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.errors import answering
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
+from skiros2_world_model.ros.subscribers import wait_for_subscribers
 from skiros2_world_model.ros.wire import change2msg, msg2operation
 
 log = logging.getLogger(__name__)
@@ -47,6 +48,7 @@ class WorldModelServer:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
             self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
             model.add_listener(self._on_change)
+            wait_for_subscribers(self._monitor)
         self._ontologies = OntologyServices(model, model.advisory_lock)
         self._services = [
             rospy.Service("~modify", srvs.WmModify, answering(self._on_modify)),

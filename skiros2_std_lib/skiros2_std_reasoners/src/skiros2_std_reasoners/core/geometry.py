@@ -1,0 +1,117 @@
+"""Positions and orientations: positions are (x, y, z) in metres, quaternions (x, y, z, w) of unit length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Pose(NamedTuple):
+    """Where a frame is in another one: its origin there, and how it is turned."""
+
+    position: Vector
+    orientation: Quaternion
+
+
+IDENTITY = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def normalized(q: Sequence[float]) -> Quaternion:
+    """The quaternion at unit length; no turn when it has no length."""
+    length = math.sqrt(sum(c * c for c in q))
+    if length < 1e-12:
+        return IDENTITY.orientation
+    x, y, z, w = (c / length for c in q)
+    return x, y, z, w
+
+
+def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:
+    """The turn `b` followed by the turn `a` (the Hamilton product a b)."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def conjugated(q: Sequence[float]) -> Quaternion:
+    """The turn back."""
+    x, y, z, w = q
+    return -x, -y, -z, w
+
+
+def rotated(q: Sequence[float], v: Sequence[float]) -> Vector:
+    """A vector turned by a unit quaternion."""
+    x, y, z, w = q
+    vx, vy, vz = v
+    # v + 2 u x (u x v + w v), with u the vector part
+    tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+def composed(outer: Pose, inner: Pose) -> Pose:
+    """Where something is in a frame A, when it is at `inner` in a frame B, and B is at `outer` in A."""
+    turned = rotated(outer.orientation, inner.position)
+    ox, oy, oz = outer.position
+    position = (ox + turned[0], oy + turned[1], oz + turned[2])
+    return Pose(position, normalized(multiplied(outer.orientation, inner.orientation)))
+
+
+def inverted(pose: Pose) -> Pose:
+    """Where A is in B, when B is at `pose` in A."""
+    back = conjugated(pose.orientation)
+    x, y, z = rotated(back, pose.position)
+    return Pose((-x, -y, -z), back)
+
+
+def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """The quaternion of turns about the fixed axes x, y, z, in that order (rad)."""
+    sr, cr = math.sin(roll / 2), math.cos(roll / 2)
+    sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
+    sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def to_euler(q: Sequence[float]) -> Vector:
+    """The turns about the fixed axes x, y, z, in that order (rad); at a pitch of 90 degrees the roll is 0."""
+    x, y, z, w = normalized(q)
+    sine = 2 * (w * y - z * x)
+    if abs(sine) > 1 - 1e-12:
+        pitch = math.copysign(math.pi / 2, sine)
+        return 0.0, pitch, _wrapped(-2 * math.copysign(1.0, sine) * math.atan2(x, w))
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, math.asin(sine), yaw
+
+
+def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
+    """The angle of the turn that leads from one orientation to the other (rad, 0 to pi)."""
+    x, y, z, w = multiplied(conjugated(normalized(a)), normalized(b))
+    return 2 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+
+
+def half_extents(orientation: Sequence[float], size: Sequence[float]) -> Vector:
+    """Half the edges of the box along the axes that holds a box of that size which is turned so."""
+    columns = [rotated(orientation, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
+    x, y, z = (sum(abs(columns[j][i]) * size[j] / 2 for j in range(3)) for i in range(3))
+    return x, y, z
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, 2 * math.pi)

@@ -1,0 +1,91 @@
+"""The pose and size of an element, as its properties hold them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_std_reasoners.core.geometry import Pose, normalized
+
+POSITION = ("skiros:PositionX", "skiros:PositionY", "skiros:PositionZ")
+ORIENTATION = ("skiros:OrientationX", "skiros:OrientationY", "skiros:OrientationZ", "skiros:OrientationW")
+SIZE = ("skiros:SizeX", "skiros:SizeY", "skiros:SizeZ")
+VELOCITY = ("skiros:VelocityX", "skiros:VelocityY", "skiros:VelocityZ")
+BASE_FRAME = "skiros:BaseFrameId"
+FRAME = "skiros:FrameId"
+TIME_STAMP = "skiros:TfTimeStamp"
+PUBLISH = "skiros:PublishTf"
+LINKED_TO = "skiros:LinkedToFrameId"
+PUSH_TO = "skiros:PushToFrameId"
+
+#: All properties that the spatial reasoner owns.
+PROPERTIES = (*POSITION, *ORIENTATION, *SIZE, BASE_FRAME, FRAME, TIME_STAMP, PUBLISH, LINKED_TO, PUSH_TO, *VELOCITY)
+
+
+def numbers(element: Element, keys: Sequence[str]) -> list[float | None]:
+    """The values of some properties; None for one that is missing or no number."""
+    return [_number(element.value_of(key)) for key in keys]
+
+
+def text(element: Element, key: str) -> str:
+    """The text of a property, "" when it is missing."""
+    return str(element.value_of(key) or "")
+
+
+def is_true(element: Element, key: str) -> bool:
+    """Whether a property is true; scenes may write it as text."""
+    return str(element.value_of(key)).strip().lower() in ("true", "1")
+
+
+def pose_of(element: Element) -> Pose | None:
+    """The pose in the frame `skiros:BaseFrameId`; None when a part is missing or not finite."""
+    found = numbers(element, (*POSITION, *ORIENTATION))
+    values = [v for v in found if v is not None and math.isfinite(v)]
+    if len(values) != 7:
+        return None
+    x, y, z = values[:3]
+    return Pose((x, y, z), normalized(values[3:]))
+
+
+def set_pose(element: Element, pose: Pose) -> None:
+    """Writes position and orientation."""
+    set_numbers(element, POSITION, pose.position)
+    set_numbers(element, ORIENTATION, pose.orientation)
+
+
+def set_numbers(element: Element, keys: Sequence[str], values: Any) -> None:
+    """Writes some properties.
+
+    :param values: a list, tuple or array of as many numbers; None takes a value away.
+    :raises WrongValue: there are more or fewer.
+    :raises WrongType: one is no number.
+    """
+    try:
+        given = list(values)
+    except TypeError:
+        raise WrongType(f"{element!r}: expected {len(keys)} numbers for {keys[0]} ..., got {values!r}") from None
+    if len(given) != len(keys):
+        raise WrongValue(f"{element!r}: expected {len(keys)} numbers for {keys[0]} ..., got {given!r}")
+    converted: list[float | None] = []
+    for value in given:
+        try:
+            converted.append(None if value is None else float(value))
+        except (TypeError, ValueError):
+            raise WrongType(f"{element!r}: expected numbers for {keys[0]} ..., got {value!r}") from None
+    for key, number in zip(keys, converted, strict=True):
+        element.setProperty(key, float if number is None else number, None if number is None else "xsd:float")
+
+
+def set_text(element: Element, key: str, value: str) -> None:
+    """Writes a text."""
+    element.setProperty(key, value, "xsd:string")
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return None if value is None or value == "" else float(value)
+    except (TypeError, ValueError):
+        return None

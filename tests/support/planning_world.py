@@ -40,9 +40,7 @@ def skill(
 
     def create(self: SkillDescription) -> None:
         for key, value, kind, *options in params:
-            self.addParam(
-                key, Element(value) if isinstance(value, str) and ":" in value else value, kind, *options
-            )
+            self.addParam(key, Element(value) if isinstance(value, str) and ":" in value else value, kind, *options)
         for condition in pre:
             self.addPreCondition(condition(self))
         for condition in hold:
@@ -52,9 +50,7 @@ def skill(
         self.setAvailableForPlanning(available)
 
     core = SkillCore()
-    core.setDescription(
-        type(name, (SkillDescription,), {"createDescription": create})(), label or name.lower()
-    )
+    core.setDescription(type(name, (SkillDescription,), {"createDescription": create})(), label or name.lower())
     return core
 
 
@@ -137,10 +133,18 @@ PLACE = skill(
 
 
 class PlanningWorld:
-    """A world model with the package's ontologies and a blank scene."""
+    """A world model with the package's ontologies and a blank scene.
 
-    def __init__(self) -> None:
-        self.wm = LocalWorldModel()
+    :param wm: by default a new one in this process.
+    """
+
+    def __init__(self, wm: Any = None) -> None:
+        self.wm = wm if wm is not None else LocalWorldModel()
+        # Of a transport world:
+        self.places: list[str] = []
+        self.products: list[str] = []
+        self.robots: list[str] = []
+        self.grippers: list[str] = []
 
     def thing(self, cls: str, label: str = "", inside: str = SCENE, **properties: Any) -> str:
         """Adds an element and gives its id.
@@ -175,17 +179,12 @@ class PlanningWorld:
         self.wm.set_relation(subj, relation, obj, True)
 
 
-def transport_world(robots: int = 1, places: int = 2, products: int = 1) -> PlanningWorld:
-    """Robots `alpha`, `beta`, ... with a gripper each, at the first place; the products dealt out to the places.
-
-    Ids are counted per kind, in `world.robots`, `world.places` and `world.products`.
-    """
-    world = PlanningWorld()
-    world.places = [world.thing("skiros:Location") for _ in range(places)]  # type: ignore[attr-defined]
-    world.products = [  # type: ignore[attr-defined]
-        world.thing("skiros:Product", inside=world.places[i % places]) for i in range(products)
-    ]
+def transport_world(robots: int = 1, places: int = 2, products: int = 1, wm: Any = None) -> PlanningWorld:
+    """Robots `alpha`, `beta`, ... with a gripper each, at the first place; the products dealt out to the places."""
+    world = PlanningWorld(wm)
+    world.places = [world.thing("skiros:Location") for _ in range(places)]
+    world.products = [world.thing("skiros:Product", inside=world.places[i % places]) for i in range(products)]
     names = ["alpha", "beta", "gamma", "delta"][:robots]
     world.robots = [world.robot(name, DRIVE, PICK, PLACE, at=world.places[0]) for name in names]
-    world.grippers = [world.gripper(robot) for robot in world.robots]  # type: ignore[attr-defined]
+    world.grippers = [world.gripper(robot) for robot in world.robots]
     return world

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -96,6 +97,15 @@ def test_several_plan_at_once(planner: UpPlanner) -> None:
     for thread in threads:
         thread.join()
     assert outcomes == dict.fromkeys((2, 3, 4), Outcome.SOLVED)
+
+
+def test_a_default_timeout_of_sockets_does_not_matter(planner: UpPlanner) -> None:
+    """rospy sets one."""
+    socket.setdefaulttimeout(30.0)
+    try:
+        assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+    finally:
+        socket.setdefaulttimeout(None)
 
 
 def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
@@ -197,12 +207,9 @@ def command(pid: int) -> str:
 
 
 def running_in(folder: Path) -> list[str]:
-    """The command lines of the processes that work in a folder or below."""
-    return [
-        command(int(entry.name))
-        for entry in Path("/proc").iterdir()
-        if entry.name.isdigit() and works_in(entry, folder)
-    ]
+    """The command lines of the processes that work in a folder or below; those that are ending have none."""
+    working = [entry for entry in Path("/proc").iterdir() if entry.name.isdigit() and works_in(entry, folder)]
+    return [line for line in (command(int(entry.name)) for entry in working) if line]
 
 
 def works_in(process: Path, folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import pickle
@@ -23,7 +24,6 @@ from skiros2_task.core.processes import kill_tree
 _CANCEL_PERIOD = 0.02  # s between two looks at whether a run is cancelled
 _GRACE = 2.0  # s that an engine gets beyond its time to end by itself
 _LOADING_TIME = 60.0  # s that loading unified-planning may take
-_ENDING_TIME = 1.0  # s that a process gets to end itself and what it started
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class EngineProcesses:
     def _connect(self, folder: Path) -> socket.socket:
         """The connection to a new child process; the process is started anew if it has died."""
         with self._lock:
-            ours, theirs = socket.socketpair()
+            ours, theirs = _pair(socket.SOCK_STREAM)
             try:
                 if self._process.poll() is not None:
                     self._stop()
@@ -97,7 +97,7 @@ class EngineProcesses:
 
 def _start() -> tuple[subprocess.Popen[bytes], socket.socket]:
     # A message each, so that a request and its socket come together.
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours, theirs = _pair(socket.SOCK_SEQPACKET)
     with theirs:
         places = [place for place in sys.path if place and Path(place).exists()]
         process = subprocess.Popen(
@@ -110,32 +110,40 @@ def _start() -> tuple[subprocess.Popen[bytes], socket.socket]:
     return process, ours
 
 
+def _pair(kind: socket.SocketKind) -> tuple[socket.socket, socket.socket]:
+    """Two connected sockets that wait, whatever the process has set as the default (ROS does)."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, kind)
+    ours.setblocking(True)
+    theirs.setblocking(True)
+    return ours, theirs
+
+
 def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
-    """The answer to a job; None when the process ended without one. When it comes back, the process is at its end."""
+    """The answer to a job; None when the process ended without one. Nothing of the run is left afterwards."""
     reader = _Reader(connection, cancelled)
-    pid = reader.next(_LOADING_TIME)
-    if not isinstance(pid, int):
-        return pid if isinstance(pid, WorkerAnswer) else None
     try:
-        connection.sendall(pickle.dumps(job))
-        answer = reader.next(job.limits.seconds + _GRACE)
-    except OSError:  # it is gone
-        return None
-    _end(connection, pid)
-    return answer if isinstance(answer, WorkerAnswer) else None
+        pid = reader.next(_LOADING_TIME)
+        if not isinstance(pid, int):
+            return None
+        with contextlib.suppress(OSError):  # it is gone: the missing answer tells
+            connection.sendall(pickle.dumps(job))
+        try:
+            answer = reader.next(job.limits.seconds + _GRACE)
+        except _Ended:
+            kill_tree(pid)  # it is there: its connection is
+            raise
+        reader.wait_for_end()
+        return answer if isinstance(answer, WorkerAnswer) else None
+    except _Ended as reason:
+        return reason.answer
 
 
-def _end(connection: socket.socket, pid: int) -> None:
-    """Waits until the process has ended, which the end of what is sent here tells it to, if it has not yet."""
-    connection.shutdown(socket.SHUT_WR)
-    connection.settimeout(_ENDING_TIME)
-    try:
-        while connection.recv(1 << 16):
-            pass
-    except TimeoutError:
-        kill_tree(pid)  # an engine that lets nothing else run; it is there, for the connection is
-    except OSError:
-        pass
+class _Ended(Exception):
+    """A run is ended from this side."""
+
+    def __init__(self, answer: WorkerAnswer) -> None:
+        super().__init__(answer.reason)
+        self.answer = answer
 
 
 class _Reader:
@@ -147,7 +155,10 @@ class _Reader:
         self._received = b""
 
     def next(self, seconds: float) -> object:
-        """The next object, a `WorkerAnswer` when that is cancelled or takes too long, or None at the end."""
+        """The next object, or None at the end.
+
+        :raises _Ended: the run is cancelled, or this takes too long.
+        """
         ends = time.monotonic() + seconds
         while True:
             stream = io.BytesIO(self._received)
@@ -159,14 +170,26 @@ class _Reader:
                 self._received = stream.read()
                 return found
             if select.select([self._connection], [], [], _CANCEL_PERIOD)[0]:
-                part = self._connection.recv(1 << 16)
+                part = self._part()
                 if not part:
                     return None
                 self._received += part
             elif self._cancelled.is_set():
-                return WorkerAnswer(Outcome.CANCELLED, reason="cancelled")
+                raise _Ended(WorkerAnswer(Outcome.CANCELLED, reason="cancelled"))
             elif time.monotonic() > ends:
-                return TIMED_OUT
+                raise _Ended(TIMED_OUT)
+
+    def wait_for_end(self) -> None:
+        """Waits until the process has ended, as it does by itself after its answer."""
+        while self._part():
+            pass
+
+    def _part(self) -> bytes:
+        """What comes next; nothing when the process has ended."""
+        try:
+            return self._connection.recv(1 << 16)
+        except OSError:
+            return b""
 
 
 def _text(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 Loading unified-planning takes a second. This process does it once, and then makes a child process for each request
 that comes over the socket FD: a working folder, and with it the socket over which the child gets its job and gives its
-answer, both pickled. When the other side closes a socket, what belongs to it ends at once, with all processes under it.
+answer, both pickled. When the other side of FD is closed, or gone, all processes under this one end with it at once.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_task.core.planner import Limits, Outcome
-from skiros2_task.core.processes import kill_tree
+from skiros2_task.core.processes import adopt_orphans, kill_tree
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 DOMAIN_FILE = "domain.pddl"
@@ -69,6 +69,7 @@ def main() -> None:
     while True:
         message, descriptors, _, _ = socket.recv_fds(requests, 4096, 1)
         if not message:
+            kill_tree(os.getpid(), itself=False)
             return
         if os.fork() == 0:
             requests.close()
@@ -88,7 +89,10 @@ def _serve(folder: str, connection: socket.socket) -> None:
     status = 1
     try:
         os.setsid()
+        adopt_orphans()
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        if not os.path.isdir(folder):
+            return  # cancelled before it began
         os.chdir(folder)
         os.environ["TMPDIR"] = folder
         log = os.open(LOG_FILE, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -98,20 +102,16 @@ def _serve(folder: str, connection: socket.socket) -> None:
         pickle.dump(os.getpid(), stream)
         stream.flush()
         job = pickle.load(stream)
-        threading.Thread(target=_end_with, args=(connection,), name="input", daemon=True).start()
-        pickle.dump(_solved(job), stream)
+        answer = _solved(job)
+        kill_tree(os.getpid(), itself=False)  # an engine that is told to end may take its time
+        pickle.dump(answer, stream)
         stream.flush()
         status = 0
+    except Exception:
+        traceback.print_exc()
     finally:
+        sys.stderr.flush()
         os._exit(status)  # nothing of the process that this one was copied from is to be cleaned up here
-
-
-def _end_with(connection: socket.socket) -> None:
-    """Waits until the other side closes the connection, or is gone, and ends everything."""
-    while connection.recv(1, socket.MSG_PEEK):
-        pass
-    kill_tree(os.getpid(), itself=False)
-    os._exit(1)
 
 
 def _solved(job: Job) -> WorkerAnswer:

@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import signal
 from pathlib import Path
+
+_PR_SET_CHILD_SUBREAPER = 36  # of linux/prctl.h
+
+
+def adopt_orphans() -> None:
+    """Makes processes under this one, whose parent ends before them, children of this one (Linux).
+
+    :raises OSError: the kernel refuses.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_CHILD_SUBREAPER)")
 
 
 def descendants(pid: int) -> list[int]:
@@ -27,13 +40,20 @@ def descendants(pid: int) -> list[int]:
 
 
 def kill_tree(pid: int, itself: bool = True) -> None:
-    """Ends a process's descendants, and with `itself` the process, at once. What is gone already does not matter."""
-    if itself:
-        _signal(pid, signal.SIGSTOP)  # it shall start nothing new meanwhile
-    for child in descendants(pid):
+    """Ends a process's descendants, and with `itself` the process, at once. What is gone already does not matter.
+
+    :param itself: False for a process that starts nothing meanwhile, such as the caller.
+    """
+    # All are stopped before the first is killed, so that none can start another that is not seen.
+    stopped = [pid] if itself else []
+    for child in stopped:
+        _signal(child, signal.SIGSTOP)
+    while new := [child for child in descendants(pid) if child not in stopped]:
+        for child in new:
+            _signal(child, signal.SIGSTOP)
+        stopped += new
+    for child in stopped:
         _signal(child, signal.SIGKILL)
-    if itself:
-        _signal(pid, signal.SIGKILL)
 
 
 def _signal(pid: int, number: signal.Signals) -> None:

@@ -1,0 +1,266 @@
+"""The task manager's node: goals in, plans or reasons out."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import actionlib
+import pytest
+from actionlib_msgs.msg import GoalStatus
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
+
+from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
+from skiros2_task.ros.task_manager_interface import TaskManagerInterface
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.planning_world import PlanningWorld, transport_world
+from support.ros import Ros, wait_until
+
+FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
+WAIT = 30.0  # s
+
+
+@pytest.fixture
+def wm(ros: Ros) -> WorldModelInterface:
+    ros.run("skiros2_world_model", "world_model_server_node", name="wm")
+    return WorldModelInterface("tests")
+
+
+@pytest.fixture
+def world(ros: Ros, wm: WorldModelInterface) -> PlanningWorld:
+    """One robot, two places, one product at the first; and the task manager."""
+    ros.run("skiros2_task", "task_manager_node", name="tm")
+    return transport_world(wm=wm)
+
+
+@pytest.fixture
+def client(world: PlanningWorld) -> Any:
+    client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
+    assert client.wait_for_server(rospy_duration(WAIT))
+    return client
+
+
+def rospy_duration(seconds: float) -> Any:
+    import rospy
+
+    return rospy.Duration.from_sec(seconds)
+
+
+def ask(client: Any, goals: str, author: str = "tests", on_feedback: Callable[..., None] | None = None) -> Any:
+    """Sends goals; gives the goal's handle."""
+    return client.send_goal(AssignTaskGoal(author=author, goals=goals), None, on_feedback)
+
+
+def answer(handle: Any) -> tuple[int, str]:
+    """The code and the message of the result."""
+    wait_until(lambda: handle.get_result() is not None, WAIT, "the task manager's answer")
+    return handle.get_result().progress_code, handle.get_result().progress_message
+
+
+def bring(world: PlanningWorld) -> str:
+    return f"(skiros:contain {world.places[1]} {world.products[0]})"
+
+
+def value(step: SkillHolder, key: str) -> str:
+    return str(step.ph.getParamValue(key).id)
+
+
+def test_a_goal_becomes_a_task_for_a_skill_manager(client: Any, world: PlanningWorld) -> None:
+    handle = ask(client, bring(world))
+    code, message = answer(handle)
+    assert code == PLAN, message
+    assert handle.get_goal_status() == GoalStatus.SUCCEEDED
+    task = deserialize_skill(message)
+    assert (task.type, task.name) == ("Processor", "Sequential")
+    assert [(step.manager, step.type, step.name) for step in task.children] == [
+        ("/alpha", "skiros:Pick", "pick"),
+        ("/alpha", "skiros:Drive", "drive"),
+        ("/alpha", "skiros:Place", "place"),
+    ]
+    pick, drive, place = task.children
+    assert (value(pick, "Object"), value(pick, "Place")) == (world.products[0], world.places[0])
+    assert (value(drive, "StartLocation"), value(drive, "TargetLocation")) == (world.places[0], world.places[1])
+    assert (value(place, "Robot"), value(place, "Gripper")) == (world.robots[0], world.grippers[0])
+
+
+def test_a_goal_that_holds_needs_nothing(client: Any, world: PlanningWorld) -> None:
+    handle = ask(client, f"(skiros:at {world.robots[0]} {world.places[0]})")
+    assert answer(handle) == (NOTHING_TO_DO, "the goal holds already")
+    assert handle.get_goal_status() == GoalStatus.SUCCEEDED
+
+
+def test_a_goal_that_gives_no_plan_fails_with_the_reason(client: Any, world: PlanningWorld) -> None:
+    (robot,), (start, place), (product,) = world.robots, world.places, world.products
+    for goal, expected in [
+        (f"(skiros:contain {place} ", "goal, line 1, column"),
+        ("", "the goal is empty"),
+        (f"(skiros:holds {place} {product})", "unknown relation 'skiros:holds'"),
+        (f"(skiros:contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
+        (f"(skiros:contain {product} {place})", f"(skiros:contain {product} {place}) cannot be reached"),
+        (f"(skiros:at {robot} {place}), (not (skiros:at {robot} {place}))", "and for the opposite"),
+        (f"(skiros:at {robot} {place}), (skiros:at {robot} {start})", "not all together"),
+    ]:
+        handle = ask(client, goal)
+        code, message = answer(handle)
+        assert code == FAILED, goal
+        assert handle.get_goal_status() == GoalStatus.ABORTED
+        assert expected in message
+    # and the next request works
+    assert answer(ask(client, bring(world)))[0] == PLAN
+
+
+def test_what_is_done_comes_as_feedback(client: Any, world: PlanningWorld) -> None:
+    told: list[str] = []
+    answer(ask(client, bring(world), on_feedback=lambda handle, feedback: told.append(feedback.progress_message)))
+    assert any("reading the world model" in text for text in told)
+    assert any("planning with" in text for text in told)
+
+
+def test_the_plan_follows_the_world(client: Any, world: PlanningWorld) -> None:
+    """Each request looks at the world model anew."""
+    world.wm.set_relation(world.robots[0], "skiros:at", world.places[0], False)
+    world.wm.set_relation(world.robots[0], "skiros:at", world.places[1], True)
+    code, message = answer(ask(client, bring(world)))
+    assert code == PLAN
+    assert [step.name for step in deserialize_skill(message).children] == ["drive", "pick", "drive", "place"]
+
+
+def test_a_skill_manager_gets_a_plan_for_its_own_robot(client: Any, world: PlanningWorld) -> None:
+    second = transport_world(robots=2, wm=world.wm)  # with an /alpha, too, and a /beta
+    for name in ("/alpha", "/beta"):
+        code, message = answer(ask(client, bring(second), author=name))
+        assert code == PLAN
+        assert {step.manager for step in deserialize_skill(message).children} == {name}
+
+
+def test_several_clients_at_once_get_their_own_answers(client: Any, world: PlanningWorld) -> None:
+    handles = [ask(client, bring(world)) for _ in range(3)]
+    other = ask(client, f"(skiros:at {world.robots[0]} {world.places[1]})")
+    wrong = ask(client, "(nonsense")
+    assert [len(deserialize_skill(answer(handle)[1]).children) for handle in handles] == [3, 3, 3]
+    assert [step.name for step in deserialize_skill(answer(other)[1]).children] == ["drive"]
+    assert answer(wrong)[0] == FAILED
+
+
+def test_the_pddl_and_the_log_are_kept(ros: Ros, client: Any, world: PlanningWorld) -> None:
+    answer(ask(client, bring(world)))
+    folder = Path(ros.master.env["HOME"]) / ".skiros/planner"
+    assert "(:action pick" in (folder / "domain.pddl").read_text()
+    assert f"(skiros_contain {world.places[1].lower().replace(':', '_')}" in (folder / "p01.pddl").read_text()
+    latest = max((p for p in folder.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime_ns)
+    assert {"domain.pddl", "p01.pddl", "goal.txt", "result.txt", "planner.log"} <= {p.name for p in latest.iterdir()}
+
+
+# -- an engine that takes long ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def hard(ros: Ros, wm: WorldModelInterface) -> tuple[Any, str]:
+    """A client, and a goal that the optimal planner works on for long."""
+    world = transport_world(4, 12, 14, wm=wm)
+    ros.run("skiros2_task", "task_manager_node", name="tm", params={"planner": "fast-downward-opt"})
+    client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
+    assert client.wait_for_server(rospy_duration(WAIT))
+    goals = [f"(skiros:contain {world.places[(i + 1) % 12]} {p})" for i, p in enumerate(world.products)]
+    return client, ", ".join(goals)
+
+
+def engines() -> list[int]:
+    """The processes of Fast Downward's search."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and b"downward\0" in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def test_a_request_can_be_cancelled(hard: tuple[Any, str]) -> None:
+    client, goals = hard
+    before = set(engines())
+    handle = ask(client, goals)
+    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    handle.cancel()
+    assert answer(handle) == (FAILED, "cancelled")
+    assert handle.get_goal_status() == GoalStatus.PREEMPTED
+    assert not set(engines()) - before
+
+
+def test_a_node_that_ends_ends_what_it_plans(ros: Ros, hard: tuple[Any, str]) -> None:
+    client, goals = hard
+    before = set(engines())
+    ask(client, goals)
+    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
+    ros.wait_until_gone("/tm")
+    wait_until(lambda: not set(engines()) - before, 5.0, "the end of the planner")
+
+
+def test_a_planner_out_of_time_is_told(ros: Ros, wm: WorldModelInterface) -> None:
+    world = transport_world(4, 12, 14, wm=wm)
+    params = {"planner": "fast-downward-opt", "planning_time": 1}
+    ros.run("skiros2_task", "task_manager_node", name="tm", params=params)
+    client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
+    assert client.wait_for_server(rospy_duration(WAIT))
+    goals = [f"(skiros:contain {world.places[(i + 1) % 12]} {p})" for i, p in enumerate(world.products)]
+    assert answer(ask(client, ", ".join(goals))) == (FAILED, "the planner found no plan in its time")
+
+
+def test_a_time_that_is_none_is_refused(ros: Ros) -> None:
+    program = ros.run("skiros2_task", "task_manager_node", name="tm", params={"planning_time": "soon"})
+    assert program.wait(WAIT) == 78
+    assert "/tm: parameter /tm/planning_time is 'soon', expected seconds" in program.output
+
+
+# -- the client ---------------------------------------------------------------------------------------------------
+
+
+def test_the_interface_plans_and_waits(world: PlanningWorld) -> None:
+    tasks = TaskManagerInterface()
+    done = threading.Event()
+    told: list[str] = []
+    with pytest.raises(Refused, match="nothing was asked"):
+        tasks.wait_for_result()
+    tasks.preempt()  # nothing to end
+    wait_until(lambda: connected(tasks), WAIT, "the task manager")
+    tasks.plan(
+        [bring(world), f"(skiros:at {world.robots[0]} {world.places[0]})"],
+        done_cb=lambda state, result: done.set(),
+        feedback_cb=lambda feedback: told.append(feedback.progress_message),
+    )
+    result = tasks.wait_for_result()
+    assert result.progress_code == PLAN, result.progress_message
+    assert [s.name for s in deserialize_skill(result.progress_message).children] == ["pick", "drive", "place", "drive"]
+    assert done.wait(5.0)
+    assert told
+
+
+def connected(tasks: TaskManagerInterface) -> bool:
+    try:
+        tasks.plan("(skiros:at nobody nowhere)")
+    except TimedOut:
+        return False
+    return tasks.wait_for_result() is not None
+
+
+def test_the_interface_ends_a_request(hard: tuple[Any, str]) -> None:
+    _, goals = hard
+    before = set(engines())
+    tasks = TaskManagerInterface()
+    tasks.plan(goals)
+    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    tasks.preempt()
+    assert tasks.wait_for_result().progress_code == FAILED
+    assert not set(engines()) - before
+
+
+def test_without_a_task_manager_the_interface_does_not_wait_for_ever(ros: Ros) -> None:
+    with pytest.raises(TimedOut, match="no task manager answers on /tm/task_plan"):
+        TaskManagerInterface().plan("(skiros:at a b)")

@@ -83,7 +83,11 @@ class AauSpatialReasoner(DiscreteReasoner):
             except SkirosError as error:
                 log.error("poses could not be written: %s", error)
             before = now
-            self._publish(publisher)
+            try:
+                self._publish(publisher)
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
         publisher.unregister()
 
     def _publish(self, publisher: Any) -> None:

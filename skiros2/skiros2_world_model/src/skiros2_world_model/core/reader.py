@@ -55,7 +55,7 @@ class SceneReader:
             for scene in self._scenes(context):
                 if eid in scene:
                     return _elements(scene, branch_ids(scene, ontology, eid, relation_filter, type_filter))
-        raise UnknownName(f"there is no element {eid!r} in context {context!r}")
+        raise UnknownName(no_element(eid, context))
 
     def related(self, src: str, pred: str, dst: str, context: str) -> list[RelationDict]:
         """The relations along a predicate and those under it; an empty part matches any."""
@@ -68,6 +68,11 @@ class SceneReader:
         ontology = self._ontology()
         with self._lock:
             return any(holds_between(scene, ontology, subj, pred, obj) for scene in self._scenes(context))
+
+
+def no_element(eid: str, context: str) -> str:
+    """What is said where a context has no element of an id."""
+    return f"there is no element {eid!r} in context {context!r}"
 
 
 def _elements(scene: Scene, ids: Sequence[str]) -> list[Element]:

@@ -57,6 +57,7 @@ class Reasoning:
             changes = element_now.changes()
             if changes:
                 transaction.patch(eid, changes, [])
+        self._offered = []
 
     def take_back(self, scene: Scene) -> None:
         """After a roll-back: tells the reasoners what they were offered as it is again."""

@@ -80,7 +80,7 @@ class Scene:
         self._next_number = 0
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._undo: list[Callable[[], None]] | None = None
-        self._touched: dict[str, None] = {}
+        self._touched: dict[str, bool] = {}  # whether it is more than the subject of another relation
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -228,8 +228,11 @@ class Scene:
         self._touched = {}
 
     def touched(self) -> list[str]:
-        """The ids of what was changed since `begin`, gone elements too."""
-        return list(self._touched)
+        """The ids of what was changed since `begin`, gone elements too.
+
+        An element that is the subject of another relation than before is not among them: its own content is the same.
+        """
+        return [eid for eid, more in self._touched.items() if more]
 
     def roll_back(self) -> None:
         """Takes back everything since `begin`."""
@@ -271,7 +274,7 @@ class Scene:
             self._by_label.setdefault(node.label, {})[eid] = None
             if before is None:
                 self._count(eid, 1)
-        self._touched[eid] = None
+        self._touched[eid] = True
         if self.dirty is not None:
             self.dirty.nodes.add(eid)
 
@@ -304,8 +307,8 @@ class Scene:
     def _note_relation(self, src: str, pred: str, dst: str) -> None:
         self._relation_cache.pop(src, None)
         self._relation_cache.pop(dst, None)
-        self._touched[src] = None
-        self._touched[dst] = None
+        self._touched.setdefault(src, False)
+        self._touched[dst] = True
         if self.dirty is not None:
             self.dirty.relations.add((src, pred, dst))
 

@@ -184,6 +184,7 @@ class Transaction:
         src, pred, dst = self._ends("", relation)
         if not operation.value:
             self._node(src)
+            self._check_target(src, pred, dst)
             predicates = [p for p in [pred, *self._ontology.subproperties(pred)] if self._scene.related(src, p, dst)]
             for found in dict.fromkeys(predicates):
                 self._scene.unrelate(src, found, dst)
@@ -201,11 +202,15 @@ class Transaction:
         self._checks.relation_name(pred, who)
         if src not in self._scene:
             raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
-        if dst not in self._scene and not self._exists(dst):
-            self._checks.individual(dst, who)
+        self._check_target(src, pred, dst)
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._check_cycle(src, pred, dst)
         return self._scene.relate(src, pred, dst)
+
+    def _check_target(self, src: str, pred: str, dst: str) -> None:
+        """What a relation leads to is an element, of another context too, or an individual of the ontologies."""
+        if dst not in self._scene and not self._exists(dst):
+            self._checks.individual(dst, f"{src} {pred} {dst}")
 
     def _check_cycle(self, src: str, pred: str, dst: str) -> None:
         predicates = self._ontology.subproperties(SPATIAL)

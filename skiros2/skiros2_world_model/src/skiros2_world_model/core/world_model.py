@@ -126,7 +126,8 @@ class WorldModel:
             scene.begin()
             try:
                 ids = transaction.run(operations)
-                self.reasoning.offer(scene, transaction)
+                if context == SCENE:
+                    self.reasoning.offer(scene, transaction)
             except Exception:
                 scene.roll_back()
                 self.reasoning.take_back(scene)
@@ -165,12 +166,15 @@ class WorldModel:
             checks = Checks(self.ontology, self.base.prefixes, str(path), self._strict)
             made = Provenance(self._number + 1, time.time(), author)
             scene, extras = target.read(read_triples(path), checks, str(path), made)
-            try:
-                self.reasoning.replace(target.scene, scene)
-            except Exception:
-                self.reasoning.replace(scene, target.scene)
-                raise
+            before = target.scene, target.extras
             target.replace(scene, extras)
+            if context == SCENE:
+                try:
+                    self.reasoning.replace(before[0], scene)
+                except Exception:
+                    target.replace(*before)
+                    self.reasoning.replace(scene, before[0])
+                    raise
             target.file = filename or target.file
             self._contexts[context] = target
             return self._announce(author, RESET if context == SCENE else UPDATE, context)

@@ -14,6 +14,7 @@ from skiros2_common.core.world_element import REASONER_PROPERTY, Element, Relati
 from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 from skiros2_world_model.core.queries import describes
+from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.requests import added_elements, changes_left, written, written_properties
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -96,7 +97,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
         """
         found = self.find_element(eid, context_id)
         if found is None:
-            raise WmException(f"there is no element {eid!r} in context {context_id!r}")
+            raise WmException(no_element(eid, context_id))
         return found
 
     def get_template_element(self, uri: str, context_id: str = _SCENE) -> Element:

@@ -16,7 +16,7 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_world_model.core.changes import Change, Operation, Outcome
-from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -81,7 +81,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         try:
             return self._get(srvs.WmGetRequest.GET, context_id, msgs.WmElement(id=eid))[0]
         except WmException as error:
-            if str(error).startswith("there is no element"):
+            if str(error) == no_element(eid, context_id):
                 return None
             raise
 

@@ -20,6 +20,7 @@ from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.context import SCENE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import Node
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.errors import answering
@@ -73,7 +74,7 @@ class WorldModelServer:
         if request.action == request.GET:
             found = reader.find(asked.id, request.context)
             if found is None:
-                raise UnknownName(f"there is no element {asked.id!r} in context {request.context!r}")
+                raise UnknownName(no_element(asked.id, request.context))
             return [found]
         if request.action == request.GET_TEMPLATE:
             return [self._model.template(asked.label)]

@@ -63,14 +63,10 @@ def _actions() -> tuple[Action, ...]:
     here, held, inside = at("?Robot", "?Place"), contain("?Gripper", "?Object"), contain("?Place", "?Object")
     owned = Atom(HAS_A, ("?Robot", "?Gripper"))
 
-    def action(
-        name: str, variables: tuple[Variable, ...], needs: tuple[Atom, ...], gone: Atom, made: Atom
-    ) -> Action:
+    def action(name: str, variables: tuple[Variable, ...], needs: tuple[Atom, ...], gone: Atom, made: Atom) -> Action:
         skill = Skill(f"skiros:{name.capitalize()}", name, (), (), (), ())
         effects = (Effect(gone, False), Effect(made, True))
-        return Action(
-            name, skill, "?Robot", (), variables, conjunction([_can(name, "?Robot"), *needs]), effects
-        )
+        return Action(name, skill, "?Robot", (), variables, conjunction([_can(name, "?Robot"), *needs]), effects)
 
     return (
         action("drive", (robot, start, Variable("?To", "To", (PLACE,))), (here,), here, at("?Robot", "?To")),

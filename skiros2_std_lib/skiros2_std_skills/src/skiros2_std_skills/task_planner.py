@@ -67,7 +67,8 @@ class task_plan(SkillBase):
             return self.fail(f"No task manager answers on {self._watch.name}", -101)
         if not self._sent and self._watch.is_connected():
             self._sent = True
-            self._client.send_goal(AssignTaskGoal(author=self.label, goals=self.params["Goal"].value))
+            # The task manager plans for the robot of the manager that asks.
+            self._client.send_goal(AssignTaskGoal(author=self._manager(), goals=self.params["Goal"].value))
         return self.step("Planning" if self._sent else "Waiting for the task manager")
 
     def _take(self, result: Any) -> State:
@@ -90,8 +91,12 @@ class task_plan(SkillBase):
 
         :raises WrongValue: it is one for another robot.
         """
-        manager = self.params["Robot"].value.value_of("skiros:SkillMgr")
+        manager = self._manager()
         if step.manager and step.manager != manager:
             raise WrongValue(f"{step.name} is for {step.manager}, this is {manager}")
         values = {key: list(param.values) for key, param in step.ph.items() if param.values}
         self.addChild(self.skill(step.type, step.name, specify=values))
+
+    def _manager(self) -> str:
+        """The name of the manager that runs this skill."""
+        return str(self.params["Robot"].value.value_of("skiros:SkillMgr"))

@@ -69,3 +69,14 @@ def test_a_log_gets_a_line_for_each_change_of_a_state() -> None:
         view.show(nodes)
     symbols = [line.split()[2:4] for line in out.getvalue().splitlines()]
     assert symbols == [["▶", "pick"], ["✓", "pick"], ["▶", "place"], ["✓", "place"]]
+
+
+def test_in_a_log_a_skill_ends_after_those_below_it() -> None:
+    out = io.StringIO()
+    view = TreeView(out)
+    for states in ((RUNNING, RUNNING), (SUCCESS, SUCCESS)):
+        nodes = tree(*states)
+        nodes[2].parent_id = nodes[1].id
+        view.show(nodes)
+    symbols = [line.split()[2:4] for line in out.getvalue().splitlines()]
+    assert symbols == [["▶", "pick"], ["▶", "place"], ["✓", "place"], ["✓", "pick"]]

@@ -59,7 +59,7 @@ class Demo:
         :raises SkirosError: a part of the system fails; the text says which and why.
         """
         with System(self._options.folder, self._options.port) as system:
-            self._say(f"Starting a system of its own: master on port {system.port}, log {system.log}")
+            self._say(f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}")
             try:
                 self._run(system)
             finally:
@@ -182,7 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--product", default="Product A", help="label of what to move (%(default)s)")
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
     parser.add_argument("--scene", default="", help="scene file in the demo's workspace; default: the demo's own")
-    parser.add_argument("--folder", type=Path, default=Path("build/demo"), help="for bag and log (%(default)s)")
+    parser.add_argument("--folder", type=Path, default=Path("build/demo"), help="for bag and logs (%(default)s)")
     parser.add_argument("--port", type=int, default=0, help="the master's; default: a free one")
     parser.add_argument("--timeout", type=float, default=120.0, help="for the execution, in seconds (%(default)s)")
     return parser

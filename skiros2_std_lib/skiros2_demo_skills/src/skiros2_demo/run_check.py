@@ -26,7 +26,6 @@ GOAL = "skiros2_msgs/msg/AssignTaskActionGoal"
 RESULT = "skiros2_msgs/msg/AssignTaskActionResult"
 NEEDED = {
     MONITOR: "changes of the world model",
-    PROGRESS: "progress of skills",
     GOAL: "goals for the task manager",
     RESULT: "plans of the task manager",
 }
@@ -109,7 +108,7 @@ def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
             if missing:
                 raise BagError(f"the bag holds no {' and no '.join(missing)}")
             store = get_typestore(Stores.ROS1_NOETIC)
-            wanted = [c for c in reader.connections if c.msgtype in NEEDED]
+            wanted = [c for c in reader.connections if c.msgtype in (*NEEDED, PROGRESS)]
             for connection in wanted:
                 store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
             for connection, _, data in reader.messages(connections=wanted):

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 from xmlrpc.client import ServerProxy
 
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
@@ -40,54 +40,48 @@ class SystemDown(SkirosError):
 class System:
     """A running system; a context manager. Sets `ROS_MASTER_URI` and `ROS_HOME` for this process and its children.
 
-    :param folder: where the log of the processes, and the bag, go.
+    :param folder: where the bag goes, and a log of each process.
     :param port: the master's; 0 takes a free one.
     """
 
     def __init__(self, folder: Path, port: int = 0) -> None:
         self.bag = folder / "run.bag"
-        self.log = folder / "system.log"
         self.port = port or _free_port()
         self._folder = folder
         self._home = ""
         self._environment: dict[str, str | None] = {}
         self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
-        self._output: IO[bytes] | None = None
 
     def __enter__(self) -> System:
         """:raises Refused: the port is in use."""
         if not _is_free(self.port):
             raise Refused(f"port {self.port} is in use; give a free one, or none")
-        self._folder.mkdir(parents=True, exist_ok=True)
-        for old in (self.bag, self.log, self.bag.with_suffix(".bag.active")):
-            old.unlink(missing_ok=True)
-        self._home = tempfile.mkdtemp(prefix="skiros2-demo-")
-        self._output = self.log.open("ab")
-        wanted = {
-            "ROS_MASTER_URI": f"http://localhost:{self.port}",
-            "ROS_HOME": self._home,
-            "ROS_LOG_DIR": f"{self._home}/log",
-            "ROS_HOSTNAME": "localhost",
-        }
-        self._environment = {key: os.environ.get(key) for key in wanted}
-        os.environ.update(wanted)
+        entered = False
+        try:
+            self._prepare()
+            entered = True
+        finally:
+            if not entered:
+                self.__exit__(None, None, None)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Ends all processes, the last one first. The bag and the log stay."""
+        """Ends all processes, the last one first. The bag and the log stay. Signals have to wait meanwhile."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
         while self._running:
             _, process = self._running.pop()
             _end(process)
-        if self._output is not None:
-            self._output.close()
-        shutil.rmtree(self._home, ignore_errors=True)
+        _kill(_descendants(os.getpid()))  # one that a signal came upon when it was just started
+        if self._home:
+            shutil.rmtree(self._home, ignore_errors=True)
         for key, value in self._environment.items():
             if value is None:
                 os.environ.pop(key, None)
             else:
                 os.environ[key] = value
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def start_master(self) -> None:
         """Starts the master and waits for it.
@@ -95,7 +89,7 @@ class System:
         :raises SystemDown: it ends.
         :raises TimedOut: it does not answer.
         """
-        self._start("the master", ["roscore", "-p", str(self.port)])
+        self._start("master", ["roscore", "-p", str(self.port)])
         self.wait_for(self._master_answers, "the master")
 
     def start_recording(self, topics: Sequence[str]) -> None:
@@ -106,27 +100,25 @@ class System:
         """
         # Not `rosbag record`, which may end before the recorder that it starts has closed the bag.
         command = ["rosrun", "rosbag", "record", "-O", str(self.bag), *topics, "__name:=recorder"]
-        self._start("the recorder", command)
+        self._start("recorder", command)
         self.wait_for(lambda: self._subscribed("/recorder", topics), "the recorder's subscriptions")
 
     def launch(self, package: str, file: str, *arguments: str) -> None:
         """Starts a launch file. Does not wait for its nodes."""
-        self._start("the system", ["roslaunch", package, file, *arguments])
+        quiet = ("--skip-log-check", "--disable-title", "--no-summary")
+        self._start("system", ["roslaunch", *quiet, package, file, *arguments])
 
     def stop_recording(self) -> None:
         """Ends the recorder, so that the bag is whole."""
-        self._running, recorders = (
-            [r for r in self._running if r[0] != "the recorder"],
-            [r for r in self._running if r[0] == "the recorder"],
-        )
-        for _, process in recorders:
-            _end(process)
+        recorder = next(started for started in self._running if started[0] == "recorder")
+        _end(recorder[1])
+        self._running.remove(recorder)
 
     def check(self) -> None:
         """:raises SystemDown: one of the processes has ended; the text has why, as far as its log tells."""
         for name, process in self._running:
             if process.poll() is not None:
-                raise SystemDown(f"{name} has ended: {self._last_words()} (log: {self.log})")
+                raise SystemDown(f"the {name} has ended: {self._complaint(name)} (see {self._log(name)})")
 
     def wait_for(self, condition: Callable[[], Any], what: str, timeout: float = START_TIMEOUT) -> None:
         """Waits until a condition holds; looks 20 times a second.
@@ -139,17 +131,35 @@ class System:
         while not condition():
             self.check()
             if time.monotonic() > deadline:
-                raise TimedOut(f"{what}: not there after {timeout:.0f} s; {self._last_words()} (log: {self.log})")
+                name = self._running[-1][0]
+                raise TimedOut(
+                    f"{what}: not there after {timeout:.0f} s; {self._complaint(name)} (see {self._log(name)})"
+                )
             time.sleep(0.05)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
+    def _prepare(self) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for old in (self.bag, self.bag.with_suffix(".bag.active")):
+            old.unlink(missing_ok=True)
+        self._home = tempfile.mkdtemp(prefix="skiros2-demo-")
+        wanted = {
+            "ROS_MASTER_URI": f"http://localhost:{self.port}",
+            "ROS_HOME": self._home,
+            "ROS_LOG_DIR": f"{self._home}/log",
+            "ROS_HOSTNAME": "localhost",
+        }
+        self._environment = {key: os.environ.get(key) for key in wanted}
+        os.environ.update(wanted)
+
     def _start(self, name: str, command: list[str]) -> None:
         if shutil.which(command[0]) is None:
-            raise SystemDown(f"{name} cannot be started: there is no program {command[0]!r}; is ROS installed?")
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.STDOUT, start_new_session=True
-        )
+            raise SystemDown(f"the {name} cannot be started: there is no program {command[0]!r}; is ROS installed?")
+        with self._log(name).open("wb") as log:
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            )
         self._running.append((name, process))
 
     def _master_answers(self) -> bool:
@@ -167,11 +177,14 @@ class System:
             _, _, answer = getattr(master, call)("/demo")
         return answer
 
-    def _last_words(self) -> str:
-        """The last line of the log that speaks of a failure, or the last of all."""
-        text = _TERMINAL_CODES.sub("", self.log.read_text(errors="replace"))
-        lines = [line.strip() for line in text.splitlines() if line.strip()] or ["nothing was said"]
-        return next((line for line in reversed(lines) if _FAILURE.search(line)), lines[-1])
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def _complaint(self, name: str) -> str:
+        """The first line of a process's log that speaks of a failure, or the last of all."""
+        text = _TERMINAL_CODES.sub("", self._log(name).read_text(errors="replace"))
+        lines = [line.strip() for line in text.splitlines() if line.strip()] or ["it said nothing"]
+        return next((line for line in lines if _FAILURE.search(line)), lines[-1])
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -185,7 +198,11 @@ def _end(process: subprocess.Popen[bytes]) -> None:
             family += _descendants(process.pid)
             process.kill()
     process.wait()
-    for pid in family[1:]:
+    _kill(family[1:])
+
+
+def _kill(pids: list[int]) -> None:
+    for pid in pids:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
 

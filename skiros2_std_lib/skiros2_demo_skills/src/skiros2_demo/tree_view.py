@@ -95,11 +95,22 @@ class TreeView:
         self._drawn = len(lines)
 
     def _report(self, nodes: list[Any]) -> None:
+        """A node's beginning comes before its children, its end after them."""
         passed = time.monotonic() - self._began_at
-        for node, line in zip(nodes[1:], tree_lines(nodes), strict=False):
-            if node.state != self._states.get(node.id, _IDLE):
-                self._states[node.id] = node.state
-                self._out.write(f"{passed:6.1f} s  {line}\n")
+        open_nodes: list[tuple[Any, str]] = []
+        for node, line in zip(nodes[1:], tree_lines(nodes), strict=True):
+            while open_nodes and open_nodes[-1][0].id != node.parent_id:
+                self._tell_if_new(*open_nodes.pop(), passed)
+            if node.state in (_RUNNING, _IDLE):
+                self._tell_if_new(node, line, passed)
+            open_nodes.append((node, line))
+        for node, line in reversed(open_nodes):
+            self._tell_if_new(node, line, passed)
+
+    def _tell_if_new(self, node: Any, line: str, passed: float) -> None:
+        if node.state != self._states.get(node.id, _IDLE):
+            self._states[node.id] = node.state
+            self._out.write(f"{passed:6.1f} s  {line}\n")
 
 
 def _cut(coloured: str, width: int) -> str:

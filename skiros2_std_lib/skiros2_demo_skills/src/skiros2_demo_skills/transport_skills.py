@@ -15,6 +15,8 @@ from skiros2_skill.core.processors import Sequential
 from skiros2_skill.core.skill import SkillBase
 
 CONTAINER_STATE = "skiros:ContainerState"
+#: Where a moved object was is found out by WmMoveObject; what Drive left as StartLocation is none of its business.
+FROM = {"StartLocation": "PlaceOfObject"}
 
 
 class Drive(SkillDescription):
@@ -108,7 +110,7 @@ class pick(SkillBase):
         skill(
             self.skill("MoveArm", "", remap={"Target": "Object"}),
             self.skill("CloseGripper", ""),
-            self.skill("WmMoveObject", "wm_move_object", remap={"TargetLocation": "Gripper"}),
+            self.skill("WmMoveObject", "wm_move_object", remap=FROM | {"TargetLocation": "Gripper"}),
             self.skill("WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.0)}),
             self.skill("TuckArm", ""),
         )
@@ -125,7 +127,7 @@ class place(SkillBase):
         skill(
             self.skill("MoveArm", "", remap={"Target": "Container"}),
             self.skill("OpenGripper", ""),
-            self.skill("WmMoveObject", "wm_move_object", remap={"TargetLocation": "Container"}),
+            self.skill("WmMoveObject", "wm_move_object", remap=FROM | {"TargetLocation": "Container"}),
             self.skill("WmSetProperties", "", remap={"Src": "Object"}, specify={"Properties": at_height(0.06)}),
             self.skill("TuckArm", ""),
         )

@@ -92,7 +92,7 @@ class wm_set_relation(PrimitiveBase):
                 self.wmi.set_relation(source.id, relation, target.id, state)
         except SkirosError as error:
             return self.fail(str(error), -1)
-        return self.success(f"{source!r} {relation} {target!r}: {'set' if state else 'removed'}")
+        return self.success(f"{_name(source)} {'' if state else 'no longer '}{relation} {_name(target)}")
 
 
 class WmSetProperties(SkillDescription):
@@ -123,7 +123,7 @@ class wm_set_properties(PrimitiveBase):
         except SkirosError as error:
             return self.fail(str(error), -2)
         self.params.specify("Src", element)
-        return self.success(f"{element!r}: set {', '.join(wanted) or 'nothing'}")
+        return self.success(f"{_name(element)}: set {', '.join(wanted) or 'nothing'}")
 
 
 class WmMoveObject(SkillDescription):
@@ -217,6 +217,11 @@ class counter(PrimitiveBase):
         return self.step(f"{self._count} of {target}")
 
 
+def _name(element: Element) -> str:
+    """What a person calls an element."""
+    return element.label or element.id
+
+
 def _in_scene(element: Element | None) -> bool:
     return element is not None and not element.isAbstract()
 
@@ -244,4 +249,4 @@ def _move(wmi: Any, params: Any) -> str:
     for place, content in ((start, "Empty"), (target, "Full")):
         place.setProperty(CONTAINER_STATE, content)
         wmi.update_element_properties(place)
-    return f"{moved!r} moved from {start!r} to {target!r}"
+    return f"{_name(moved)} moved from {_name(start)} to {_name(target)}"

@@ -57,7 +57,7 @@ def _peer_ready(master: RosMaster) -> bool:
 def _until(command: list[str], folder: Path, ready: Callable[[RosMaster], bool]) -> float:
     """The time from starting the command to the condition (s). roslaunch starts the master, too."""
     master = RosMaster(Path(tempfile.mkdtemp(dir=folder)))
-    env = {**master.env}
+    env = {**master.env, "ROS_PACKAGE_PATH": f"{folder}:{master.env['ROS_PACKAGE_PATH']}"}
     start = time.perf_counter()
     program = Program([*command[:1], "-p", str(master.port), *command[1:]], env, cwd=master.home)
     try:
@@ -94,5 +94,5 @@ def _empty_nodes(folder: Path) -> Path:
         '<node name="map_to_world" pkg="tf2_ros" type="static_transform_publisher" respawn="true"'
         ' args="0 0 0 0 0 0 map world"/>'
     )
-    launch.write_text(f'<launch><env name="ROS_PACKAGE_PATH" value="{folder}"/>{nodes}{static}</launch>')
+    launch.write_text(f"<launch>{nodes}{static}</launch>")
     return launch

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_task.core.task_planner import PlanningResult, Verdict
 from support.planning_world import (
     DRIVE,
@@ -393,6 +394,33 @@ def test_what_the_ontology_does_not_allow_is_not_planned(plan: Plan) -> None:
     assert plan(world, f"(contain {arm} {part})").verdict is Verdict.IMPOSSIBLE
 
 
+class Neighbours(DiscreteReasoner):
+    """Elements whose numbers follow each other are near."""
+
+    def getAssociatedRelations(self) -> list[str]:
+        return [":nextTo"]
+
+    def computeRelations(self, sub: Any, obj: Any, with_metrics: bool = False) -> list[Any]:
+        return [":nextTo"] if obj.getIdNumber() == sub.getIdNumber() + 1 else []
+
+
+def test_relations_that_a_reasoner_computes_are_facts(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reasoners, "_by_name", {})
+    reasoners.add(Neighbours())
+    world = PlanningWorld()
+    first, second, third = (world.thing("skiros:Product") for _ in range(3))
+    join = skill(
+        "Join",
+        [*PRODUCT, ("Other", "skiros:Product", REQUIRED)],
+        [related("Object", "skiros:nextTo", "Other")],
+        [related("Object", "skiros:partReference", "Other")],
+    )
+    world.robot("alpha", join)
+    assert labels(plan(world, f"(partReference {first} {second})")) == ["join"]
+    assert plan(world, f"(partReference {first} {third})").verdict is Verdict.IMPOSSIBLE
+    assert plan(world, f"(nextTo {second} {third})").verdict is Verdict.NOTHING_TO_DO
+
+
 def test_one_of_several_conditions_is_enough(plan: Plan) -> None:
     world = transport_world()
     place, product = world.places[0], world.products[0]
@@ -438,6 +466,20 @@ def test_classes_with_several_superclasses_serve_parameters_of_each(plan: Plan) 
     assert sorted(labels(plan(world, f"(Greeted {human}), (Oiled {arm})"))) == ["greet", "oil"]
     assert plan(world, f"(Oiled {human})").verdict is Verdict.IMPOSSIBLE
     assert plan(world, f"(Greeted {arm})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_a_parameter_that_was_declared_with_an_element_keeps_it(plan: Plan) -> None:
+    world = PlanningWorld()
+    first, second = world.thing("skiros:Product"), world.thing("skiros:Product")
+    mark = skill(
+        "Mark",
+        [("Object", world.wm.get_element(first), REQUIRED)],
+        [given("Object")],
+        [prop("Object", "skiros:Marked", "=", True)],
+    )
+    robot = world.robot("alpha", mark)
+    assert steps(plan(world, f"(Marked {first})")) == [("mark", {"Robot": robot})]
+    assert plan(world, f"(Marked {second})").verdict is Verdict.IMPOSSIBLE
 
 
 def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> None:

@@ -136,8 +136,9 @@ class TaskPlanner:
     def _kept(
         self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
     ) -> PlanningResult:
+        level = logging.DEBUG if result.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO) else logging.INFO
         for note in task.notes:
-            log.info("%s", note)
+            log.log(level, "%s", note)
         if self._archive is not None:
             texts = dict(answer.files) if answer is not None else {}
             texts["goal.txt"] = str(goal)

@@ -86,7 +86,7 @@ class AauSpatialReasoner(DiscreteReasoner):
             try:
                 self._publish(publisher)
             except rospy.ROSException:
-                if not rospy.is_shutdown():
+                if not rospy.core.is_shutdown_requested():
                     raise
         publisher.unregister()
 

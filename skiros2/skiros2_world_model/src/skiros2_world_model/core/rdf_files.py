@@ -70,12 +70,11 @@ def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
     before = ""
     for subject, _, predicate, obj in lines:
         if subject != before:
-            text.append(f" .\n\n{subject}" if before else subject)
-        text.append(f"{' ;' if subject == before else ''}\n    {predicate} {obj}")
+            text.append(f".\n\n{subject}\n" if before else f"{subject}\n")
+        text.append(f"    {predicate} {obj} ;\n")
         before = subject
     header = [f"@prefix {prefix}: <{prefixes[prefix]}> .\n" for prefix in sorted(writer.used)]
-    end = " .\n" if text else ""
-    return "".join([*header, "\n" if header and text else "", *text, end]).encode()
+    return "".join([*header, "\n" if header and text else "", *text, ".\n" if text else ""]).encode()
 
 
 def write_file(path: Path, content: bytes) -> None:

@@ -71,7 +71,7 @@ class Demo:
         began_at = time.monotonic()
         system.start_master()
         system.start_recording(TOPICS)
-        rospy.init_node("manufacturing_system", disable_signals=True, disable_rostime=True)
+        rospy.init_node("manufacturing_system", disable_signals=True)
         onlooker = Onlooker(ROBOT)
         arguments = [f"init_scene:={self._options.scene}"] if self._options.scene else []
         system.launch("skiros2_demo_skills", "demo.launch", "gui:=false", *arguments)

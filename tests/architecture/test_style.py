@@ -19,7 +19,12 @@ PUBLIC_API = ROOT / "tests/contract/public_api.txt"
 FILE_LINES = 450
 CLASS_LINES = 300
 #: Longer ones, each with the reason why it is one concept after all.
-LONG: dict[str, str] = {}
+LONG: dict[str, str] = {
+    "skiros2/skiros2_common/src/skiros2_common/core/world_element.py:Element": "the contract's methods on one state",
+    "skiros2/skiros2_world_model/src/skiros2_world_model/core/world_model_client.py:WorldModelAbstractInterface": (
+        "the contract's calls, which both adapters share"
+    ),
+}
 
 
 @pytest.fixture(params=FILES, ids=str)
@@ -63,14 +68,23 @@ def test_a_file_holds_one_concept(file: SourceFile) -> None:
 
 
 def test_a_class_holds_one_concept(file: SourceFile) -> None:
-    classes = [node for node in ast.walk(file.tree) if isinstance(node, ast.ClassDef)]
-    long = {f"{file}:{node.name}": node.end_lineno - node.lineno for node in classes}
-    assert not [f"{name}: {lines}" for name, lines in long.items() if lines > CLASS_LINES and name not in LONG]
+    assert not [
+        f"{name}: {lines} lines"
+        for name, lines in _class_lengths(file).items()
+        if lines > CLASS_LINES and name not in LONG
+    ]
 
 
 def test_every_exception_from_the_length_rule_is_still_needed() -> None:
-    paths = {str(file) for file in FILES}
-    assert not [name for name in LONG if name.partition(":")[0] not in paths]
+    long = {str(file) for file in FILES if file.text.count("\n") > FILE_LINES}
+    for file in FILES:
+        long |= {name for name, lines in _class_lengths(file).items() if lines > CLASS_LINES}
+    assert not set(LONG) - long
+
+
+def _class_lengths(file: SourceFile) -> dict[str, int]:
+    classes = [node for node in ast.walk(file.tree) if isinstance(node, ast.ClassDef)]
+    return {f"{file}:{node.name}": node.end_lineno - node.lineno for node in classes}
 
 
 def _names(node: ast.expr) -> set[str]:

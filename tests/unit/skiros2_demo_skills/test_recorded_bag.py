@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+
 from skiros2_demo.changes import changes
 from skiros2_demo.run_check import Run, check, read_run
 

@@ -1,5 +1,8 @@
 """A run counts as proven only when the bag shows the plan, the success of every skill, and the goal at the end."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -187,3 +190,15 @@ def test_a_plan_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     messages[2] = ("result", ("goal-1", 3, PLAN[:-5]))
     with pytest.raises(BagError, match="the plan cannot be read"):
         findings(tmp_path, messages)
+
+
+def test_the_proof_needs_no_ros() -> None:
+    code = "import sys, skiros2_demo.run_check; print([m for m in sys.modules if m in ('rospy', 'rosbag', 'genpy')])"
+    shown = subprocess.run(
+        [sys.executable, "-c", code],
+        env={"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert shown.strip() == "[]"

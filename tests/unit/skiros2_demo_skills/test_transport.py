@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_demo_skills import timed_motions
 from skiros2_demo_skills.poses import get_pose
+from skiros2_std_skills import clock
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 from support.skill_bench import SkillBench
@@ -28,7 +28,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> SkillBench:
     (robot,) = (e for e in wmi.get_scene() if e.type == "cora:Robot")
     wmi.set_relation(robot.id, "skiros:at", robot.getRelation("-1", "skiros:hasStartLocation", "")["dst"])
     time = half_seconds()
-    monkeypatch.setattr(timed_motions, "now", lambda: next(time))
+    monkeypatch.setattr(clock, "now", lambda: next(time))
     return SkillBench(wmi, wmi.get_element(robot.id), "skiros2_std_skills", "skiros2_demo_skills")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_std_skills import clock, utility_primitives
+from skiros2_std_skills import clock
 from skiros2_std_skills.utility_primitives import counter, wait
 
 
@@ -15,7 +15,7 @@ from skiros2_std_skills.utility_primitives import counter, wait
 def time(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The clock that the skills wait by; set its one item."""
     now = [100.0]
-    monkeypatch.setattr(utility_primitives, "now", lambda: now[0])
+    monkeypatch.setattr(clock, "now", lambda: now[0])
     return now
 
 

@@ -10,7 +10,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, MoveArm, MoveBase, OpenGripper, TuckArm
 from skiros2_demo_skills.poses import composed, get_pose, set_pose
-from skiros2_std_skills.clock import now
+from skiros2_std_skills.clock import Stopwatch
 
 
 class TimedMotion(PrimitiveBase, ABC):
@@ -33,16 +33,14 @@ class TimedMotion(PrimitiveBase, ABC):
         """To override: what the motion changes in the world model, at its end."""
 
     def onStart(self) -> bool:
-        self._started_at = now()
+        self._stopwatch = Stopwatch()
         return True
 
     def onPreempt(self) -> State:
         return self.fail(f"{self.doing()}: stopped half-way", -1)
 
     def execute(self) -> State:
-        if self._started_at == 0.0:
-            self._started_at = now()  # simulated time had not begun
-        passed, duration = now() - self._started_at, self.params["Duration"].value
+        passed, duration = self._stopwatch.passed(), self.params["Duration"].value
         if passed < duration:
             return self.step(f"{self.doing()}: {passed / duration:.0%}")
         self.arrive()

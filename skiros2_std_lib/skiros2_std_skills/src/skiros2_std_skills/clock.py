@@ -15,3 +15,16 @@ def now() -> float:
     if rospy is not None and rospy.core.is_initialized():
         return float(rospy.get_time())
     return time.monotonic()
+
+
+class Stopwatch:
+    """The time since it was made, by `now`."""
+
+    def __init__(self) -> None:
+        self._started_at = now()
+
+    def passed(self) -> float:
+        """Seconds; none before simulated time has begun."""
+        if self._started_at == 0.0:
+            self._started_at = now()
+        return now() - self._started_at

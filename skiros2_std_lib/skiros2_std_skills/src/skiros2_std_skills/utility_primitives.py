@@ -9,7 +9,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_std_skills.clock import now
+from skiros2_std_skills.clock import Stopwatch
 
 SPATIAL_RELATION = "skiros:spatiallyRelated"
 CONTAINER_STATE = "skiros:ContainerState"
@@ -34,14 +34,11 @@ class wait(PrimitiveBase):
         return self.fail("Stopped while waiting", -1)
 
     def onStart(self) -> bool:
-        self._started_at = now()
+        self._stopwatch = Stopwatch()
         return True
 
     def execute(self) -> State:
-        if self._started_at == 0.0:
-            self._started_at = now()  # simulated time had not begun
-        duration = self.params["Duration"].value
-        passed = now() - self._started_at
+        passed, duration = self._stopwatch.passed(), self.params["Duration"].value
         if passed >= duration:
             return self.success(f"Waited {duration:.1f} s")
         return self.step(f"Waiting: {passed:.1f} of {duration:.1f} s")

@@ -64,8 +64,7 @@ def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
     So the difference of two texts shows what changed.
     """
     writer = _TurtleWriter(prefixes)
-    lines = [writer.line(t) for t in triples]
-    lines.sort()
+    lines = sorted({writer.line(t) for t in triples})
     text: list[str] = []
     before = ""
     for subject, _, predicate, obj in lines:

@@ -1,0 +1,193 @@
+"""Scenes that were written elsewhere load, with what they hold that is new to us."""
+
+import logging
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+
+HEAD = """@prefix default1: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
+@prefix SUMO: <http://www.inf.ufrgs.br/phi-group/ontologies/sumo.owl#> .
+@prefix cora: <http://www.inf.ufrgs.br/phi-group/ontologies/cora.owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
+default1:Scene-0 a default1:Scene, owl:NamedIndividual ; rdfs:label "lab" .
+"""
+
+
+@pytest.fixture
+def load(wm, workspace):
+    def load(text, head=HEAD):
+        (workspace / "scene.ttl").write_text(head + text)
+        wm.load("scene.ttl")
+        return wm
+
+    return load
+
+
+def test_prefixes_of_the_file_do_not_rename_those_of_the_ontologies(load):
+    wm = load("SUMO:Object-3 a SUMO:Object .")
+    assert wm.get_element("sumo:Object-3").type == "sumo:Object"
+    assert wm.get_element("skiros:Scene-0").label == "lab"
+
+
+def test_one_number_under_two_types_loads(load):
+    wm = load("default1:LargeBox-7 a default1:LargeBox . default1:Starter-7 a default1:Starter .")
+    assert wm.get_element("skiros:LargeBox-7").id != wm.get_element("skiros:Starter-7").id
+
+
+def test_unknown_names_are_kept_and_named_with_file_and_element(load, caplog):
+    with caplog.at_level(logging.WARNING):
+        wm = load('default1:Pump-4 a default1:Pump ; default1:flow 2.5 ; default1:feeds default1:Scene-0 .')
+    pump = wm.get_element("skiros:Pump-4")
+    assert pump.value_of("skiros:flow") == 2.5
+    assert pump.hasRelation("-1", "skiros:feeds", "skiros:Scene-0")
+    for kind, name in (("class", "skiros:Pump"), ("property", "skiros:flow"), ("relation", "skiros:feeds")):
+        assert any(
+            "scene.ttl" in m and f"unknown {kind} {name}" in m and "skiros:Pump-4" in m for m in caplog.messages
+        )
+
+
+def test_a_position_with_x_alone_loads_and_the_rest_is_missing(load):
+    wm = load('default1:LargeBox-1 a default1:LargeBox ; default1:PositionX "1.5"^^xsd:float ; default1:PositionY "" .')
+    box = wm.get_element("skiros:LargeBox-1")
+    assert box.value_of("skiros:PositionX") == 1.5
+    assert box.value_of("skiros:PositionY") is None
+    assert box.value_of("skiros:PositionZ") is None
+
+
+def test_numbers_and_bools_written_as_text_are_what_their_property_holds(load):
+    wm = load('default1:LargeBox-1 a default1:LargeBox ; default1:PositionX "1.5" ; default1:PublishTf "True" ; '
+              'default1:SizeX "0.5" .')  # fmt: skip
+    box = wm.get_element("skiros:LargeBox-1")
+    assert box.value_of("skiros:PositionX") == 1.5
+    assert box.value_of("skiros:PublishTf") is True
+    assert box.hasProperty("skiros:SizeX", 0.5)  # no declared type: the text stays, and compares equal
+
+
+def test_an_element_whose_class_is_missing_has_the_one_that_its_id_says(load):
+    wm = load("default1:LargeBox-1 rdfs:label \"tray\" .")
+    assert wm.get_element("skiros:LargeBox-1").type == "skiros:LargeBox"
+
+
+def test_ids_need_no_number(load):
+    wm = load("cora:my_robot a cora:Robot ; default1:at default1:Scene-0 .")
+    assert wm.get_element("cora:my_robot").getIdNumber() == -1
+    assert wm.add_element(wm.get_template_element("skiros:starter")) == "skiros:Starter-1"
+
+
+def test_a_scene_without_a_root_gets_one(load):
+    wm = load("default1:LargeBox-5 a default1:LargeBox .", HEAD.rpartition("default1:Scene-0")[0])
+    assert wm.get_element("skiros:Scene-0").type == "skiros:Scene"
+
+
+def test_relations_to_templates_are_kept(load):
+    wm = load("default1:LargeBox-1 a default1:LargeBox ; default1:partReference default1:starter .")
+    assert wm.get_relations("", "skiros:partReference", "skiros:starter")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("default1:LargeBox-1 a default1:LargeBox ; default1:contain default1:Starter-9 .", "no element .*Starter-9"),
+        ('default1:LargeBox-1 a default1:LargeBox ; default1:PositionX "left" .', "LargeBox-1.*PositionX.*left"),
+        ('default1:LargeBox-1 a default1:LargeBox ; default1:PositionX "x"^^xsd:float .', "LargeBox-1.*PositionX"),
+        ("default1:LargeBox-1 a default1:LargeBox ; default1:PositionX 1.0, 2.0 .", "PositionX has 2 values"),
+        (
+            "default1:A-1 a default1:LargeBox ; default1:contain default1:B-2 . "
+            "default1:B-2 a default1:LargeBox ; default1:hasA default1:A-1 .",
+            "contain themselves: .*A-1",
+        ),
+        ("default1:LargeBox-1 a default1:LargeBox ; ", "scene.ttl, line [89]"),
+        ("this is no Turtle", "scene.ttl, line 8"),
+    ],
+)  # fmt: skip
+def test_a_scene_that_is_refused_leaves_the_present_one(load, wm, text, message):
+    load('default1:LargeBox-1 a default1:LargeBox ; rdfs:label "present" .')
+    number = wm.version
+    with pytest.raises(WmException, match=message):
+        load(text)
+    assert wm.get_element("skiros:LargeBox-1").label == "present"
+    assert wm.version == number
+
+
+def test_what_was_saved_loads_as_the_same_and_is_saved_as_the_same(load, workspace):
+    wm = load('default1:LargeBox-1 a default1:LargeBox ; rdfs:label "tray" ; default1:SizeX 0.5, 1 ; '
+              "default1:contain default1:Starter-2 . default1:Starter-2 a default1:Starter .")  # fmt: skip
+    wm.save("one.ttl")
+    wm.load("one.ttl")
+    wm.save("two.ttl")
+    assert (workspace / "one.ttl").read_text() == (workspace / "two.ttl").read_text()
+
+
+def test_with_strict_unknown_names_are_refused(workspace):
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace, strict=True))
+    (workspace / "scene.ttl").write_text(HEAD + "default1:Pump-4 a default1:Pump .")
+    with pytest.raises(WmException, match="unknown class skiros:Pump"):
+        wm.load("scene.ttl")
+
+
+# -- ontologies of a workspace -------------------------------------------------------------------------------------
+
+ONTOLOGY = """@prefix : <http://x.org/Factory.owl#> .
+@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+<http://x.org/Factory.owl> a owl:Ontology .
+:Pallet a owl:Class ; rdfs:subClassOf skiros:Container .
+:euro_pallet a owl:NamedIndividual, :Pallet ; skiros:SizeX 1.2 .
+"""
+
+
+def test_every_file_of_the_workspace_and_below_whose_name_contains_owl_is_an_ontology(workspace):
+    (workspace / "below").mkdir()
+    (workspace / "below" / "factory.owl.ttl").write_text(ONTOLOGY)
+    (workspace / "scene.ttl").write_text("this is a scene, and broken; nobody reads it")
+    (workspace / "catalog.xml").write_text("<catalog/>")
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace))
+    assert wm.is_subclass("factory:Pallet", "skiros:Location")
+    assert wm.instanciate("factory:euro_pallet").value_of("skiros:SizeX") == 1.2
+
+
+def test_two_files_may_bear_one_iri(workspace):
+    (workspace / "one.owl").write_text(ONTOLOGY)
+    (workspace / "two.owl").write_text(ONTOLOGY.replace("Pallet", "Crate").replace("pallet", "crate"))
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace))
+    assert wm.get_sub_classes("skiros:Container") == ["factory:Crate", "factory:Pallet", "skiros:LargeBox"]
+
+
+def test_an_ontology_that_does_not_parse_is_a_mistake_of_configuration_with_file_and_line(workspace):
+    (workspace / "factory.owl").write_text(ONTOLOGY + "oops\n")
+    with pytest.raises(ConfigurationError, match=r"factory\.owl, line 8"):
+        WorldModel(source_ontologies(), workspace)
+
+
+def test_a_workspace_that_is_not_there_is_a_mistake_of_configuration(tmp_path):
+    with pytest.raises(ConfigurationError, match="none: there is no such folder"):
+        WorldModel(source_ontologies(), tmp_path / "none")
+
+
+def test_unknown_names_in_ontologies_are_warned_of(workspace, caplog):
+    (workspace / "factory.owl").write_text(ONTOLOGY + ":steel_pallet a owl:NamedIndividual, :Pallet ; :load 9.5 .")
+    with caplog.at_level(logging.WARNING):
+        WorldModel(source_ontologies(), workspace)
+    assert any("factory.owl: factory:steel_pallet uses factory:load" in m for m in caplog.messages)
+
+
+@pytest.mark.parametrize("filename", ["../out.ttl", "/etc/passwd", "a/../../out.ttl", "", "."])
+def test_files_outside_the_workspace_are_refused(wm, filename):
+    for act in (wm.load, wm.save):
+        with pytest.raises(WmException, match=r"expected a file in the workspace|name of the file is missing"):
+            act(filename)
+
+
+@pytest.mark.parametrize("text", ["", HEAD + "oops"])
+def test_an_initial_scene_that_is_missing_or_broken_is_a_mistake_of_configuration(model, workspace, text):
+    if text:
+        (workspace / "scene.ttl").write_text(text)
+    with pytest.raises(ConfigurationError, match=r"scene .*scene\.ttl"):
+        model.load_initial("scene.ttl")

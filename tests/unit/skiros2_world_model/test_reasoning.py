@@ -1,0 +1,106 @@
+"""Reasoners see each change before it stands; they may complete an element, or reject the change."""
+
+import pytest
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+
+
+class Weigher(DiscreteReasoner):
+    """Weighs products, and rejects those that are called so."""
+
+    def __init__(self):
+        self.seen = []
+
+    def parse(self, element, action):
+        self.seen.append((action, element.label))
+        if element.label == "rejected":
+            return False
+        if action != "remove" and not element.hasProperty("skiros:Weight"):
+            element.setProperty("skiros:Weight", 3.0)
+        return None
+
+    def getAssociatedData(self):
+        return ["skiros:Weight"]
+
+
+@pytest.fixture
+def weigher(model):
+    weigher = Weigher()
+    model.add_reasoner(weigher)
+    return weigher
+
+
+def product(label, parent="skiros:Scene-0"):
+    element = Element("skiros:Product", label)
+    element.setReasoner("Weigher")
+    element.addRelation(parent, "skiros:contain", "-1")
+    return element
+
+
+def test_an_added_element_comes_back_completed(wm, weigher):
+    element = product("a")
+    wm.add_element(element)
+    assert element.value_of("skiros:Weight") == 3.0
+    assert wm.get_element(element.id).value_of("skiros:Weight") == 3.0
+    assert not element.changes()
+
+
+def test_it_sees_additions_updates_and_removals_of_its_elements_alone(wm, weigher):
+    element, other = product("a"), Element("skiros:Product", "not its own")
+    wm.add_elements([element, other])
+    element.setProperty("skiros:ContainerState", "Full")
+    wm.update_element(element)
+    wm.set_relation(element.id, "skiros:at", other.id)
+    wm.remove_element(element)
+    assert weigher.seen == [("add", "a"), ("update", "a"), ("remove", "a")]
+
+
+def test_an_element_whose_holder_changes_is_updated(wm, weigher):
+    tray = Element("skiros:LargeBox", "tray")
+    element = product("a")
+    wm.add_elements([tray, element])
+    weigher.seen.clear()
+    wm.set_relation(tray.id, "skiros:contain", element.id)
+    assert weigher.seen == [("update", "a")]
+
+
+def test_what_it_rejects_is_refused_whole_and_what_it_saw_before_is_taken_back(wm, weigher):
+    with pytest.raises(WmException, match="Weigher rejects to add .*rejected"):
+        wm.add_elements([product("a"), product("rejected")])
+    assert [e.label for e in wm.get_scene()] == ["skiros:blank_scene"]
+    assert [s for s in weigher.seen if s[1] == "a"] == [("add", "a"), ("remove", "a")]
+
+
+def test_a_reasoner_that_comes_later_sees_what_is_there(wm, model):
+    element = product("a")
+    wm.add_element(element)
+    model.add_reasoner(Weigher())
+    assert wm.get_element(element.id).value_of("skiros:Weight") == 3.0
+
+
+def test_a_loaded_scene_takes_the_place_of_the_old_one_for_reasoners_too(wm, weigher):
+    wm.add_element(product("a"))
+    wm.save("scene.ttl")
+    wm.add_element(product("b"))
+    weigher.seen.clear()
+    wm.load("scene.ttl")
+    assert sorted(weigher.seen) == [("add", "a"), ("remove", "a"), ("remove", "b")]
+
+
+def test_a_scene_with_an_element_that_it_rejects_is_not_loaded(wm, weigher, workspace):
+    wm.add_element(product("a"))
+    wm.save("scene.ttl")
+    text = (workspace / "scene.ttl").read_text()
+    (workspace / "bad.ttl").write_text(text.replace('"a"', '"rejected"'))
+    with pytest.raises(WmException, match="rejects"):
+        wm.load("bad.ttl")
+    assert [e.label for e in wm.get_scene()] == ["skiros:blank_scene", "a"]
+
+
+def test_elements_of_other_contexts_are_not_its_business(wm, weigher):
+    element = Element("skiros:Product", "memory")
+    element.setReasoner("Weigher")
+    wm.add_element(element, "memory")
+    assert weigher.seen == []

@@ -19,6 +19,7 @@ from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.planning_world import PlanningWorld, transport_world
+from support.programs import ProcessId, descendants
 from support.ros import Ros, wait_until
 
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
@@ -170,37 +171,38 @@ def hard(ros: Ros, wm: WorldModelInterface) -> tuple[Any, str]:
     return client, ", ".join(goals)
 
 
-def engines() -> list[int]:
-    """The processes of Fast Downward's search."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if entry.name.isdigit() and b"downward\0" in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
-        except OSError:
-            continue
+def running_engines(ros: Ros) -> list[ProcessId]:
+    """Waits until the task manager's engine searches; gives all processes of the run."""
+
+    def searching() -> list[ProcessId]:
+        processes = descendants(ros.master.node_pid("/tm"))
+        return processes[1:] if any("bin/downward" in repr(process) for process in processes) else []
+
+    found: list[ProcessId] = wait_until(searching, WAIT, "the planner")
     return found
 
 
-def test_a_request_can_be_cancelled(hard: tuple[Any, str]) -> None:
+def wait_for_end(processes: list[ProcessId]) -> None:
+    wait_until(lambda: not any(p.running for p in processes), 5.0, f"the end of {processes}")
+
+
+def test_a_request_can_be_cancelled(ros: Ros, hard: tuple[Any, str]) -> None:
     client, goals = hard
-    before = set(engines())
     handle = ask(client, goals)
-    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    engines = running_engines(ros)
     handle.cancel()
     assert answer(handle) == (FAILED, "cancelled")
     assert handle.get_goal_status() == GoalStatus.PREEMPTED
-    assert not set(engines()) - before
+    wait_for_end(engines)
 
 
 def test_a_node_that_ends_ends_what_it_plans(ros: Ros, hard: tuple[Any, str]) -> None:
     client, goals = hard
-    before = set(engines())
     ask(client, goals)
-    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    engines = running_engines(ros)
     os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
     ros.wait_until_gone("/tm")
-    wait_until(lambda: not set(engines()) - before, 5.0, "the end of the planner")
+    wait_for_end(engines)
 
 
 def test_a_planner_out_of_time_is_told(ros: Ros, wm: WorldModelInterface) -> None:
@@ -250,15 +252,14 @@ def connected(tasks: TaskManagerInterface) -> bool:
     return tasks.wait_for_result() is not None
 
 
-def test_the_interface_ends_a_request(hard: tuple[Any, str]) -> None:
+def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:
     _, goals = hard
-    before = set(engines())
     tasks = TaskManagerInterface()
     tasks.plan(goals)
-    wait_until(lambda: set(engines()) - before, WAIT, "the planner")
+    engines = running_engines(ros)
     tasks.preempt()
     assert tasks.wait_for_result().progress_code == FAILED
-    assert not set(engines()) - before
+    wait_for_end(engines)
 
 
 def test_without_a_task_manager_the_interface_does_not_wait_for_ever(ros: Ros) -> None:

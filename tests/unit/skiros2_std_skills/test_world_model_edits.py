@@ -190,25 +190,36 @@ class FakeReasoner:
 
 
 class TestWmMoveAndTransformObject:
-    def move(self, bench: SkillBench) -> Any:
+    def move(self, bench: SkillBench, target: str = "") -> Any:
         bench.library.load(["wm_move_and_transform_object"])
-        return bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+        params = {"Object": bench.element("product")}
+        if target:
+            params["TargetLocation"] = bench.element(target)
+        return bench.run("WmMoveObject", **params)
 
     def test_the_pose_is_written_in_the_frame_of_the_target(
         self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         frame = bench.element("tray 2").id
         monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner(frame))
-        assert self.move(bench).state is State.Success
+        assert self.move(bench, "tray 2").state is State.Success
         product = bench.element("product")
         assert bench.holder("product") == "tray 2"
         assert (product.value_of("skiros:PositionX"), product.value_of("skiros:BaseFrameId")) == (1.0, frame)
+
+    def test_without_a_target_the_frame_is_that_of_the_start(
+        self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        frame = bench.element("tray 1").id
+        monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner(frame))
+        assert self.move(bench).state is State.Success
+        assert bench.element("product").value_of("skiros:BaseFrameId") == frame
 
     def test_without_a_transform_it_fails_and_nothing_moves(
         self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner())
-        node = self.move(bench)
+        node = self.move(bench, "tray 2")
         assert node.state is State.Failure
         assert "no transform to frame" in node.progress_msg
         assert bench.holder("product") == "tray 1"

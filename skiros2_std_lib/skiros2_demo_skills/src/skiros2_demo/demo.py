@@ -19,7 +19,7 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.onlooker import Onlooker
-from skiros2_demo.system import System, SystemDown
+from skiros2_demo.system import END_SIGNALS, System, SystemDown
 from skiros2_demo.tree_view import TreeView, plan_lines
 from skiros2_demo.world_state import WorldState
 from skiros2_skill.ros.utils import deserialize_skill
@@ -165,7 +165,7 @@ def main(arguments: list[str]) -> int:
         ended_by = number
         raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in END_SIGNALS:
         signal.signal(number, end)
     try:
         return 0 if Demo(options, sys.stdout).run() else 1

@@ -26,7 +26,8 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 END_TIMEOUT = 20.0
 #: How long a part of the system may take to start (s).
 START_TIMEOUT = 30.0
-
+#: What asks the demo to end.
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
 #: A node that names a mistake in its configuration (`/wm: scene ...`), or words of roslaunch and others for a failure.
@@ -68,8 +69,8 @@ class System:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Ends all processes, the last one first. The bag and the log stay. Signals have to wait meanwhile."""
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+        """Ends all processes, the last one first. The bag and the logs stay. Signals do not hold this up."""
+        handlers = {number: signal.signal(number, signal.SIG_IGN) for number in END_SIGNALS}
         while self._running:
             _, process = self._running.pop()
             _end(process)
@@ -81,7 +82,8 @@ class System:
                 os.environ.pop(key, None)
             else:
                 os.environ[key] = value
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
     def start_master(self) -> None:
         """Starts the master and waits for it.

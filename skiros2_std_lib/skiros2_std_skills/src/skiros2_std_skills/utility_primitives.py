@@ -175,8 +175,7 @@ class wm_move_and_transform_object(PrimitiveBase):
         return bool(element._getReasoner(SPATIAL_REASONER).transform(element, target_frame))  # type: ignore[attr-defined]
 
     def execute(self) -> State:
-        moved = self.params["Object"].value
-        target = self.params["TargetLocation"].value or self.params["StartLocation"].value
+        moved, target = self.params["Object"].value, _target(self.params)
         frame = target.value_of(FRAME_ID) or target.id
         try:
             if not self.transform_to_frame(moved, frame):
@@ -230,15 +229,19 @@ def _put_relation(element: Element, source: str, relation: str, target: str, sta
         element.removeRelation2(source, relation, target)
 
 
+def _target(params: Any) -> Element:
+    """Where the object goes: `TargetLocation`, or the start when there is none."""
+    target: Element = params["TargetLocation"].value
+    start: Element = params["StartLocation"].value
+    return target if _in_scene(target) else start
+
+
 def _move(wmi: Any, params: Any) -> str:
     """Moves `Object` from `StartLocation` to `TargetLocation` in the world model and says so.
 
     :raises SkirosError: the world model refuses.
     """
-    moved, start = params["Object"].value, params["StartLocation"].value
-    target = params["TargetLocation"].value
-    if not _in_scene(target):
-        target = start
+    moved, start, target = params["Object"].value, params["StartLocation"].value, _target(params)
     spatial = [SPATIAL_RELATION, *wmi.get_sub_properties(SPATIAL_RELATION)]
     moved.removeRelations(moved.getRelations(start.id, spatial, "-1"))
     moved.addRelation(target.id, params["Relation"].value, "-1")

@@ -273,8 +273,11 @@ def test_when_there_is_no_element_of_the_type_the_message_says_so(bench):
 
 
 def test_inferred_values_are_not_left_on_the_blackboard(bench):
-    bench.load(primitive(Take, "take"), primitive(describe("Ask", [("Container", Element("skiros:Container"), OPTIONAL)]),
-               "ask", execute=lambda s: s.success(str(s.params.isSpecified("Container")))))  # fmt: skip
+    ask = describe("Ask", [("Container", Element("skiros:Container"), OPTIONAL)])
+    bench.load(
+        primitive(Take, "take"),
+        primitive(ask, "ask", execute=lambda s: s.success(str(s.params.isSpecified("Container")))),
+    )
     task = bench.run(bench.node("take", Object=bench.product), bench.node("ask"))
     assert task.state is State.Success
     assert task.root.children[1].progress_msg == "False"
@@ -320,11 +323,18 @@ def test_a_robot_that_a_sibling_updates_at_each_tick_is_seen(bench):
             self.params["Robot"].value = self.wmi.get_element(other.id)
         return self.step() if self.progress_code < 3 else self.success()
 
+    def see(self):
+        return self.step() if self.progress_code < 3 else self.success(self.params["Robot"].value.id)
+
+    def expand(self, skill):
+        skill.setProcessor(ParallelFf())
+        skill(self.skill("Change"), self.skill("See"))
+
     bench.load(
         primitive(describe("Change"), "change", execute=change),
-        primitive(describe("See"), "see", execute=lambda s: s.step() if s.progress_code < 3 else s.success(s.params["Robot"].value.id)),
-        compound("Both", lambda self, skill: (skill.setProcessor(ParallelFf()), skill(self.skill("Change"), self.skill("See")))),
-    )  # fmt: skip
+        primitive(describe("See"), "see", execute=see),
+        compound("Both", expand),
+    )
     assert other.id in messages(bench.run(bench.node("both")))
 
 

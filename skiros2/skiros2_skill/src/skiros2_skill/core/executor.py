@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State, as_state
@@ -108,10 +108,8 @@ class Executor:
     def _start(self, node: SkillWrapper) -> bool:
         """Chooses an implementation and starts it. False when that failed; the node's progress tells why."""
         node._start_progress()
-        if node._instanciator is None:
-            return self._refuse(node, f"{node.printState()} has no skill library to be taken from", START_RAISED)
         try:
-            candidates = node._instanciator.candidates(node._type, node.asked_label)
+            candidates = node.candidates()
         except SkirosError as error:
             return self._refuse(node, str(error), START_RAISED)
         reason = choose(node, candidates, self._wmi)
@@ -175,15 +173,17 @@ class Executor:
         return True
 
     def _holds(self, node: SkillWrapper) -> bool:
+        unmet = self._unmet(node, node._hold_conditions)
+        if unmet:
+            node._setProgress(f"Hold-condition failed: {unmet}", HOLD_FAILED)
+        return not unmet
+
+    def _unmet(self, node: SkillWrapper, conditions: Sequence[Any]) -> str:
+        """The conditions that do not hold, in words; "" when all do."""
         try:
-            failed = [c for c in node._hold_conditions if not c.evaluate(node._params, self._wmi)]
+            return "; ".join(c.getDescription() for c in conditions if not c.evaluate(node._params, self._wmi))
         except SkirosError as error:
-            node._setProgress(f"Hold-condition failed: {error}", HOLD_FAILED)
-            return False
-        if failed:
-            descriptions = "; ".join(c.getDescription() for c in failed)
-            node._setProgress(f"Hold-condition failed: {descriptions}", HOLD_FAILED)
-        return not failed
+            return str(error)
 
     def _fail_running(self, node: SkillWrapper) -> State:
         """Preempts a running node; it fails with the progress that it has now."""
@@ -253,7 +253,10 @@ class Executor:
                 child.visitPreempt(self)
         free_devices(node, self._wmi)
         if state is _SUCCESS and node._post_conditions and not preempted:
-            state = self._check_post(node)
+            unmet = self._unmet(node, node._post_conditions)
+            if unmet:
+                instance._setProgress(f"Post-condition failed: {unmet}", POST_FAILED)
+                state = _FAILURE
         answer: Any = self._guarded(node, instance.onEnd, EXECUTE_RAISED)
         self._copy_progress(node)
         if answer is False or answer is _FAILURE:
@@ -261,19 +264,6 @@ class Executor:
                 node._setProgress(node._progress_msg or f"{node.label}: onEnd returned False", POST_FAILED)
             state = _FAILURE
         return self._close(node, state)
-
-    def _check_post(self, node: SkillWrapper) -> State:
-        instance = node.getInstance()
-        try:
-            failed = [c for c in node._post_conditions if not c.evaluate(node._params, self._wmi)]
-        except SkirosError as error:
-            instance._setProgress(f"Post-condition failed: {error}", POST_FAILED)
-            return _FAILURE
-        if failed:
-            descriptions = "; ".join(c.getDescription() for c in failed)
-            instance._setProgress(f"Post-condition failed: {descriptions}", POST_FAILED)
-            return _FAILURE
-        return _SUCCESS
 
     def _close(self, node: SkillWrapper, state: State) -> State:
         """The node has ended: its parameters go up, its implementation is free for others."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
@@ -58,6 +59,16 @@ class SkillWrapper(SkillInterface):
     def hasInstance(self) -> bool:
         """Whether an implementation is chosen."""
         return self._instance is not None
+
+    def candidates(self) -> list[Any]:
+        """The implementations that the library has for the node.
+
+        :raises UnknownName: there is none.
+        """
+        if self._instanciator is None:
+            raise UnknownName(f"{self.printState()} has no skill library to be taken from")
+        found: list[Any] = self._instanciator.candidates(self._type, self._asked_label)
+        return found
 
     def setInstance(self, instance: Any) -> None:
         """Takes an implementation: its label, parameters and conditions become the node's."""

@@ -10,9 +10,9 @@ from typing import Any
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
+from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
-from skiros2_world_model.core.terms import PYTHON_TYPES, as_datatype
 
 log = logging.getLogger(__name__)
 

@@ -9,14 +9,12 @@ import pyoxigraph as ox
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.rdf_files import turtle
 from skiros2_world_model.core.scene import ROOT, Dirty, Node, Provenance, Scene
 from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_triples
 from skiros2_world_model.core.templates import template_element
-
-#: The context that robots live in.
-SCENE = "scene"
 
 _BLANK_SCENE = "skiros:blank_scene"
 

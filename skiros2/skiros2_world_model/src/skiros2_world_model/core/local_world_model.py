@@ -10,7 +10,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import Statement
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface

@@ -12,16 +12,15 @@ from typing import Any
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
+from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
 from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
-from skiros2_world_model.core.triple_store import ONTOLOGY, TripleStore
+from skiros2_world_model.core.triple_store import TripleStore
 
 log = logging.getLogger(__name__)
-
-#: A statement as text: subject, predicate, object, and whether it is to be there or not.
-Statement = tuple[str, str, str, bool]
 
 _ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
 _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.datatypes import literal_text
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import Statement
 from skiros2_world_model.core.prefixes import is_iri, prefix_of
-from skiros2_world_model.core.terms import literal
-from skiros2_world_model.core.triple_store import ONTOLOGY
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 _NOT_PLAIN = re.compile(r"[^\w-]")
@@ -72,7 +72,7 @@ class OntologyAbstractInterface(ABC):
         ]
         for prop in element._props.values():
             datatype = self._ontology.datatype(prop.key)
-            statements += [(name, self._term(prop.key), str(literal(v, datatype)), True) for v in prop.values]
+            statements += [(name, self._term(prop.key), literal_text(v, datatype), True) for v in prop.values]
         statements += [
             (name, self._term(r["type"]), self._term(r["dst"]), True) for r in element._rels if r["src"] == "-1"
         ]

@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from typing import Any
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.property import as_type, from_text
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.property import from_text
+from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_parts
 from skiros2_world_model.core.prefixes import RDF, XSD, Prefixes, is_iri
 
 RDF_TYPE = ox.NamedNode(RDF + "type")
 RDF_JSON = ox.NamedNode(RDF + "JSON")
 
-_FLOATS = ("float", "double", "decimal")
-_INTEGERS = (
-    "integer",
-    "int",
-    "long",
-    "short",
-    "byte",
-    "nonNegativeInteger",
-    "positiveInteger",
-    "nonPositiveInteger",
-    "negativeInteger",
-    "unsignedLong",
-    "unsignedInt",
-    "unsignedShort",
-    "unsignedByte",
-)
-_TEXTS = ("string", "normalizedString", "token", "anyURI")
-
-#: The Python type of the values of a datatype, by the datatype's name. Other datatypes hold text.
-PYTHON_TYPES: dict[str, type] = {
-    **{f"xsd:{name}": float for name in _FLOATS},
-    **{f"xsd:{name}": int for name in _INTEGERS},
-    **{f"xsd:{name}": str for name in _TEXTS},
-    "xsd:boolean": bool,
-}
-
 _TYPE_BY_IRI: dict[str, type] = {XSD + name.partition(":")[2]: kind for name, kind in PYTHON_TYPES.items()}
-_DATATYPES: dict[type, ox.NamedNode] = {
-    float: ox.NamedNode(XSD + "double"),
-    int: ox.NamedNode(XSD + "integer"),
-    bool: ox.NamedNode(XSD + "boolean"),
-    str: ox.NamedNode(XSD + "string"),
-}
 _NAME = re.compile(r"[A-Za-z][\w.-]*|")
 
 
@@ -74,38 +42,13 @@ def python_value(literal: ox.Literal) -> Any:
         raise
 
 
-def as_datatype(value: Any, datatype: str) -> Any:
-    """A value as one of a datatype: texts of numbers and bools, which scenes in the field hold, become such.
-
-    :param datatype: a name such as `xsd:float`; one that is not known takes anything.
-    :raises WrongType: it is another kind of value.
-    """
-    kind = PYTHON_TYPES.get(datatype)
-    if kind is None:
-        return value
-    try:
-        if isinstance(value, str) and kind is not str:
-            return from_text(value.strip(), kind)
-        if kind is int and isinstance(value, float) and value.is_integer():
-            return int(value)
-        return as_type(value, kind)
-    except (WrongType, WrongValue):
-        raise WrongType(f"expected {datatype}, got {type(value).__name__} {value!r}") from None
-
-
 def literal(value: Any, datatype: str = "") -> ox.Literal:
     """The literal of a value.
 
     :param datatype: the datatype it should have, such as `xsd:float`; the value's own when it does not fit.
     """
-    if isinstance(value, (list, dict, tuple)) or value is None:
-        return ox.Literal(json.dumps(value, sort_keys=True, default=str), datatype=RDF_JSON)
-    kind = bool if isinstance(value, bool) else next((t for t in (float, int, str) if isinstance(value, t)), None)
-    if kind is None:
-        return ox.Literal(str(value))
-    fits = PYTHON_TYPES.get(datatype) is kind and datatype != "xsd:decimal"
-    node = ox.NamedNode(XSD + datatype.partition(":")[2]) if fits else _DATATYPES[kind]
-    return ox.Literal(_lexical(value), datatype=node)
+    text, iri = literal_parts(value, datatype)
+    return ox.Literal(text, datatype=ox.NamedNode(iri))
 
 
 def term_text(term: Any, prefixes: Prefixes, cut_prefix: bool) -> str:
@@ -150,15 +93,3 @@ def _parse_literal(text: str, prefixes: Prefixes) -> ox.Literal:
     if len(triples) != 1 or not isinstance(triples[0].object, ox.Literal):
         raise WrongValue(f"{text!r} is not one literal")
     return triples[0].object
-
-
-def _lexical(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        if math.isnan(value):
-            return "NaN"
-        if math.isinf(value):
-            return "INF" if value > 0 else "-INF"
-        return repr(float(value))
-    return str(value)

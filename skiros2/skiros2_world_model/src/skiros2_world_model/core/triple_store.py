@@ -13,9 +13,6 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
 
-#: The context that holds the ontologies.
-ONTOLOGY = "ontology"
-
 Row = tuple[Any, ...]
 
 

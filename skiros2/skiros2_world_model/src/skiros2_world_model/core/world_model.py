@@ -15,18 +15,19 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
 from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, UPDATE, Change, Operation, Outcome
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.context import SCENE, Context
+from skiros2_world_model.core.context import Context
+from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.rdf_files import read_triples, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.scene import Provenance, Scene
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.templates import template_element
 from skiros2_world_model.core.transaction import Transaction
-from skiros2_world_model.core.triple_store import ONTOLOGY
 
 log = logging.getLogger(__name__)
 

@@ -13,10 +13,10 @@ from skiros2_msgs import srv as srvs
 from std_srvs.srv import SetBool, SetBoolRequest
 
 from skiros2_common.ros.utils import makeStatementMsg
+from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
-from skiros2_world_model.core.ontology_base import Statement
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.triple_store import ONTOLOGY
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.service_pool import ServicePool
 

@@ -13,7 +13,8 @@ from skiros2_msgs import srv as srvs
 from std_srvs.srv import SetBool, SetBoolResponse
 
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
-from skiros2_world_model.core.ontology_base import OntologyBase, Statement
+from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.ros.errors import answering
 from skiros2_world_model.ros.parameters import ontology_folder, workspace_folder
 

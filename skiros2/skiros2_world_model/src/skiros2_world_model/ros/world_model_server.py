@@ -18,7 +18,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
-from skiros2_world_model.core.context import SCENE
+from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import Node

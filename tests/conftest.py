@@ -2,14 +2,23 @@
 
 - Every test has the marker of the folder it lies in: `pytest -m "unit or contract"` needs no mark in the files.
 - A run that is told to end (SIGTERM) ends like one that is interrupted: with all that it has started.
+- Tests on real nodes have the fixtures `ros_master` and `ros`; what these give is described in tests/support/ros.py.
 """
 
+from __future__ import annotations
+
+import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from support.ros import Ros, RosMaster
+
 TESTS = Path(__file__).parent
+
+_ROS = pytest.StashKey[Ros]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -19,3 +28,36 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         item.add_marker(item.path.relative_to(TESTS).parts[0])
+
+
+@pytest.fixture(scope="session")
+def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
+    """A master for the session, and in this process a node `/tests_...` on it."""
+    master = RosMaster(tmp_path_factory.mktemp("ros_home"))
+    before = dict(os.environ)
+    os.environ.update({key: master.env[key] for key in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_HOME")})
+    with master:
+        import rospy
+
+        rospy.init_node("tests", anonymous=True, disable_signals=True)
+        yield master
+        rospy.signal_shutdown("the tests are over")
+    os.environ.clear()
+    os.environ.update(before)
+
+
+@pytest.fixture
+def ros(ros_master: RosMaster, request: pytest.FixtureRequest) -> Iterator[Ros]:
+    """Starts nodes and launch files on the session's master; they end with the test."""
+    programs = Ros(ros_master)
+    request.node.stash[_ROS] = programs
+    yield programs
+    programs.stop()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    report = yield
+    if report.failed and (ros := item.stash.get(_ROS, None)):
+        report.sections += [(f"{program}", program.output_tail(400)) for program in ros.programs]
+    return report

@@ -1,6 +1,6 @@
 """A ROS master of its own, and nodes and launch files from install/ on it.
 
-A test in tests/system asks for the fixture `ros` (tests/system/conftest.py), a `Ros`:
+A test asks for the fixture `ros` (tests/conftest.py), a `Ros`:
 
     def test_the_world_model_has_a_root(ros):
         ros.launch("skiros2", "world_model_server.launch", gui=False)

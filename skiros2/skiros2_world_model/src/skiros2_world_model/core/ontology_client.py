@@ -137,19 +137,11 @@ class OntologyAbstractInterface(ABC):
 
         :param obj: a name, or a literal in N3, such as `"Idle"`.
         """
-        given = (subj, pred, obj)
-        asked = [f"?{v}" if text is None else self._sparql(text) for v, text in zip("spo", given, strict=True)]
-        pattern = " ".join(asked)
-        names = [v for v in asked if v.startswith("?")]
-        if not names:
-            held = self.query_ontology(f"ASK {{ {pattern} }}") == ["true"]
-            return [(str(subj), str(pred), str(obj))] if held else []
-        found = []
-        for row in self.query_ontology(f"SELECT DISTINCT {' '.join(names)} WHERE {{ {pattern} }}"):
-            values = iter(row.split(" ", len(names) - 1))
-            s, p, o = (next(values) if text is None else text for text in given)
-            found.append((s, p, o))
-        return found
+        given = {"s": subj, "p": pred, "o": obj}
+        fixed = " ".join(f"VALUES ?{v} {{ {self._sparql(text)} }}" for v, text in given.items() if text is not None)
+        rows = self.query_ontology(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {fixed} ?s ?p ?o }}")
+        found = (row.split(" ", 2) for row in rows)
+        return [(s, p, o) for s, p, o in found]
 
     def get_super_class(self, child_class: str) -> str:
         """The first class directly above; "" when there is none."""

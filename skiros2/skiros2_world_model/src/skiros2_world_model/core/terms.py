@@ -75,10 +75,10 @@ def parse_term(text: str, prefixes: Prefixes) -> ox.NamedNode | ox.BlankNode | o
             return ox.BlankNode(text[2:])
         if text.startswith("<") and text.endswith(">"):
             return ox.NamedNode(text[1:-1])
-        if is_iri(text):
-            return ox.NamedNode(text)
         if text[:1] in ('"', "'") or re.fullmatch(r"[+-]?[\d.]+([eE][+-]?\d+)?|true|false", text):
             return _parse_literal(text, prefixes)
+        if is_iri(text):
+            return ox.NamedNode(text)
         prefix, colon, local = text.partition(":")
         if local and colon and _NAME.fullmatch(prefix) and not re.search(r"[\s<>\"{}|\\^`]", local):
             return ox.NamedNode(prefixes.iri(text))

@@ -1,0 +1,690 @@
+"""The world model's port: one suite for the adapter in process, the one over ROS, and the one with a replica."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.ros import Ros, wait_until
+
+SCENE = "skiros:Scene-0"
+ADAPTERS = ["in process", "over ROS", "over ROS with a replica"]
+
+ONTOLOGY = """@prefix : <http://x.org/Factory.owl#> .
+@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
+@prefix sumo: <http://www.inf.ufrgs.br/phi-group/ontologies/sumo.owl#> .
+@prefix rparts: <http://www.inf.ufrgs.br/phi-group/ontologies/RParts.owl#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+<http://x.org/Factory.owl> a owl:Ontology .
+:Pallet a owl:Class ; rdfs:subClassOf skiros:Container .
+:euro_pallet a owl:NamedIndividual, :Pallet ; skiros:SizeX 1.2 ; skiros:contain :part, skiros:starter ; skiros:hasA :euro_pallet .
+:part a owl:NamedIndividual, skiros:Part ; skiros:contain :screw ; skiros:partReference skiros:starter .
+:screw a owl:NamedIndividual, skiros:Part .
+"""
+
+
+class World:
+    """A world model behind one of the adapters, and how to get further clients of it."""
+
+    def __init__(self, client, connect, workspace):
+        self.wm = client
+        self.connect = connect
+        self.workspace = workspace
+
+    def add(self, etype, label="", parent=SCENE, relation="skiros:contain", **properties):
+        element = Element(etype, label)
+        for key, value in properties.items():
+            element.setProperty(f"skiros:{key}", value)
+        element.addRelation(getattr(parent, "id", parent), relation, "-1")
+        self.wm.add_element(element)
+        return element
+
+
+def write_workspace(folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "factory.owl").write_text(ONTOLOGY)
+    (folder / "blank.ttl").write_text(
+        "@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n:Scene-0 a :Scene ; :FrameId \"map\" .\n"
+    )
+    return folder
+
+
+@pytest.fixture(scope="module", params=ADAPTERS)
+def connected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    workspace = write_workspace(tmp_path_factory.mktemp("contract") / "workspace")
+    if request.param == "in process":
+        model = WorldModel(source_ontologies(), workspace)
+        yield World(LocalWorldModel("tester", model), lambda name: LocalWorldModel(name, model), workspace)
+        return
+    from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+    ros = Ros(request.getfixturevalue("ros_master"))
+    ros.run("skiros2_world_model", "world_model_server_node", name="wm", params={"workspace_dir": str(workspace)})
+    replica = request.param.endswith("replica")
+    yield World(
+        WorldModelInterface("tester", make_cache=replica),
+        lambda name: WorldModelInterface(name, make_cache=replica),
+        workspace,
+    )
+    ros.stop()
+
+
+@pytest.fixture
+def world(connected: World) -> World:
+    connected.wm.load("blank.ttl")
+    return connected
+
+
+@pytest.fixture
+def wm(world: World):
+    return world.wm
+
+
+def ids(elements):
+    return [e.id for e in elements]
+
+
+# -- adding --------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_element_gets_an_id_of_its_type_and_a_number_that_no_other_has(world):
+    tray, part = world.add("skiros:LargeBox", "tray"), world.add("skiros:Part", "part")
+    assert tray.id == f"skiros:LargeBox-{tray.getIdNumber()}"
+    assert len({0, tray.getIdNumber(), part.getIdNumber()}) == 3
+
+
+def test_a_number_is_kept_if_free_else_the_new_one_reaches_the_caller(world):
+    wanted = Element("skiros:Part", "first", "skiros:Part-80")
+    clash = Element("skiros:Product", "second", "skiros:Product-80")
+    assert world.wm.add_element(wanted) == "skiros:Part-80"
+    assert world.wm.add_element(clash) == clash.id == "skiros:Product-81"
+
+
+def test_what_is_added_is_read_at_once_by_whoever_added_it(world, wm):
+    part = world.add("skiros:Part", "part", ContainerState="Empty", Weight=2)
+    found = wm.get_element(part.id)
+    assert (found.type, found.label) == ("skiros:Part", "part")
+    assert found.value_of("skiros:ContainerState") == "Empty"
+    assert found.value_of("skiros:Weight") == 2.0  # a float by its declared range
+    assert found.hasRelation(SCENE, "skiros:contain", "-1")
+    assert wm.get_element(SCENE).hasRelation("-1", "skiros:contain", part.id)
+
+
+def test_an_added_element_is_as_it_was_read_and_has_no_changes(world, wm):
+    part = world.add("skiros:Part", "part", Weight=2)
+    assert part.changes() is not None
+    assert not part.changes()
+    assert part.version == wm.get_element(part.id).version
+
+
+def test_children_kept_aside_are_added_with_their_parent_in_one_change(world, wm):
+    tray, part, screw = (Element("skiros:LargeBox", "tray"), Element("skiros:Part", "part"), Element("skiros:Part", "s"))
+    part.addRelation("-1", "skiros:hasA", screw)
+    tray.addRelation("-1", "skiros:contain", part)
+    tray.addRelation(SCENE, "skiros:contain", "-1")
+    wm.add_element(tray)
+    assert wm.get_element(tray.id).hasRelation("-1", "skiros:contain", part.id)
+    assert wm.get_element(screw.id).hasRelation(part.id, "skiros:hasA", "-1")
+    assert tray.local_relations == []
+
+
+def test_several_elements_are_added_all_or_none(world, wm):
+    good, bad = Element("skiros:Part", "good"), Element("skiros:Part", "bad")
+    bad.addRelation("skiros:LargeBox-999", "skiros:contain", "-1")
+    with pytest.raises(WmException, match="skiros:LargeBox-999"):
+        wm.add_elements([good, bad])
+    assert wm.resolve_elements(Element("skiros:Part")) == []
+    assert good.id == ""
+
+
+def test_an_element_of_a_template_is_related_to_it(world, wm):
+    part = world.add("skiros:Starter", "skiros:starter", Template="skiros:starter")
+    assert wm.get_relations(part.id, "skiros:hasTemplate", "skiros:starter")
+
+
+# -- updating ------------------------------------------------------------------------------------------------------
+
+
+def test_two_clients_that_change_different_properties_lose_nothing(world, wm):
+    part = world.add("skiros:Part", "part", ContainerState="Empty", SizeX=1.0)
+    other = world.connect("other")
+    mine, others = wm.get_element(part.id), other.get_element(part.id)
+    mine.setProperty("skiros:ContainerState", "Full")
+    others.setProperty("skiros:SizeX", 2.0)
+    wm.update_element(mine)
+    other.update_element(others)
+    found = other.get_element(part.id)
+    assert (found.value_of("skiros:ContainerState"), found.value_of("skiros:SizeX")) == ("Full", 2.0)
+    assert others.value_of("skiros:ContainerState") == "Full"  # the caller's element is as it is now
+
+
+def test_two_clients_that_add_different_relations_lose_nothing(world, wm):
+    part, tray = world.add("skiros:Part", "part"), world.add("skiros:LargeBox", "tray")
+    other = world.connect("other")
+    mine, others = wm.get_element(part.id), other.get_element(part.id)
+    mine.addRelation("-1", "skiros:at", tray.id)
+    others.addRelation("-1", "skiros:hasFov", tray.id)
+    wm.update_element(mine)
+    other.update_element(others)
+    assert {r["type"] for r in other.get_relations(part.id, "", tray.id)} == {"skiros:at", "skiros:hasFov"}
+
+
+def test_removed_properties_and_relations_are_gone(world, wm):
+    part = world.add("skiros:Part", "part", ContainerState="Empty")
+    part.removeProperty("skiros:ContainerState")
+    part.removeRelation2(SCENE, "skiros:contain", "-1")
+    wm.update_element(part)
+    found = wm.get_element(part.id)
+    assert not found.hasProperty("skiros:ContainerState")
+    assert found.getRelations() == []
+
+
+def test_an_element_made_by_hand_is_written_whole(world, wm):
+    part = world.add("skiros:Part", "part", ContainerState="Empty", SizeX=1.0)
+    made = Element("skiros:Part", "renamed", part.id)
+    made.setProperty("skiros:SizeX", 2.0)
+    wm.update_element(made)
+    found = wm.get_element(part.id)
+    assert found.label == "renamed"
+    assert found.available_properties == ["skiros:SizeX"]
+    assert found.getRelations() == []
+
+
+def test_update_of_properties_leaves_relations_and_keeps_their_changes_for_later(world, wm):
+    part, tray = world.add("skiros:Part", "part"), world.add("skiros:LargeBox", "tray")
+    part.setProperty("skiros:ContainerState", "Full")
+    part.addRelation("-1", "skiros:at", tray.id)
+    wm.update_element_properties(part)
+    assert wm.get_element(part.id).value_of("skiros:ContainerState") == "Full"
+    assert wm.get_relations(part.id, "skiros:at", "") == []
+    wm.update_element(part)
+    assert wm.get_relations(part.id, "skiros:at", tray.id)
+
+
+def test_properties_of_an_element_made_by_hand_leave_relations_too(world, wm):
+    part = world.add("skiros:Part", "part", SizeX=1.0)
+    made = Element("skiros:Part", "part", part.id)
+    made.setProperty("skiros:SizeY", 2.0)
+    wm.update_element_properties(made)
+    found = wm.get_element(part.id)
+    assert found.available_properties == ["skiros:SizeY"]
+    assert found.hasRelation(SCENE, "skiros:contain", "-1")
+
+
+def test_children_kept_aside_are_added_by_an_update(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    child = Element("skiros:Part", "child")
+    tray.addRelation("-1", "skiros:contain", child)
+    wm.update_element(tray)
+    assert wm.get_relations(tray.id, "skiros:contain", child.id)
+
+
+def test_several_elements_are_updated_all_or_none(world, wm):
+    one, two = world.add("skiros:Part", "one"), world.add("skiros:Part", "two")
+    one.setProperty("skiros:ContainerState", "Full")
+    two.addRelation("-1", "skiros:at", "skiros:LargeBox-999")
+    with pytest.raises(WmException):
+        wm.update_elements([one, two])
+    assert not wm.get_element(one.id).hasProperty("skiros:ContainerState")
+    two.removeRelation2("-1", "skiros:at", "skiros:LargeBox-999")
+    assert wm.update_elements([one, two]) == [one.id, two.id]
+    assert wm.get_element(one.id).value_of("skiros:ContainerState") == "Full"
+
+
+def test_class_and_label_can_be_changed(world, wm):
+    part = world.add("skiros:Part", "part")
+    part.type, part.label = "skiros:Product", "renamed"
+    wm.update_element(part)
+    assert ids(wm.resolve_elements(Element("skiros:Product", "renamed"))) == [part.id]
+    assert wm.resolve_elements(Element("skiros:Part")) == []
+
+
+def test_lists_dicts_and_texts_of_all_kinds_are_kept(world, wm):
+    part = world.add("skiros:Part", 'a "red" one\nwith é', Value=[1, 2, 3], Default={"a": [1, None]})
+    found = wm.get_element(part.id)
+    assert found.label == 'a "red" one\nwith é'
+    assert found.getProperty("skiros:Value").values == [1, 2, 3]
+    assert found.value_of("skiros:Default") == {"a": [1, None]}
+
+
+# -- removing ------------------------------------------------------------------------------------------------------
+
+
+def test_removal_takes_what_is_under_the_element(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    part = world.add("skiros:Part", "part", tray)
+    screw = world.add("skiros:Part", "screw", part, "skiros:hasA")
+    wm.remove_element(tray)
+    assert [wm.is_scene_element(e.id) for e in (tray, part, screw)] == [False] * 3
+    assert wm.get_element(SCENE).getRelations("-1", "skiros:contain") == []
+
+
+def test_removal_leaves_what_something_else_holds_too(world, wm):
+    tray, shelf = world.add("skiros:LargeBox", "tray"), world.add("skiros:LargeBox", "shelf")
+    part = world.add("skiros:Part", "part", tray)
+    inner = world.add("skiros:Part", "inner", part)
+    wm.set_relation(shelf.id, "skiros:contain", part.id)
+    wm.remove_element(tray)
+    assert [wm.is_scene_element(e.id) for e in (tray, part, inner)] == [False, True, True]
+
+
+def test_removal_of_one_element_leaves_what_is_under_it(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    part = world.add("skiros:Part", "part", tray)
+    wm.remove_element(tray, recursive=False)
+    assert wm.get_element(part.id).getRelations() == []
+
+
+def test_removal_can_be_narrowed_to_a_relation_and_a_class(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    part, box = world.add("skiros:Part", "part", tray), world.add("skiros:LargeBox", "box", tray)
+    wing = world.add("skiros:Part", "wing", tray, "skiros:hasA")
+    wm.remove_element(tray, True, "skiros:contain", "skiros:Part")
+    assert [wm.is_scene_element(e.id) for e in (tray, part, box, wing)] == [False, False, True, True]
+
+
+# -- reading -------------------------------------------------------------------------------------------------------
+
+
+def test_resolve_finds_the_class_and_those_under_it(world, wm):
+    tray, starter = world.add("skiros:LargeBox", "tray"), world.add("skiros:Starter", "starter")
+    assert ids(wm.resolve_elements(Element("skiros:Container"))) == [tray.id]
+    assert ids(wm.resolve_elements(Element("skiros:Product"))) == [starter.id]
+    assert {tray.id, starter.id} <= set(ids(wm.resolve_elements(Element("sumo:Object"))))
+
+
+def test_resolve_narrows_by_label_and_values_and_empty_ones_match_any(world, wm):
+    full = world.add("skiros:LargeBox", "tray", ContainerState="Full", SizeX=1.0)
+    empty = world.add("skiros:LargeBox", "tray", ContainerState="Empty", SizeX=1.0)
+
+    def found(label="", **values):
+        wanted = Element("skiros:LargeBox", label)
+        for key, value in values.items():
+            wanted.setProperty(f"skiros:{key}", value)
+        return ids(wm.resolve_elements(wanted))
+
+    assert found("tray") == [full.id, empty.id]
+    assert found("other") == []
+    assert found(ContainerState="Full", SizeX=1.0) == [full.id]
+    assert found(ContainerState="") == [full.id, empty.id]
+    assert found(SizeY=float) == [full.id, empty.id]
+    assert found(SizeY=1.0) == []
+    assert wm.resolve_element(Element("skiros:LargeBox", "tray")).id == full.id
+    assert wm.resolve_element(Element("skiros:LargeBox", "other")) is None
+
+
+def test_a_branch_is_an_element_and_what_is_under_it_along_a_relation(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    part = world.add("skiros:Part", "part", tray)
+    screw = world.add("skiros:Part", "screw", part, "skiros:hasA")
+    assert ids(wm.get_branch(tray.id)) == [tray.id, part.id, screw.id]
+    assert ids(wm.get_branch(tray.id, "skiros:contain")) == [tray.id, part.id]
+    assert ids(wm.get_branch(SCENE, type_filter="skiros:Part")) == [part.id, screw.id]
+    assert set(ids(wm.get_scene())) == {SCENE, tray.id, part.id, screw.id}
+    assert wm.get_scene_name() == SCENE
+
+
+def test_an_element_that_was_read_can_be_changed_without_changing_the_world(world, wm):
+    part = world.add("skiros:Part", "part", SizeX=1.0)
+    found = wm.get_element(part.id)
+    found.setProperty("skiros:SizeX", 2.0)
+    found.addRelation("-1", "skiros:at", SCENE)
+    assert wm.get_element(part.id).value_of("skiros:SizeX") == 1.0
+    assert wm.get_relations(part.id, "skiros:at", "") == []
+
+
+def test_find_answers_none_where_get_refuses(wm):
+    assert wm.find_element("skiros:Part-999") is None
+    with pytest.raises(WmException, match="skiros:Part-999"):
+        wm.get_element("skiros:Part-999")
+
+
+# -- relations -----------------------------------------------------------------------------------------------------
+
+
+def test_a_relation_is_set_and_removed(world, wm):
+    part, tray = world.add("skiros:Part", "part"), world.add("skiros:LargeBox", "tray")
+    assert wm.set_relation(part.id, "skiros:at", tray.id)
+    (found,) = wm.get_relations(part.id, "skiros:at", tray.id)
+    assert (found["src"], found["type"], found["dst"], found["state"]) == (part.id, "skiros:at", tray.id, True)
+    wm.set_relation(part.id, "skiros:at", tray.id, False)
+    assert wm.get_relations(part.id, "skiros:at", tray.id) == []
+
+
+def test_relations_are_found_under_a_relation_and_by_any_of_their_ends(world, wm):
+    part = world.add("skiros:Part", "part")
+    assert [r["type"] for r in wm.get_relations(SCENE, "skiros:sceneProperty", part.id)] == ["skiros:contain"]
+    assert [r["src"] for r in wm.get_relations("", "skiros:spatiallyRelated", part.id)] == [SCENE]
+    assert [r["dst"] for r in wm.get_relations(SCENE, "contain", "")] == [part.id]
+    assert wm.get_relations(SCENE, "skiros:hasA", part.id) == []
+
+
+def test_a_relation_holds_between_elements_or_some_element_of_a_class(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    part = world.add("skiros:Part", "part", tray)
+
+    def holds(subj, obj, pred="skiros:spatiallyRelated"):
+        answer = wm.check_relation(subj, pred, obj, True, False)
+        assert wm.check_relation(subj, pred, obj, False, False) is not answer
+        return answer
+
+    assert holds(tray, part)
+    assert not holds(part, tray)
+    assert not holds(tray, part, "skiros:hasA")
+    assert holds(tray, Element("skiros:Manipulatable"))
+    assert not holds(tray, Element("skiros:Product"))
+    assert holds(Element("skiros:Container"), part)
+    assert holds(Element("skiros:Container"), Element("skiros:Part"))
+    assert holds(Element("skiros:Container", "tray"), Element("skiros:Part"))
+    assert not holds(Element("skiros:Container", "other"), Element("skiros:Part"))
+    assert holds(tray.id, part.id)
+
+
+def test_an_abstract_relation_is_what_restrictions_or_templates_allow(world, wm):
+    robot, arm = Element("cora:Robot"), Element("rparts:ArmDevice")
+    assert wm.check_relation(robot, "skiros:hasA", arm, True, True)
+    assert wm.check_relation(robot, "skiros:hasA", Element("skiros:Location"), False, True)
+    box = world.add("skiros:LargeBox", "skiros:large_box_test_starter")
+    starter, other = Element("skiros:Starter", "skiros:starter"), Element("skiros:Starter", "other")
+    assert wm.check_relation(box, "skiros:partReference", starter, True, True)
+    assert wm.check_relation(box, "skiros:partReference", other, False, True)
+
+
+def test_parameters_are_resolved_together(world, wm):
+    tray = world.add("skiros:LargeBox", "tray")
+    one, two = world.add("skiros:Part", "one"), world.add("skiros:Part", "two")
+    params = ParamHandler()
+    params.addParam("Tray", Element("skiros:LargeBox"), ParamTypes.Inferred)
+    params.addParam("Part", Element("skiros:Part"), ParamTypes.Inferred)
+    params.addParam("Fixed", two, ParamTypes.Required)
+    found = wm._resolve_elements2(["Tray", "Part"], params)
+    assert [tuple(ids(pair)) for pair in found["Tray", "Part"]] == [(tray.id, one.id), (tray.id, two.id)]
+    assert [ids(single) for single in wm._resolve_elements2(["Fixed"], params)[("Fixed",)]] == [[two.id]]
+
+
+# -- templates -----------------------------------------------------------------------------------------------------
+
+
+def test_a_template_is_read_as_an_element_without_id(wm):
+    template = wm.get_template_element("factory:euro_pallet")
+    assert template.isAbstract()
+    assert (template.type, template.label) == ("factory:Pallet", "factory:euro_pallet")
+    assert template.value_of("skiros:SizeX") == 1.2
+
+
+def test_a_template_is_copied_alone(wm):
+    relation = {"src": SCENE, "type": "skiros:contain", "dst": "-1"}
+    pallet = wm.instanciate("factory:euro_pallet", False, [relation])
+    assert (pallet.type, pallet.label) == ("factory:Pallet", "factory:euro_pallet")
+    assert wm.get_relations(SCENE, "skiros:contain", pallet.id)
+    assert wm.get_relations(pallet.id, "skiros:spatiallyRelated", "") == []
+    assert wm.get_relations(pallet.id, "skiros:hasTemplate", "factory:euro_pallet")
+
+
+def test_a_template_is_copied_with_what_it_has_and_contains_but_not_itself_again(wm):
+    pallet = wm.instanciate("factory:euro_pallet", recursive=True)
+    branch = wm.get_branch(pallet.id)
+    assert [e.label for e in branch] == ["factory:euro_pallet", "factory:part", "skiros:starter", "factory:screw"]
+    assert wm.get_relations(branch[1].id, "skiros:partReference", "skiros:starter")
+
+
+def test_what_of_a_template_is_copied_can_be_chosen(wm):
+    pallet = wm.instanciate("factory:euro_pallet", True, relation_filter=["skiros:hasA"])
+    assert ids(wm.get_branch(pallet.id)) == [pallet.id]
+    pallet = wm.instanciate("factory:euro_pallet", True, antiloop_bind={"factory:part"})
+    assert [e.label for e in wm.get_branch(pallet.id)] == ["factory:euro_pallet", "skiros:starter"]
+
+
+# -- ontologies ----------------------------------------------------------------------------------------------------
+
+
+def test_classes_and_relations_are_asked_for(wm):
+    assert wm.get_sub_classes("skiros:Container") == ["factory:Pallet", "skiros:LargeBox"]
+    assert wm.get_sub_classes("skiros:Location", recursive=False) == ["skiros:Container", "skiros:TransformationPose"]
+    assert wm.get_super_class("factory:Pallet") == "skiros:Container"
+    assert wm.get_sub_properties("skiros:spatiallyRelated") == ["skiros:contain", "skiros:hasA"]
+    assert wm.get_individuals("skiros:Container") == ["factory:euro_pallet", "skiros:large_box_test_starter"]
+    assert wm.get_individuals("skiros:Container", recursive=False) == []
+    assert wm.get_datatype("skiros:PositionX") == "xsd:float"
+    assert wm.get_datatype("FrameId") == "xsd:string"
+    assert wm.is_subclass(":LargeBox", "sumo:Object")
+    assert wm.is_subproperty("contain", "sceneProperty")
+
+
+def test_what_something_is_is_asked_for(world, wm):
+    part = world.add("skiros:Part", "part")
+    assert wm.get_type(part.id) == "skiros:Part"
+    assert wm.get_type("factory:euro_pallet") == "factory:Pallet"
+    assert wm.get_type("skiros:Part") == "owl:Class"
+    assert set(wm.get_types(part.id)) == {"skiros:Part", "owl:NamedIndividual"}
+    with pytest.raises(WmException, match="none:Foo"):
+        wm.get_type("none:Foo")
+
+
+def test_a_new_class_is_known_to_all_clients(world, wm):
+    other = world.connect("other")
+    assert not other.is_subclass("skiros:Tote", "skiros:Container")
+    wm.add_class("skiros:Tote", "skiros:Container")
+    assert wm.is_subclass("skiros:Tote", "sumo:Object")
+    wait_until(lambda: other.is_subclass("skiros:Tote", "sumo:Object"), 5.0)
+    tote = world.add("skiros:Tote", "tote")
+    assert tote.id in ids(wm.resolve_elements(Element("skiros:Container")))
+
+
+def test_new_properties_and_individuals_are_known(wm):
+    wm.add_datatype("factory:Color", "skiros:PhysicalObjectProperty")
+    assert "factory:Color" in wm.get_sub_properties("skiros:PhysicalObjectProperty")
+    crate = Element("factory:Pallet", "factory:red_crate")
+    crate.setProperty("factory:Color", 'red "and" blue')
+    crate.addRelation("-1", "skiros:partReference", "skiros:starter")
+    wm.add_individual(crate)
+    copy = wm.instanciate("factory:red_crate")
+    assert copy.value_of("factory:Color") == 'red "and" blue'
+    assert wm.get_relations(copy.id, "skiros:partReference", "skiros:starter")
+
+
+def test_triples_are_asked_for_by_their_parts(world, wm):
+    part = world.add("skiros:Part", "part", SizeX=1.5)
+    assert wm.get_triples(SCENE, "skiros:contain") == [(SCENE, "skiros:contain", part.id)]
+    assert (part.id, "skiros:SizeX", "1.5") in wm.get_triples(part.id)
+    assert wm.get_triples(None, "rdfs:label", '"part"') == [(part.id, "rdfs:label", "part")]
+    assert wm.get_triples(SCENE, "skiros:contain", part.id) == [(SCENE, "skiros:contain", part.id)]
+    assert wm.get_triples(part.id, "skiros:contain") == []
+
+
+def test_sparql_sees_scene_and_ontologies_as_they_are_now(world, wm):
+    part = world.add("skiros:Part", "a part", SizeX=1.5)
+    query = "SELECT ?x ?size WHERE { ?x a/rdfs:subClassOf* skiros:Manipulatable ; :SizeX ?size . ?s :contain ?x }"
+    assert wm.query_ontology(query) == [f"{part.id} 1.5"]
+    (row,) = wm.query_ontology("SELECT ?x WHERE { ?x rdfs:label ?l . FILTER(?l = 'a part') }", cut_prefix=False)
+    assert row == f"<http://rvmi.aau.dk/ontologies/skiros.owl#{part.id.partition(':')[2]}>"
+    assert wm.query_ontology("ASK { ?x :contain ?y }", context="ontology") == ["true"]
+    assert wm.query_ontology("SELECT ?x WHERE { ?x a owl:Class }", context="scene") == []
+
+
+def test_prefixes_of_a_client_are_its_own(world):
+    mine, others = world.connect("mine"), world.connect("others")
+    mine.set_default_prefix("factory")
+    assert mine.is_subclass("Pallet", "skiros:Container")
+    assert mine.query_ontology("SELECT ?x WHERE { ?x rdfs:subClassOf skiros:Container . ?i a :Pallet, ?x }") != []
+    assert not others.is_subclass("Pallet", "skiros:Container")
+    mine.add_prefix("http://x.org/Lab.owl")
+    mine.add_class("lab:Bench", "skiros:Location")
+    assert mine.get_triples("lab:Bench", "rdfs:subClassOf") == [("lab:Bench", "rdfs:subClassOf", "skiros:Location")]
+    mine.remove_prefix("http://x.org/Lab.owl")
+    mine.add_ontology("http://x.org/Lab.owl")
+    assert others.is_subclass("lab:Bench", "sumo:Object")
+
+
+# -- contexts and files --------------------------------------------------------------------------------------------
+
+
+def test_a_context_is_made_when_something_is_written_to_it_and_the_scene_does_not_see_it(world, wm):
+    memory = Element("skiros:Part", "remembered")
+    wm.add_element(memory, "memory")
+    assert wm.get_element(memory.id, "memory").label == "remembered"
+    assert ids(wm.resolve_elements(Element("skiros:Part"), "memory")) == [memory.id]
+    assert wm.resolve_elements(Element("skiros:Part", "remembered")) == []
+    assert memory.id in ids(wm.resolve_elements(Element("skiros:Part", "remembered"), ""))
+    assert wm.query_ontology("SELECT ?x { ?x rdfs:label 'remembered' }", context="memory") == [memory.id]
+    memory.setProperty("skiros:SizeX", 2.0)
+    wm.update_element(memory, "memory")
+    assert wm.get_element(memory.id, "memory").value_of("skiros:SizeX") == 2.0
+    wm.remove_element(memory, context_id="memory")
+    assert wm.find_element(memory.id, "memory") is None
+
+
+def test_a_context_that_nobody_wrote_to_cannot_be_read(wm):
+    for read in (
+        lambda: wm.get_element(SCENE, "nowhere"),
+        lambda: wm.resolve_elements(Element("skiros:Part"), "nowhere"),
+        lambda: wm.query_ontology("SELECT ?x { ?x ?y ?z }", context="nowhere"),
+        lambda: wm.save("nowhere.ttl", "nowhere"),
+    ):
+        with pytest.raises(WmException, match="nowhere"):
+            read()
+
+
+def test_a_saved_scene_comes_back_with_its_ids(world, wm):
+    tray = world.add("skiros:LargeBox", "tray", SizeX=0.5)
+    part = world.add("skiros:Part", "part", tray)
+    wm.save("saved.ttl")
+    wm.remove_element(tray)
+    added = world.add("skiros:Part", "later")
+    wm.load("saved.ttl")
+    assert wm.get_element(tray.id).value_of("skiros:SizeX") == 0.5
+    assert wm.get_relations(tray.id, "skiros:contain", part.id)
+    assert wm.find_element(added.id) is None or wm.get_element(added.id).label != "later"
+    text = (world.workspace / "saved.ttl").read_text()
+    wm.save()  # the file that it was loaded from
+    assert (world.workspace / "saved.ttl").read_text() == text
+
+
+def test_a_context_is_loaded_and_saved_by_its_name(world, wm):
+    wm.add_element(Element("skiros:Part", "kept"), "notes")
+    wm.save("notes.ttl", "notes")
+    wm.load("notes.ttl", "more_notes")
+    assert [e.label for e in wm.resolve_elements(Element("skiros:Part"), "more_notes")] == ["kept"]
+
+
+# -- changes seen --------------------------------------------------------------------------------------------------
+
+
+def test_each_change_is_told_once_in_order_with_its_author(world, wm):
+    seen = []
+    wm.add_listener(seen.append)
+    other = world.connect("the other")
+    part = Element("skiros:Part", "part")
+    other.add_element(part)
+    part.setProperty("skiros:SizeX", 2.0)
+    other.update_element(part)
+    other.set_relation(SCENE, "skiros:contain", part.id)
+    other.remove_element(part)
+    other.save("told.ttl")
+    other.load("told.ttl")
+    told = wait_until(lambda: [c for c in seen if c.author == "the other" or c.action == "reset"][4:] and seen, 5.0)
+    told = [c for c in told if c.author == "the other" or c.action == "reset"]
+    wm.remove_listener(seen.append)
+    assert [c.action for c in told][-5:] == ["add", "update", "add", "remove_recursive", "reset"]
+    added, updated, related, removed, _ = told[-5:]
+    assert ids(added.elements) == ids(updated.elements) == ids(removed.elements) == [part.id]
+    assert updated.elements[0].value_of("skiros:SizeX") == 2.0
+    assert (related.relations[0]["src"], related.relations[0]["dst"]) == (SCENE, part.id)
+    assert all(a.snapshot_id == b.prev_snapshot_id for a, b in zip(told[-5:], told[-4:], strict=False))
+
+
+def test_the_version_changes_with_every_change_or_is_not_known(world, wm):
+    wm.get_scene()
+    before = wm.version
+    world.add("skiros:Part", "part")
+    assert wm.version == -1 or wm.version != before
+    before = wm.version
+    wm.add_class("skiros:Jar", "skiros:Container")
+    assert wm.version == -1 or wait_until(lambda: wm.version != before, 5.0)
+
+
+# -- the lock ------------------------------------------------------------------------------------------------------
+
+
+def test_the_lock_is_given_back_once(wm):
+    wm.lock()
+    wm.unlock()
+    with pytest.raises(WmException, match="not locked"):
+        wm.unlock()
+    assert wm.is_connected()
+
+
+# -- bad input -----------------------------------------------------------------------------------------------------
+
+BAD_INPUT = {
+    "an element that does not exist": (lambda w: w.get_element("skiros:Part-999"), "skiros:Part-999"),
+    "the branch of no element": (lambda w: w.get_branch("skiros:Part-999"), "skiros:Part-999"),
+    "an update of no element": (lambda w: w.update_element(Element("skiros:Part", "", "skiros:Part-999")), "Part-999"),
+    "properties of no element": (
+        lambda w: w.update_element_properties(Element("skiros:Part", "", "skiros:Part-999")),
+        "Part-999",
+    ),
+    "the removal of no element": (lambda w: w.remove_element(Element("skiros:Part", "", "skiros:Part-999")), "Part-999"),
+    "a relation from no element": (lambda w: w.set_relation("skiros:Part-999", "skiros:contain", SCENE), "Part-999"),
+    "a relation to no element": (lambda w: w.set_relation(SCENE, "skiros:contain", "skiros:Part-999"), "Part-999"),
+    "a relation taken from no element": (
+        lambda w: w.set_relation(SCENE, "skiros:contain", "skiros:Part-999", False),
+        "Part-999",
+    ),
+    "a relation that is no name": (lambda w: w.set_relation(SCENE, "a b", SCENE), "a b"),
+    "the scene within itself": (lambda w: w.set_relation(SCENE, "skiros:contain", SCENE), "in itself"),
+    "the removal of the root": (lambda w: w.remove_element(w.get_element(SCENE)), "root of the scene"),
+    "a template that does not exist": (lambda w: w.instanciate("skiros:no_such"), "skiros:no_such"),
+    "a template read that does not exist": (lambda w: w.get_template_element("skiros:no_such"), "skiros:no_such"),
+    "a reasoner that does not exist": (
+        lambda w: w.update_element_properties(w.get_element(SCENE), "NoSuchReasoner"),
+        "NoSuchReasoner",
+    ),
+    "SPARQL that does not parse": (lambda w: w.query_ontology("SELECT WHERE"), "SELECT WHERE"),
+    "SPARQL that writes": (lambda w: w.query_ontology("INSERT DATA { :a :b :c }"), "INSERT"),
+    "a class that is no name": (lambda w: w.add_class("skiros:a b", "skiros:Part"), "a b"),
+    "a file that is not there": (lambda w: w.load("no_such.ttl"), "no_such.ttl"),
+    "a file outside the workspace": (lambda w: w.load("../blank.ttl"), "blank.ttl: expected a file in the workspace"),
+    "a save outside the workspace": (lambda w: w.save("/tmp/blank.ttl"), "expected a file in the workspace"),
+    "a file that is no scene": (lambda w: w.load("broken.ttl"), "broken.ttl, line 2"),
+    "an element without class": (lambda w: w.add_element(Element("")), "class"),
+    "an individual without name": (lambda w: w.add_individual(Element("skiros:Part")), "label"),
+}
+
+
+@pytest.mark.parametrize("what", BAD_INPUT)
+def test_bad_input_is_refused_with_its_name_and_changes_nothing(world, wm, what):
+    (world.workspace / "broken.ttl").write_text("@prefix a: <http://x.org/a.owl#> .\na:b a:c none:d .\n")
+    part = world.add("skiros:Part", "part")
+    before = {(e.id, e.label, e.version) for e in wm.get_scene()}
+    act, message = BAD_INPUT[what]
+    with pytest.raises(WmException, match=message):
+        act(wm)
+    assert {(e.id, e.label, e.version) for e in wm.get_scene()} == before
+    assert wm.get_element(part.id).label == "part"
+
+
+@pytest.mark.parametrize("value", ["left", True, [1.0, 2.0]])
+def test_a_value_that_its_property_cannot_have_is_refused(world, wm, value):
+    part = Element("skiros:Part", "part")
+    part.setProperty("skiros:PositionX", value)
+    with pytest.raises(WmException, match="PositionX"):
+        wm.add_element(part)
+    assert wm.resolve_elements(Element("skiros:Part")) == []
+
+
+def test_unknown_names_are_kept_and_work(world, wm):
+    pump = world.add("lab:Pump", "pump", flow=2.5)
+    wm.set_relation(pump.id, "lab:feeds", SCENE)
+    assert ids(wm.resolve_elements(Element("lab:Pump"))) == [pump.id]
+    assert wm.get_element(pump.id).value_of("skiros:flow") == 2.5
+    assert wm.get_relations(pump.id, "lab:feeds", "")
+    assert wm.query_ontology("SELECT ?x { ?x lab:feeds ?y }") == [pump.id]

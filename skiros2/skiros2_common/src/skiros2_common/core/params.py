@@ -139,7 +139,8 @@ class ParamHandler:
     def __init__(self, params: dict[str, Param] | None = None) -> None:
         self._params: dict[str, Param] = params if params is not None else {}
 
-    def __getitem__(self, key: str) -> Param | None:
+    def __getitem__(self, key: str) -> Any:
+        # Any, so that an author's `self.params["Speed"].value` passes a type check.
         return self.getParam(key)
 
     def __contains__(self, key: object) -> bool:

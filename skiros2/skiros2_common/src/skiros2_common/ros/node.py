@@ -16,23 +16,22 @@ from skiros2_common.core.errors import ConfigurationError
 EXIT_CONFIGURATION = 78
 
 
+#: The levels that rosout knows; others count as the next lower one.
+_ROSOUT_LEVELS = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
+
+
 class RosoutHandler(logging.Handler):
-    """Forwards the records of Python loggers to rosout."""
+    """Forwards the records of Python loggers to rosout, with the place they came from."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        text = self.format(record)
-        if record.levelno >= logging.CRITICAL and record.levelname != "ALWAYS":
-            rospy.logfatal("%s", text)
-        elif record.levelname == "ALWAYS":
-            rospy.loginfo("%s", text)
-        elif record.levelno >= logging.ERROR:
-            rospy.logerr("%s", text)
-        elif record.levelno >= logging.WARNING:
-            rospy.logwarn("%s", text)
-        elif record.levelno >= logging.INFO:
-            rospy.loginfo("%s", text)
-        else:
-            rospy.logdebug("%s", text)
+        # ALWAYS is above all levels, but no sign of trouble.
+        number = logging.INFO if record.levelname == "ALWAYS" else record.levelno
+        level = next((known for known in _ROSOUT_LEVELS if number >= known), logging.DEBUG)
+        rosout = logging.getLogger("rosout")
+        if rosout.isEnabledFor(level):
+            told = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
+            text = {"msg": self.format(record), "args": (), "exc_info": None, "exc_text": None}
+            rosout.handle(logging.makeLogRecord({**record.__dict__, **told, **text}))
 
     def filter(self, record: logging.LogRecord) -> bool:
         # rospy's own records reach rosout by themselves.

@@ -108,8 +108,9 @@ class Registration:
         parent = "skiros:Skill"
         for part in type(description).__module__.split("."):
             name = full_name(_camel_case(part))
-            self._wmi.add_class(name, parent)
-            parent = name
+            if name != implementation.type:  # a module pick.py with a skill Pick
+                self._wmi.add_class(name, parent)
+                parent = name
         self._wmi.add_class(implementation.type, parent)
 
 

@@ -25,7 +25,8 @@ ONTOLOGY = """@prefix : <http://x.org/Factory.owl#> .
 @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
 <http://x.org/Factory.owl> a owl:Ontology .
 :Pallet a owl:Class ; rdfs:subClassOf skiros:Container .
-:euro_pallet a owl:NamedIndividual, :Pallet ; skiros:SizeX 1.2 ; skiros:contain :part, skiros:starter ; skiros:hasA :euro_pallet .
+:euro_pallet a owl:NamedIndividual, :Pallet ; skiros:SizeX 1.2 ;
+    skiros:contain :part, skiros:starter ; skiros:hasA :euro_pallet .
 :part a owl:NamedIndividual, skiros:Part ; skiros:contain :screw ; skiros:partReference skiros:starter .
 :screw a owl:NamedIndividual, skiros:Part .
 """
@@ -52,7 +53,7 @@ def write_workspace(folder: Path) -> Path:
     folder.mkdir()
     (folder / "factory.owl").write_text(ONTOLOGY)
     (folder / "blank.ttl").write_text(
-        "@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n:Scene-0 a :Scene ; :FrameId \"map\" .\n"
+        '@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n:Scene-0 a :Scene ; :FrameId "map" .\n'
     )
     return folder
 
@@ -126,7 +127,7 @@ def test_an_added_element_is_as_it_was_read_and_has_no_changes(world, wm):
 
 
 def test_children_kept_aside_are_added_with_their_parent_in_one_change(world, wm):
-    tray, part, screw = (Element("skiros:LargeBox", "tray"), Element("skiros:Part", "part"), Element("skiros:Part", "s"))
+    tray, part, screw = Element("skiros:LargeBox", "tray"), Element("skiros:Part", "part"), Element("skiros:Part")
     part.addRelation("-1", "skiros:hasA", screw)
     tray.addRelation("-1", "skiros:contain", part)
     tray.addRelation(SCENE, "skiros:contain", "-1")
@@ -632,7 +633,10 @@ BAD_INPUT = {
         lambda w: w.update_element_properties(Element("skiros:Part", "", "skiros:Part-999")),
         "Part-999",
     ),
-    "the removal of no element": (lambda w: w.remove_element(Element("skiros:Part", "", "skiros:Part-999")), "Part-999"),
+    "the removal of no element": (
+        lambda w: w.remove_element(Element("skiros:Part", "", "skiros:Part-999")),
+        "Part-999",
+    ),
     "a relation from no element": (lambda w: w.set_relation("skiros:Part-999", "skiros:contain", SCENE), "Part-999"),
     "a relation to no element": (lambda w: w.set_relation(SCENE, "skiros:contain", "skiros:Part-999"), "Part-999"),
     "a relation taken from no element": (

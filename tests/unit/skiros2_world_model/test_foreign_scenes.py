@@ -42,14 +42,12 @@ def test_one_number_under_two_types_loads(load):
 
 def test_unknown_names_are_kept_and_named_with_file_and_element(load, caplog):
     with caplog.at_level(logging.WARNING):
-        wm = load('default1:Pump-4 a default1:Pump ; default1:flow 2.5 ; default1:feeds default1:Scene-0 .')
+        wm = load("default1:Pump-4 a default1:Pump ; default1:flow 2.5 ; default1:feeds default1:Scene-0 .")
     pump = wm.get_element("skiros:Pump-4")
     assert pump.value_of("skiros:flow") == 2.5
     assert pump.hasRelation("-1", "skiros:feeds", "skiros:Scene-0")
     for kind, name in (("class", "skiros:Pump"), ("property", "skiros:flow"), ("relation", "skiros:feeds")):
-        assert any(
-            "scene.ttl" in m and f"unknown {kind} {name}" in m and "skiros:Pump-4" in m for m in caplog.messages
-        )
+        assert any("scene.ttl" in m and f"unknown {kind} {name}" in m and "skiros:Pump-4" in m for m in caplog.messages)
 
 
 def test_a_position_with_x_alone_loads_and_the_rest_is_missing(load):
@@ -70,7 +68,7 @@ def test_numbers_and_bools_written_as_text_are_what_their_property_holds(load):
 
 
 def test_an_element_whose_class_is_missing_has_the_one_that_its_id_says(load):
-    wm = load("default1:LargeBox-1 rdfs:label \"tray\" .")
+    wm = load('default1:LargeBox-1 rdfs:label "tray" .')
     assert wm.get_element("skiros:LargeBox-1").type == "skiros:LargeBox"
 
 

@@ -67,7 +67,7 @@ def test_an_element_whose_holder_changes_is_updated(wm, weigher):
 
 
 def test_what_it_rejects_is_refused_whole_and_what_it_saw_before_is_taken_back(wm, weigher):
-    with pytest.raises(WmException, match="Weigher rejects to add .*rejected"):
+    with pytest.raises(WmException, match=r"Weigher rejects to add .*rejected"):
         wm.add_elements([product("a"), product("rejected")])
     assert [e.label for e in wm.get_scene()] == ["skiros:blank_scene"]
     assert [s for s in weigher.seen if s[1] == "a"] == [("add", "a"), ("remove", "a")]

@@ -1,0 +1,331 @@
+"""Poses, sizes and spatial relations of elements; what the reasoner does with changes, without a ROS master."""
+
+import math
+
+import numpy as np
+import pytest
+import rospy
+from geometry_msgs.msg import Pose, PoseStamped, TransformStamped
+
+from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_std_reasoners.aau_spatial_reasoner import AauSpatialReasoner
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+
+SCENE = "skiros:Scene-0"
+NO_TURN = [0.0, 0.0, 0.0, 1.0]
+QUARTER = [0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]
+
+
+@pytest.fixture
+def reasoner():
+    reasoner = AauSpatialReasoner()
+    reasoners.add(reasoner)
+    return reasoner
+
+
+@pytest.fixture
+def wm(reasoner, tmp_path):
+    model = WorldModel(source_ontologies(), tmp_path)
+    wm = LocalWorldModel("AauSpatialReasoner", model)
+    reasoner.init(wm)
+    model.add_reasoner(reasoner)
+    return wm
+
+
+def placed(label="", position=(0, 0, 0), orientation=NO_TURN, size=None, base="map"):
+    element = Element("skiros:Product", label)
+    element.setData(":Pose", (position, orientation))
+    element.setProperty("skiros:BaseFrameId", base)
+    if size is not None:
+        element.setData(":Size", size)
+    return element
+
+
+def added(wm, parent=SCENE, **pose):
+    element = placed(base="", **pose)
+    element.addRelation(getattr(parent, "id", parent), "skiros:contain", "-1")
+    wm.add_element(element)
+    return element
+
+
+# -- data ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("values", [[1, 2.5, 3], (1, 2.5, 3), np.array([1, 2.5, 3])])
+def test_lists_tuples_and_arrays_are_taken_and_lists_given(reasoner, values):
+    element = Element("skiros:Product")
+    element.setData(":Position", values)
+    assert element.getData(":Position") == [1.0, 2.5, 3.0]
+    assert type(element.getData(":Position")) is list
+    assert element.value_of("skiros:PositionY") == 2.5
+
+
+def test_an_element_gains_the_properties_of_its_reasoner(reasoner):
+    element = Element("skiros:Product")
+    element.setData(":Position", [1, 2, 3])
+    assert element.hasProperty("skiros:DiscreteReasoner", "AauSpatialReasoner")
+    assert set(reasoner.getAssociatedData()) >= set(element.available_properties) - {"skiros:DiscreteReasoner"}
+    assert element.value_of("skiros:PublishTf") is True
+    reasoner.removeProperties(element)
+    assert element.available_properties == []
+
+
+def test_what_is_missing_reads_as_none(reasoner):
+    element = Element("skiros:Product")
+    element.setProperty("skiros:PositionX", 1.5)
+    assert element.getData(":Position") == [1.5, None, None]
+    assert element.getData(":Orientation") == [None] * 4
+    assert element.getData(":OrientationEuler") == [None] * 3
+    assert element.getData(":Pose") == [[1.5, None, None], [None] * 4]
+    assert not element.hasData(":Position")
+    assert not element.hasData(":Pose")
+
+
+def test_none_takes_a_value_away(reasoner):
+    element = placed(position=(1, 2, 3))
+    element.setData(":Position", [1, None, 3])
+    assert element.getData(":Position") == [1.0, None, 3.0]
+
+
+def test_texts_of_numbers_as_scenes_have_them_are_read(reasoner):
+    element = Element("skiros:Product")
+    for axis, value in zip("XYZ", ("0.5", "1", ""), strict=True):
+        element.setProperty(f"skiros:Size{axis}", value)
+    assert element.getData(":Size") == [0.5, 1.0, None]
+    element.setData(":Size", [1, 2, 3])
+    assert element.getData(":Size") == [1.0, 2.0, 3.0]
+
+
+def test_euler_angles_are_about_fixed_axes(reasoner):
+    element = Element("skiros:Product")
+    element.setData(":OrientationEuler", [0.0, 0.0, math.pi / 2])
+    assert element.getData(":Orientation") == pytest.approx(QUARTER)
+    assert element.getData(":OrientationEuler") == pytest.approx([0.0, 0.0, math.pi / 2])
+    assert element.hasData(":OrientationEuler")
+
+
+def test_a_pose_is_a_message_and_back(reasoner):
+    element = placed(position=(1, 2, 3), orientation=QUARTER, base="table")
+    element.setProperty("skiros:FrameId", "cup")
+    element.setProperty("skiros:TfTimeStamp", 12.5)
+    stamped = element.getData(":PoseStampedMsg")
+    assert isinstance(element.getData(":PoseMsg"), Pose)
+    assert isinstance(stamped, PoseStamped)
+    assert (stamped.header.frame_id, stamped.header.stamp.to_sec()) == ("table", 12.5)
+    transform = element.getData(":TransformMsg")
+    assert isinstance(transform, TransformStamped)
+    assert (transform.header.frame_id, transform.child_frame_id) == ("table", "cup")
+    for code in (":PoseMsg", ":PoseStampedMsg", ":TransformMsg"):
+        other = Element("skiros:Product")
+        other.setData(code, element.getData(code))
+        assert other.getData(":Pose") == [[1.0, 2.0, 3.0], pytest.approx(QUARTER)]
+    assert other.value_of("skiros:BaseFrameId") == "table"
+
+
+def test_a_message_of_half_a_pose_is_refused(reasoner):
+    element = Element("skiros:Product", "cup")
+    element.setProperty("skiros:PositionX", 1.0)
+    with pytest.raises(WrongValue, match="cup has no complete pose"):
+        element.getData(":PoseMsg")
+
+
+@pytest.mark.parametrize(
+    ("code", "value"),
+    [
+        (":Position", [1, 2]),
+        (":Position", [1, 2, "left"]),
+        (":Position", 5),
+        (":Orientation", [0, 0, 1]),
+        (":OrientationEuler", [0, 0]),
+        (":Pose", [1, 2, 3]),
+        (":PoseMsg", [1, 2, 3]),
+    ],
+)
+def test_data_of_another_shape_are_refused(reasoner, code, value):
+    element = placed(position=(1, 2, 3))
+    with pytest.raises(SkirosError, match="expected"):
+        element.setData(code, value)
+    assert element.getData(":Position") == [1.0, 2.0, 3.0]
+
+
+def test_an_unknown_code_is_a_key_error(reasoner):
+    with pytest.raises(KeyError):
+        placed().getData(":NoSuchCode")
+    with pytest.raises(UnknownName, match=":NoSuchCode"):
+        reasoner.getData(placed(), ":NoSuchCode")
+
+
+# -- relations -----------------------------------------------------------------------------------------------------
+
+
+def test_relations_are_one_on_each_axis_and_one_of_orientation(reasoner):
+    subject = placed(size=[1, 1, 1])
+    apart = placed(position=(3, 3, 0), orientation=QUARTER, size=[1, 1, 2])
+    assert reasoner.computeRelations(subject, apart) == [":pX", ":pY", ":dZ", ":pA"]
+    assert reasoner.computeRelations(subject, placed(size=[1, 1, 1])) == [":eqX", ":eqY", ":eqZ", ":eqA"]
+    assert set(reasoner.computeRelations(subject, apart)) <= set(reasoner.getAssociatedRelations())
+
+
+@pytest.mark.parametrize(
+    ("x", "size", "name"),
+    [
+        (3.0, 1, "p"), (1.0, 1, "m"), (0.5, 1, "o"), (0.5, 2, "s"), (0.0, 3, "d"), (-0.5, 2, "f"), (0.0, 1, "eq"),
+        (-3.0, 1, "pi"), (-1.0, 1, "mi"), (-0.5, 1, "oi"), (-0.25, 0.5, "si"), (0.0, 0.5, "di"), (0.25, 0.5, "fi"),
+        (1.0009, 1, "m"), (1.0011, 1, "p"),
+    ],
+)  # fmt: skip
+def test_the_box_of_the_subject_stands_so_to_that_of_the_object(reasoner, x, size, name):
+    found = reasoner.computeRelations(placed(size=[1, 1, 1]), placed(position=(x, 0, 0), size=[size, 1, 1]))
+    assert found[0] == f":{name}X"
+
+
+def test_the_axes_are_those_of_the_subject(reasoner):
+    turned = placed(orientation=QUARTER)
+    ahead = placed(position=(0, 2, 0), orientation=QUARTER)
+    assert reasoner.computeRelations(turned, ahead) == [":pX", ":eqY", ":eqZ", ":eqA"]
+
+
+def test_with_metrics_each_has_its_distance(reasoner):
+    found = dict(reasoner.computeRelations(placed(size=[1, 1, 1]), placed(position=(3, 0, 0), size=[1, 1, 1]), True))
+    assert found[":pX"] == pytest.approx(2.0)
+    assert found[":eqY"] == pytest.approx((0.0, 0.0))
+    assert found[":eqA"] == pytest.approx(0.0)
+
+
+def test_small_turns_are_none(reasoner):
+    def relation(angle):
+        other = placed()
+        other.setData(":OrientationEuler", [0, 0, angle])
+        return reasoner.computeRelations(placed(), other)[-1]
+
+    assert (relation(0.049), relation(-0.049), relation(0.051)) == (":eqA", ":eqA", ":pA")
+
+
+def test_where_no_transform_is_known_the_relation_is_unknown(reasoner):
+    for other in (placed(base="elsewhere"), Element("skiros:Product")):
+        assert reasoner.computeRelations(placed(), other) == [":unknownT"]
+    assert reasoner.computeRelations(placed(), placed(base="elsewhere"), True) == [(":unknownT", None)]
+
+
+def test_relations_are_found_through_the_frames_of_the_scene(wm, reasoner):
+    table = added(wm, position=(1, 0, 0), orientation=QUARTER)
+    cup = added(wm, table, position=(2, 0, 0), orientation=NO_TURN)
+    lamp = added(wm, position=(1, 5, 0), orientation=QUARTER)
+    assert reasoner.computeRelations(table, cup) == [":pX", ":eqY", ":eqZ", ":eqA"]
+    assert reasoner.computeRelations(cup, lamp, True)[0] == (":pX", pytest.approx(3.0))
+    assert wm.check_relation(table, ":pX", cup, True, False)
+    assert wm.check_relation(table, "skiros:pX", Element("skiros:Product"), True, False)
+    assert not wm.check_relation(table, ":eqX", cup, True, False)
+    assert [r["type"] for r in wm.get_relations(table, ":pX", cup)] == [":pX"]
+
+
+# -- frames --------------------------------------------------------------------------------------------------------
+
+
+def test_a_new_element_has_its_id_as_frame_and_the_frame_above_as_base(wm):
+    table = added(wm)
+    shelf = Element("skiros:LargeBox", "no place of its own")
+    shelf.addRelation(table.id, "skiros:contain", "-1")
+    wm.add_element(shelf)
+    cup = added(wm, shelf)
+    assert (table.value_of("skiros:FrameId"), table.value_of("skiros:BaseFrameId")) == (table.id, "map")
+    assert cup.value_of("skiros:BaseFrameId") == table.id
+
+
+def test_a_pose_in_another_frame_is_expressed_in_the_one_above(wm):
+    table = added(wm, position=(1, 0, 0), orientation=QUARTER)
+    cup = placed(position=(1, 2, 0), base="map")
+    cup.addRelation(table.id, "skiros:contain", "-1")
+    wm.add_element(cup)
+    assert cup.value_of("skiros:BaseFrameId") == table.id
+    assert cup.getData(":Position") == pytest.approx([2.0, 0.0, 0.0])
+
+
+def test_when_the_holder_changes_the_place_in_the_world_stays(wm, reasoner):
+    table, shelf = added(wm, position=(1, 0, 0), orientation=QUARTER), added(wm, position=(0, 5, 1))
+    cup = added(wm, table, position=(2, 0, 0))
+    before = reasoner.get_transform("map", cup.id)
+    cup.removeRelation2(table.id, "skiros:contain", "-1")
+    cup.addRelation(shelf.id, "skiros:contain", "-1")
+    wm.update_element(cup)
+    assert cup.value_of("skiros:BaseFrameId") == shelf.id
+    assert cup.getData(":Position") == pytest.approx([1.0, -3.0, -1.0])
+    after = reasoner.get_transform("map", cup.id)
+    assert [*after[0], *after[1]] == pytest.approx([*before[0], *before[1]])
+
+
+def test_a_pose_waits_for_the_transform_if_it_is_not_known_yet(wm, reasoner):
+    cup = placed(position=(1, 0, 0), base="camera")
+    cup.addRelation(SCENE, "skiros:contain", "-1")
+    wm.add_element(cup)
+    assert cup.value_of("skiros:BaseFrameId") == "camera"
+    reasoner._transforms.put("map", "camera", _pose((0, 0, 2)))
+    reasoner._write_moved(0.04)
+    cup = wm.get_element(cup.id)
+    assert cup.value_of("skiros:BaseFrameId") == "map"
+    assert cup.getData(":Position") == pytest.approx([1.0, 0.0, 2.0])
+
+
+def test_a_linked_element_follows_its_frame(wm, reasoner):
+    hand = Element("skiros:Product", "in the hand")
+    hand.setReasoner("AauSpatialReasoner")
+    hand.setProperty("skiros:LinkedToFrameId", "gripper")
+    hand.addRelation(SCENE, "skiros:contain", "-1")
+    wm.add_element(hand)
+    for x in (1.0, 2.0):
+        reasoner._transforms.put("map", "gripper", _pose((x, 0, 0)))
+        reasoner._write_moved(0.04)
+        assert wm.get_element(hand.id).getData(":Position") == pytest.approx([x, 0.0, 0.0])
+    version = wm.version
+    reasoner._write_moved(0.04)
+    assert wm.version == version, "nothing has moved: nothing is written"
+
+
+def test_an_element_with_a_velocity_moves(wm, reasoner):
+    belt = added(wm, position=(1, 0, 0))
+    belt.setProperty("skiros:VelocityX", 0.5)
+    wm.update_element(belt)
+    for _ in range(4):
+        reasoner._write_moved(0.25)
+    assert wm.get_element(belt.id).getData(":Position") == pytest.approx([1.5, 0.0, 0.0])
+
+
+def test_transform_expresses_a_pose_in_another_frame_in_place(wm, reasoner):
+    table = added(wm, position=(1, 0, 0), orientation=QUARTER)
+    cup = added(wm, table, position=(2, 0, 0))
+    assert reasoner.transform(cup, "map")
+    assert cup.getData(":Position") == pytest.approx([1.0, 2.0, 0.0])
+    assert cup.value_of("skiros:BaseFrameId") == "map"
+    assert not reasoner.transform(cup, "nowhere")
+    assert not reasoner.transform(Element("skiros:Product"), "map")
+    assert cup.value_of("skiros:BaseFrameId") == "map"
+
+
+def test_a_transform_that_is_not_known_is_none_twice(wm, reasoner):
+    assert reasoner.get_transform("map", "nowhere", rospy.Duration(0.01)) == (None, None)
+    assert reasoner.get_transform("nowhere", "nowhere")[0] == (0.0, 0.0, 0.0)
+
+
+def test_a_removed_element_is_forgotten(wm, reasoner):
+    cup = added(wm, position=(1, 0, 0))
+    wm.remove_element(cup)
+    assert reasoner._tracker.get(cup.id) is None
+
+
+def test_a_refused_change_leaves_the_frames_as_they_were(wm, reasoner):
+    cup = added(wm, position=(1, 0, 0))
+    moved = wm.get_element(cup.id)
+    moved.setData(":Position", [5, 0, 0])
+    bad = Element("skiros:Product", "bad", "skiros:Product-999")
+    with pytest.raises(SkirosError):
+        wm.update_elements([moved, bad])
+    assert reasoner.get_transform("map", cup.id)[0] == pytest.approx((1.0, 0.0, 0.0))
+
+
+def _pose(position):
+    from skiros2_std_reasoners.core.geometry import Pose as CorePose
+
+    return CorePose(position, (0.0, 0.0, 0.0, 1.0))

@@ -21,43 +21,16 @@ OPERATORS: dict[str, Callable[[float, float], bool]] = {
 }
 
 
-class ConditionProperty(ConditionBase):
-    """True when a property compares so with a value; `=` means that the value is among the property's.
+class _OfProperty(ConditionBase):
+    """What conditions on a property share."""
 
-    :param olabel: the property.
-    :param operator: one of `= > < >= <=`.
-    :raises UnknownName: the operator is another one.
-    """
-
-    def __init__(self, clabel: str, olabel: str, subj: str, operator: str, value: Any, desired_state: bool) -> None:
+    def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
         super().__init__(clabel, subj, desired_state)
-        if operator != "=" and operator not in OPERATORS:
-            raise UnknownName(f"condition {clabel!r}: operator {operator!r}, expected one of = {' '.join(OPERATORS)}")
         self._property = full_name(olabel)
-        self._operator = operator
-        self._desired_value = value
 
     @property
     def property(self) -> str:
         return self._property
-
-    def _signature(self) -> tuple[Any, ...]:
-        return (self._subject_key, self._property, self._operator, self._desired_value)
-
-    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        element = self._element(self._subject_key, ph, wmi)
-        if element is None:
-            return False
-        if self._operator == "=":
-            return element.hasProperty(self._property, self._desired_value)
-        value = element.value_of(self._property)
-        try:
-            return OPERATORS[self._operator](float(value), float(self._desired_value))
-        except (TypeError, ValueError):
-            return False  # missing, or no number
-
-    def fact(self) -> str:
-        return f"{self._name(self._subject_key)} {self._property} {self._operator} {self._desired_value}"
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -77,6 +50,49 @@ class ConditionProperty(ConditionBase):
         return isinstance(element, Element) and self._apply(element)
 
     def _apply(self, element: Element) -> bool:
+        """Changes the element so that the desired state holds. False where that is not possible."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define _apply")
+
+    def toElement(self) -> Element:
+        element = super().toElement()
+        element.setProperty("skiros:appliedOnType", self._property)
+        return element
+
+
+class ConditionProperty(_OfProperty):
+    """True when a property compares so with a value; `=` means that the value is among the property's.
+
+    :param olabel: the property.
+    :param operator: one of `= > < >= <=`.
+    :raises UnknownName: the operator is another one.
+    """
+
+    def __init__(self, clabel: str, olabel: str, subj: str, operator: str, value: Any, desired_state: bool) -> None:
+        super().__init__(clabel, olabel, subj, desired_state)
+        if operator != "=" and operator not in OPERATORS:
+            raise UnknownName(f"condition {clabel!r}: operator {operator!r}, expected one of = {' '.join(OPERATORS)}")
+        self._operator = operator
+        self._desired_value = value
+
+    def _signature(self) -> tuple[Any, ...]:
+        return (self._subject_key, self._property, self._operator, self._desired_value)
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None:
+            return False
+        if self._operator == "=":
+            return element.hasProperty(self._property, self._desired_value)
+        value = element.value_of(self._property)
+        try:
+            return OPERATORS[self._operator](float(value), float(self._desired_value))
+        except (TypeError, ValueError):
+            return False  # missing, or no number
+
+    def fact(self) -> str:
+        return f"{self._name(self._subject_key)} {self._property} {self._operator} {self._desired_value}"
+
+    def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
             return False  # no single value follows from it
         if self._desired_state:
@@ -89,22 +105,13 @@ class ConditionProperty(ConditionBase):
 
     def toElement(self) -> Element:
         element = super().toElement()
-        element.setProperty("skiros:appliedOnType", self._property)
         element.setProperty("skiros:operator", self._operator)
         element.setProperty("skiros:desiredValue", self._desired_value)
         return element
 
 
-class ConditionHasProperty(ConditionBase):
+class ConditionHasProperty(_OfProperty):
     """True when a property has a value; for a parameter without an element, true when it is optional."""
-
-    def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
-        super().__init__(clabel, subj, desired_state)
-        self._property = full_name(olabel)
-
-    @property
-    def property(self) -> str:
-        return self._property
 
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self._property)
@@ -124,35 +131,11 @@ class ConditionHasProperty(ConditionBase):
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} has a value of {self._property}"
 
-    def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
-        if self.evaluate(ph, wmi):
-            return True
-        element = self._element(self._subject_key, ph, wmi)
-        if element is None or element.isAbstract():
-            return False
-        before = element.copy()
-        self._apply(element)
-        wmi.update_element_properties(element)
-        self._undo.append(lambda: _restore_property(before, self._property, wmi))
-        return True
-
-    def setDesiredState(self, ph: ParamHandler) -> bool:
-        element = self._value(self._subject_key, ph)
-        if not isinstance(element, Element):
-            return False
-        self._apply(element)
-        return True
-
-    def _apply(self, element: Element) -> None:
+    def _apply(self, element: Element) -> bool:
         if not self._desired_state:
             element.removeProperty(self._property)
-        elif not element.hasProperty(self._property, not_none=True):
-            element.setProperty(self._property, "", force_convertion=False)
-
-    def toElement(self) -> Element:
-        element = super().toElement()
-        element.setProperty("skiros:appliedOnType", self._property)
-        return element
+            return True
+        return element.hasProperty(self._property, not_none=True)  # no value follows from it
 
 
 def _restore_property(before: Element, key: str, wmi: Any) -> None:

@@ -9,7 +9,22 @@ from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
 
 
-class Root(SkillInterface):
+class _Group(SkillInterface):
+    def __init__(self, ptype: str, name: str, children_processor: Any, wmi: Any) -> None:
+        super().__init__(children_processor)
+        self._type = ptype
+        self._label = name
+        self._wmi = wmi
+        self._setState(State.Idle)
+
+    def createDescription(self) -> None:
+        """A group declares nothing."""
+
+    def execute(self) -> State | None:
+        return None
+
+
+class Root(_Group):
     """The root of a task. Its parameters are the task's blackboard.
 
     :param name: for people.
@@ -17,20 +32,10 @@ class Root(SkillInterface):
     """
 
     def __init__(self, name: str, wmi: Any = None) -> None:
-        super().__init__(Sequential())
-        self._type = ":Root"
-        self._label = name
-        self._wmi = wmi
-        self._setState(State.Idle)
-
-    def createDescription(self) -> None:
-        """A root declares nothing."""
-
-    def execute(self) -> State | None:
-        return None
+        super().__init__(":Root", name, Sequential(), wmi)
 
 
-class Skill(SkillInterface):
+class Skill(_Group):
     """A node with a processor and no skill of its own.
 
     :param name: for people.
@@ -38,14 +43,4 @@ class Skill(SkillInterface):
     """
 
     def __init__(self, name: str, children_processor: Any = Sequential(), wmi: Any = None) -> None:  # noqa: B008 - the contract's default
-        super().__init__(children_processor)
-        self._type = ":Skill"
-        self._label = name
-        self._wmi = wmi
-        self._setState(State.Idle)
-
-    def createDescription(self) -> None:
-        """It declares nothing."""
-
-    def execute(self) -> State | None:
-        return None
+        super().__init__(":Skill", name, children_processor, wmi)

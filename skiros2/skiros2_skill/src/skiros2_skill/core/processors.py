@@ -53,28 +53,42 @@ class NoProcessor(Processor):
         return _SUCCESS
 
 
-class Serial(Processor):
-    """Ticks the children in order, from the first each time, until one is not Success."""
+class _InOrder(Processor):
+    """Ticks the children in order, from the first each time, as long as they have one state."""
 
-    symbol = "->"
+    _goes_on: State
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
         for index, child in enumerate(children):
             state: State = child.visit(visitor)
-            if state is not _SUCCESS:
+            if state is not self._goes_on:
                 self.stopAll(children, visitor, index)
                 return state
-        return _SUCCESS
+        return self._goes_on
 
     def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
         """Preempts the running children after `index`."""
         _preempt_running(children[index + 1 :], visitor)
 
 
-class SerialStar(Processor):
-    """Ticks the children in order, going on at the one that was running, until one is not Success."""
+class Serial(_InOrder):
+    """Ticks the children in order, from the first each time, until one is not Success."""
 
-    symbol = "->*"
+    symbol = "->"
+    _goes_on = _SUCCESS
+
+
+class Selector(_InOrder):
+    """Ticks the children in order, from the first each time, until one is Success or Running."""
+
+    symbol = "?"
+    _goes_on = _FAILURE
+
+
+class _InOrderStar(Processor):
+    """Ticks the children in order, going on at the one that was running, as long as they have one state."""
+
+    _goes_on: State
 
     def __init__(self) -> None:
         self._index = 0
@@ -86,52 +100,28 @@ class SerialStar(Processor):
         # The list may grow while it is processed: a skill may add children to its node.
         while self._index < len(children):
             state: State = children[self._index].visit(visitor)
-            if state is not _SUCCESS:
+            if state is not self._goes_on:
                 return state
             self._index += 1
-        return _SUCCESS
+        return self._goes_on
+
+
+class SerialStar(_InOrderStar):
+    """Ticks the children in order, going on at the one that was running, until one is not Success."""
+
+    symbol = "->*"
+    _goes_on = _SUCCESS
 
 
 class Sequential(SerialStar):
     """`SerialStar` under its other name; the default."""
 
 
-class Selector(Processor):
-    """Ticks the children in order, from the first each time, until one is Success or Running."""
-
-    symbol = "?"
-
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        for index, child in enumerate(children):
-            state: State = child.visit(visitor)
-            if state is not _FAILURE:
-                self.stopAll(children, visitor, index)
-                return state
-        return _FAILURE
-
-    def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
-        """Preempts the running children after `index`."""
-        _preempt_running(children[index + 1 :], visitor)
-
-
-class SelectorStar(Processor):
+class SelectorStar(_InOrderStar):
     """Ticks the children in order, going on at the one that was running, until one is Success or Running."""
 
     symbol = "?*"
-
-    def __init__(self) -> None:
-        self._index = 0
-
-    def reset(self) -> None:
-        self._index = 0
-
-    def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        while self._index < len(children):
-            state: State = children[self._index].visit(visitor)
-            if state is not _FAILURE:
-                return state
-            self._index += 1
-        return _FAILURE
+    _goes_on = _FAILURE
 
     def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
         """Preempts the running children after `index`."""

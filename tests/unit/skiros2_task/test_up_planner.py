@@ -80,7 +80,7 @@ def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(planner: U
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
-    assert running_in(own_folder / "tmp") == []
+    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
 
 
 def test_several_plan_at_once(planner: UpPlanner) -> None:
@@ -114,7 +114,7 @@ def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcess
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=2.0))
     assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())
     assert time.monotonic() - started < 8.0
-    assert running_in(own_folder / "tmp") == []
+    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
     assert list((own_folder / "tmp").iterdir()) == []
 
 
@@ -132,7 +132,7 @@ def test_a_run_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses
     cancelled.set()
     thread.join(5.0)
     assert [a.outcome for a in answers] == [Outcome.CANCELLED]
-    assert running_in(own_folder / "tmp") == []
+    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
     assert list((own_folder / "tmp").iterdir()) == []
 
 

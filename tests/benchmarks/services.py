@@ -12,11 +12,10 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from skiros2_msgs import srv as srvs
-
 from benchmarks.measurement import Measurement, paired, seconds_per_call
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import element2msg, msg2element
+from skiros2_msgs import srv as srvs
 from support.ros import Ros
 
 RUNS = 9

@@ -150,6 +150,7 @@ def assert_signature(signature: inspect.Signature, text: str) -> None:
 def arguments_of(text: str) -> dict[str, Any]:
     """Argument names of `name(a, b=1, *c)` with their defaults, evaluated."""
     import rospy
+
     import skiros2_msgs.srv as srvs
 
     scope = {"rospy": rospy, "srvs": srvs}

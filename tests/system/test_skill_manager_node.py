@@ -4,14 +4,14 @@ import json
 
 import pytest
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
-from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import deserializeParamMap
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, wait_until
 
 pytestmark = pytest.mark.timeout(90)

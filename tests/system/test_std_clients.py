@@ -11,10 +11,10 @@ import actionlib
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
 from skiros2_std_skills import action_client_primitive
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient

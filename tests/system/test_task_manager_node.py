@@ -12,9 +12,9 @@ from typing import Any
 import actionlib
 import pytest
 from actionlib_msgs.msg import GoalStatus
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 
 from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.ros.utils import SkillHolder, deserialize_skill
 from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface

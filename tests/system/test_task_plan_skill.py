@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from skiros2_msgs.msg import ResourceDescription, SkillProgress, TreeProgress, WmElement
-from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, WmGet
 
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
+from skiros2_msgs.msg import ResourceDescription, SkillProgress, TreeProgress, WmElement
+from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, WmGet
 from support.ros import INSTALL, Messages, Ros
 
 ROBOT = "/mobile_manipulator"

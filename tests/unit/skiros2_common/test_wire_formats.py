@@ -3,13 +3,13 @@
 import json
 
 import pytest
-from skiros2_msgs import msg as msgs
 
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
+from skiros2_msgs import msg as msgs
 
 
 def product():

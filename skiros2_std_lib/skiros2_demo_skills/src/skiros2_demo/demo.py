@@ -12,8 +12,6 @@ from typing import Any, NoReturn, TextIO
 
 import actionlib
 import rospy
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
-from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, SkillCommandRequest
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_demo import run_check
@@ -22,6 +20,8 @@ from skiros2_demo.onlooker import Onlooker
 from skiros2_demo.system import END_SIGNALS, System, SystemDown
 from skiros2_demo.tree_view import TreeView, plan_lines
 from skiros2_demo.world_state import WorldState
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
+from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, SkillCommandRequest
 from skiros2_skill.ros.utils import deserialize_skill
 
 ROBOT = "/mobile_manipulator"

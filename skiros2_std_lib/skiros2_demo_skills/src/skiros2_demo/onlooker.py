@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import rospy
-from skiros2_msgs.msg import TreeProgress, WmMonitor
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_demo.world_state import WorldState
+from skiros2_msgs.msg import TreeProgress, WmMonitor
 
 
 class Onlooker:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import actionlib
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.params import ParamTypes
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.utils import deserialize_skill

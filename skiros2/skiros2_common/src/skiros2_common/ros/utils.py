@@ -10,12 +10,11 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from skiros2_msgs import msg as msgs
-
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_msgs import msg as msgs
 
 _BUILTIN_TYPES: dict[str, type] = {t.__name__: t for t in (str, int, float, bool, list, dict)}
 _PARAM_TYPES = {code: param_type for param_type, code in PARAM_TYPE_CODES.items()}

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.core.request import SkillRequest, make_nodes
 from skiros2_skill.core.task import NodeProgress, Task

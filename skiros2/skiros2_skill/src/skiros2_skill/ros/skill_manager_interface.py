@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.ros import utils
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_skill.ros.utils import SkillHolder
 
 log = logging.getLogger(__name__)

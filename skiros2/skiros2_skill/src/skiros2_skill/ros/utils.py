@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from skiros2_msgs import msg as msgs
-
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.ros import utils
+from skiros2_msgs import msg as msgs
 
 
 class SkillHolder:

@@ -10,9 +10,9 @@ from typing import Any
 
 import actionlib
 import rospy
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits

@@ -7,10 +7,10 @@ from typing import Any
 
 import actionlib
 import rospy
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 
 from skiros2_common.core.errors import Refused, TimedOut
 from skiros2_common.tools.decorators import PrettyObject
+from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 
 #: Name of the task manager's action, relative, so that a namespace moves the whole system.
 ACTION = "tm/task_plan"

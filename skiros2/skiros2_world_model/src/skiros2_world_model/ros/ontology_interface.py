@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
 from std_srvs.srv import SetBool, SetBoolRequest
 
 from skiros2_common.ros.utils import makeStatementMsg
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import rosgraph
 import rospy
-from skiros2_msgs import srv as srvs
 from std_srvs.srv import SetBool, SetBoolResponse
 
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.statement import Statement

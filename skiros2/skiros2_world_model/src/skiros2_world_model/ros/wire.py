@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import genpy
-from skiros2_msgs import msg as msgs
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
+from skiros2_msgs import msg as msgs
 from skiros2_world_model.core.changes import (
     Add,
     Change,

@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot

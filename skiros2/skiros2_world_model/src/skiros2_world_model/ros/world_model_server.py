@@ -9,14 +9,14 @@ from collections.abc import Iterable
 from typing import Any
 
 import rospy
-from skiros2_msgs import msg as msgs
-from skiros2_msgs import srv as srvs
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.local_world_model import LocalWorldModel

@@ -1,8 +1,7 @@
-from skiros2_msgs.msg import WmElement
-
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_msgs.msg import WmElement
 
 
 class Wave(SkillDescription):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -198,11 +199,7 @@ def test_relations_are_set_and_asked_for(wm):
     assert wm.call("scene/set_relation", srvs.WmSetRelation, "field", relation, True).ok
     ask = srvs.WmQueryRelationsRequest(msgs.Relation("skiros:Starter-81", "skiros:conditionProperty", ""))
     (found,) = wm.call("scene/query_relations", srvs.WmQueryRelations, ask).matches
-    assert (found.subjectId, found.predicate, found.objectId) == (
-        "skiros:Starter-81",
-        "skiros:at",
-        "skiros:LargeBox-80",
-    )
+    assert found == relation
     assert wm.call("scene/set_relation", srvs.WmSetRelation, "field", relation, False).ok
     assert wm.call("scene/query_relations", srvs.WmQueryRelations, ask).matches == []
 
@@ -290,7 +287,7 @@ def test_every_change_is_published_in_a_chain(ros: Ros, wm):
     told = monitor.all[-6:]
     assert [m.action for m in told] == ["add", "update", "add", "remove", "remove", "reset"]
     assert [m.author for m in told[:5]] == ["field"] * 5
-    assert all(a.snapshot_id == b.prev_snapshot_id for a, b in zip(told, told[1:], strict=False))
+    assert all(a.snapshot_id == b.prev_snapshot_id for a, b in itertools.pairwise(told))
     assert [[e.id for e in m.elements] for m in told[:2]] == [[part.id], [part.id]]
     assert values(told[1].elements[0]) == {"skiros:SizeX": [1.0]}
     assert told[2].elements == []

@@ -102,10 +102,17 @@ class ReasonerRegistry:
 
     def __init__(self) -> None:
         self._by_name: dict[str, DiscreteReasoner] = {}
+        self._owners: dict[str, DiscreteReasoner] = {}
 
     def add(self, reasoner: DiscreteReasoner) -> None:
         """Adds a reasoner; one of the same class takes the place of the earlier one."""
         self._by_name[reasoner.__class__.__name__] = reasoner
+        owners: dict[str, DiscreteReasoner] = {}
+        for known in self._by_name.values():
+            owned = (known.getAssociatedProperties(), known.getAssociatedData(), known.getAssociatedRelations())
+            for name in (name for names in owned for name in names):
+                owners.setdefault(name, known)
+        self._owners = owners
 
     def names(self) -> list[str]:
         return list(self._by_name)
@@ -116,16 +123,7 @@ class ReasonerRegistry:
     def find(self, name: str) -> DiscreteReasoner | None:
         """The reasoner with that class name, or that owns that code, property or relation; None if nobody does."""
         found = self._by_name.get(name)
-        if found is not None:
-            return found
-        for reasoner in self._by_name.values():
-            if (
-                name in reasoner.getAssociatedProperties()
-                or name in reasoner.getAssociatedData()
-                or name in reasoner.getAssociatedRelations()
-            ):
-                return reasoner
-        return None
+        return found if found is not None else self._owners.get(name)
 
     def get(self, name: str) -> DiscreteReasoner:
         """As `find`.

@@ -14,6 +14,9 @@ from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.terms import python_value
 
+#: What is of a class of these vocabularies is part of an ontology, not of a scene.
+_META = ("owl:", "rdfs:", "rdf:")
+
 
 def element_operations(
     base: OntologyBase, scene: Scene, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
@@ -39,6 +42,8 @@ def element_operations(
                 raise WrongValue(f"{eid}: an element has a class; remove the element instead")
             if etype == "owl:NamedIndividual":
                 continue
+            if etype.startswith(_META):
+                raise WrongValue(f"{eid} is declared a {etype}, which belongs into the ontologies (context '')")
             if element is None:
                 new[eid] = Element(etype, "", eid)
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
@@ -20,6 +21,7 @@ from skiros2_world_model.core.changes import (
 )
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.queries import branch_ids
 from skiros2_world_model.core.scene import ROOT, Node, Scene
 from skiros2_world_model.core.templates import copies_of
@@ -62,8 +64,8 @@ class Transaction:
         expanded: list[tuple[int, Operation]] = []
         for index, operation in enumerate(operations):
             if isinstance(operation, Instantiate):
-                operation.uri = self._checks.full(operation.uri)
-                expanded += [(index, add) for add in copies_of(self._ontology, operation)]
+                named = replace(operation, uri=self._checks.full(operation.uri))
+                expanded += [(index, add) for add in copies_of(self._ontology, named)]
             else:
                 expanded.append((index, operation))
         ids: dict[int, str] = {}
@@ -239,7 +241,7 @@ class Transaction:
             if name[1:] not in self._references:
                 raise UnknownName(f"{self._author}: the request refers to {name}, which it does not make")
             return self._references[name[1:]]
-        return name
+        return self._checks.full(name) if is_iri(name) else name
 
     def _properties(self, etype: str, element: Element, who: str) -> dict[str, Property]:
         checked = [self._checks.property(etype, key, prop, who) for key, prop in element._props.items()]

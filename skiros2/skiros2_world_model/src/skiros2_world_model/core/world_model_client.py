@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.names import DEFAULT_PREFIX, full_name, local_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
@@ -141,8 +141,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
         """
         given, operations = added_elements(es, lambda eid: self.find_element(eid, context_id) is not None)
         outcome = self._transact(operations, context_id)
-        for element, eid in zip(given, outcome.ids, strict=True):
-            self._refresh(element, eid, outcome, context_id)
+        self._refresh(given, outcome, context_id)
         return [element.id for element in es]
 
     def add_element(self, e: Element, context_id: str = _SCENE) -> str:
@@ -162,12 +161,10 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
     def update_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
         """Writes some elements, as `update_element`, all or none in one change; returns their ids."""
         given, operations = written(es, lambda eid: self.find_element(eid, context_id) is not None)
-        outcome = self._transact(operations, context_id) if operations else Outcome()
-        for element, eid in zip(given, outcome.ids, strict=True):
-            self._refresh(element, eid, outcome, context_id)
-        for element in es:
-            if element not in given:
-                self._refresh(element, self._known(element, context_id), outcome, context_id)
+        if operations:
+            self._refresh(given, self._transact(operations, context_id), context_id)
+        unchanged = [element for element in es if element not in given]
+        self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
         return [element.id for element in es]
 
     def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = _SCENE) -> str:
@@ -180,7 +177,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
         operations = written_properties(e, keys)
         outcome = self._transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
         left = changes_left(e, keys)
-        self._refresh(e, outcome.ids[0], outcome, context_id, keep_children=True)
+        self._refresh([e], outcome, context_id, keep_children=True)
         left.put_back(e)
         return e.id
 
@@ -243,7 +240,11 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
 
     def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
         """The reasoner called so, or that owns that code, property or relation; None when none does."""
-        return reasoners.find(pred) or reasoners.find(full_name(pred)) or reasoners.find(":" + local_name(pred))
+        name = full_name(pred)
+        found = reasoners.find(pred) or reasoners.find(name)
+        if found is None and name.startswith(f"{DEFAULT_PREFIX}:"):
+            found = reasoners.find(":" + local_name(name))  # how reasoners write their codes and relations
+        return found
 
     def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
         """The relations that a reasoner computes between two elements, as dicts.
@@ -352,13 +353,17 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
             raise WmException(f"there is no reasoner {reasoner!r}; loaded: {', '.join(reasoners.names()) or 'none'}")
         return frozenset([*found.getAssociatedData(), REASONER_PROPERTY])
 
-    def _refresh(self, element: Element, eid: str, outcome: Outcome, context: str, keep_children: bool = False) -> None:
-        """Makes the caller's element what the world model has now."""
-        fresh = outcome.elements.get(eid) or self.find_element(eid, context)
-        if fresh is None:
-            element._id = eid
-        else:
-            element.adopt(fresh, keep_children)
+    def _refresh(
+        self, elements: Sequence[Element], outcome: Outcome, context: str, keep_children: bool = False
+    ) -> None:
+        """Makes the caller's elements, those that the outcome's ids are of, what the world model has now."""
+        told = outcome.elements
+        for element, eid in zip(elements, outcome.ids, strict=True):
+            fresh = told.get(eid) or self.find_element(eid, context)
+            if fresh is None:
+                element._id = eid  # it is gone again
+            else:
+                element.adopt(fresh, keep_children)
 
 
 def _id(given: Any) -> str:

@@ -5,6 +5,7 @@ import logging
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -189,3 +190,36 @@ def test_an_initial_scene_that_is_missing_or_broken_is_a_mistake_of_configuratio
         (workspace / "scene.ttl").write_text(text)
     with pytest.raises(ConfigurationError, match=r"scene .*scene\.ttl"):
         model.load_initial("scene.ttl")
+
+
+RDF_XML = """<?xml version="1.0"?>
+<!DOCTYPE rdf:RDF [ <!ENTITY skiros "http://rvmi.aau.dk/ontologies/skiros.owl#" > ]>
+<rdf:RDF xmlns="http://x.org/Paintbot#" xml:base="http://x.org/Paintbot"
+    xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"
+    xmlns:owl="http://www.w3.org/2002/07/owl#" xmlns:skiros="http://rvmi.aau.dk/ontologies/skiros.owl#">
+  <owl:Ontology rdf:about="http://x.org/Paintbot"/>
+  <owl:Class rdf:about="#Booth">
+    <rdfs:subClassOf rdf:resource="&skiros;Location"/>
+    <rdfs:subClassOf>
+      <owl:Restriction>
+        <owl:onProperty rdf:resource="&skiros;contain"/>
+        <owl:someValuesFrom rdf:resource="&skiros;Product"/>
+      </owl:Restriction>
+    </rdfs:subClassOf>
+  </owl:Class>
+  <owl:NamedIndividual rdf:about="#red_booth">
+    <rdf:type rdf:resource="#Booth"/>
+    <skiros:PositionX rdf:datatype="http://www.w3.org/2001/XMLSchema#double">1.5</skiros:PositionX>
+  </owl:NamedIndividual>
+</rdf:RDF>
+"""
+
+
+def test_an_ontology_may_be_rdf_xml_as_editors_write_it(workspace):
+    (workspace / "paintbot.owl").write_text(RDF_XML)
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace))
+    assert wm.get_super_class("paintbot:Booth") == "skiros:Location"
+    booth = wm.instanciate("paintbot:red_booth")
+    assert booth.value_of("skiros:PositionX") == 1.5
+    assert wm.check_relation(booth, "skiros:contain", Element("skiros:Starter"), True, True)
+    assert wm.check_relation(booth, "skiros:contain", Element("cora:Robot"), False, True)

@@ -30,7 +30,7 @@ def workspace_folder() -> Path:
 
 
 def text_list(name: str) -> list[str]:
-    """A private parameter that is a list of texts; a text is read as YAML, as launch files may write it.
+    """A parameter that is a list of texts; a text is read as YAML, as launch files may write it.
 
     :raises ConfigurationError: it is something else.
     """

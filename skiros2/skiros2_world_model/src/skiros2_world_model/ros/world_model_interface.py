@@ -22,6 +22,7 @@ from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.ontology_interface import SERVER, OntologyInterface
+from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
 from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
 
@@ -175,7 +176,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 def _load_reasoners() -> None:
     """Makes the reasoners that the server uses known in this process, where they are installed."""
     loader = PluginLoader()
-    for package in rospy.get_param(rospy.resolve_name(f"{SERVER}/reasoners_pkgs"), []) or []:
+    for package in text_list(f"{SERVER}/reasoners_pkgs"):
         try:
             found = loader.load(package, DiscreteReasoner)
         except ConfigurationError as error:

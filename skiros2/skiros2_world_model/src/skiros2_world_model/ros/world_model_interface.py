@@ -6,8 +6,6 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import rospy
-
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.world_element import Element, RelationDict

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -27,17 +28,21 @@ class Job(SkillDescription):
     pass
 
 
+_numbers = itertools.count()
+
+
 class job_action(PrimitiveActionClient):
     """Sends the text in `wish`; remembers what it hears."""
 
     wish = "good"
+    action = "/job"
 
     def createDescription(self) -> None:
         self.setDescription(Job(), "job_action")
         self.heard: list[str] = []
 
     def buildClient(self) -> actionlib.SimpleActionClient:
-        return actionlib.SimpleActionClient("/job", AssignTaskAction)
+        return actionlib.SimpleActionClient(self.action, AssignTaskAction)
 
     def buildGoal(self) -> AssignTaskGoal:
         return AssignTaskGoal(goals=self.wish)
@@ -48,13 +53,18 @@ class job_action(PrimitiveActionClient):
 
 
 class Server:
-    """An action server: with `good` it succeeds, with `bad` it aborts, with `long` it works until it is cancelled."""
+    """An action server with a name of its own.
+
+    With `good` it succeeds, with `bad` it aborts, with `long` it works until it is cancelled.
+    """
 
     def __init__(self) -> None:
         self.goals: list[str] = []
         self.cancelled = threading.Event()
         self.go_on = threading.Event()
-        self._server = actionlib.SimpleActionServer("/job", AssignTaskAction, self._work, auto_start=False)
+        # In one process, connections to an earlier server of the same name may outlive it for a moment.
+        self.name = f"/job_{next(_numbers)}"
+        self._server = actionlib.SimpleActionServer(self.name, AssignTaskAction, self._work, auto_start=False)
         self._server.start()
 
     def fall_silent(self) -> None:
@@ -84,8 +94,9 @@ class Server:
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     server = Server()
+    monkeypatch.setattr(job_action, "action", server.name)
     yield server
     server.close()
 

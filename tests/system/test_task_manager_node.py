@@ -247,9 +247,9 @@ def test_the_interface_plans_and_waits(world: PlanningWorld) -> None:
 def connected(tasks: TaskManagerInterface) -> bool:
     try:
         tasks.plan("(skiros:at nobody nowhere)")
+        return tasks.wait_for_result() is not None
     except TimedOut:
-        return False
-    return tasks.wait_for_result() is not None
+        return False  # not yet, or the connection was still that to the task manager of the test before
 
 
 def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import pytest
@@ -80,6 +81,7 @@ def test_counting_begins_anew_at_each_start() -> None:
 
 
 def test_without_a_ros_node_time_is_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rospy", None)  # type: ignore[arg-type]
     monkeypatch.setattr(clock.time, "monotonic", lambda: 42.0)
     assert clock.now() == 42.0
 

@@ -11,7 +11,7 @@ from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_std_skills.server_watch import ServerWatch
+from skiros2_common.ros.server_watch import ServerWatch
 
 __all__ = ["PrimitiveActionClient"]
 
@@ -100,6 +100,8 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         if not self.res.empty() or self._ended_untold():
             status, result = self.res.get()
             return self.onDone(status, result)
+        if self.client.gh is not None and self._watch.late_result(self.client.gh) > SERVER_TIMEOUT:
+            return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", -104)
         if self._watch.silence() > SERVER_TIMEOUT:
             return self.fail(f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s", -102)
         return self.step(self._progress_msg)

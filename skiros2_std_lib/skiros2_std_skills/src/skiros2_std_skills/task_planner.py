@@ -9,11 +9,11 @@ import actionlib
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.utils import deserialize_skill
-from skiros2_std_skills.server_watch import ServerWatch
 from skiros2_task.ros.task_manager_interface import ACTION, NOTHING_TO_DO, PLAN
 
 #: How long the task manager may take to appear, or be silent, before it counts as missing (s of wall time).
@@ -63,6 +63,8 @@ class task_plan(SkillBase):
         assert self._watch is not None
         if self._sent and self._client.gh.get_comm_state() == actionlib.CommState.DONE:
             return self._take(self._client.get_result())
+        if self._sent and self._watch.late_result(self._client.gh) > SERVER_TIMEOUT:
+            return self.fail(f"The plan of {self._watch.name} was made, but did not arrive", -103)
         if self._watch.silence() > SERVER_TIMEOUT:
             return self.fail(f"No task manager answers on {self._watch.name}", -101)
         if not self._sent and self._watch.is_connected():

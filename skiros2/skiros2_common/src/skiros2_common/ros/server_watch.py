@@ -1,21 +1,24 @@
-"""Whether an action server is there, asked without waiting."""
+"""Whether an action server is there, and whether its answer still comes, asked without waiting."""
 
 from __future__ import annotations
 
 import time
 from typing import Any
 
+from actionlib import CommState
+
 
 class ServerWatch:
     """Watches the server of one action client, from its creation on.
 
-    :param client: an `actionlib.SimpleActionClient`.
+    :param client: an `actionlib.SimpleActionClient` or `ActionClient`.
     """
 
     def __init__(self, client: Any) -> None:
-        self._client = client.action_client
+        self._client = getattr(client, "action_client", client)
         self._heard: Any = self._client.last_status_msg
         self._heard_at = time.monotonic()
+        self._ended_at: float | None = None
 
     @property
     def name(self) -> str:
@@ -45,3 +48,15 @@ class ServerWatch:
         if status is not self._heard:
             self._heard, self._heard_at = status, time.monotonic()
         return time.monotonic() - self._heard_at
+
+    def late_result(self, handle: Any) -> float:
+        """For how long the server has said that a goal is ended without its result, likewise (s).
+
+        A result is lost when the server was started anew under its name just before: the connections seem to be there.
+        """
+        if handle.get_comm_state() != CommState.WAITING_FOR_RESULT:
+            self._ended_at = None
+            return 0.0
+        if self._ended_at is None:
+            self._ended_at = time.monotonic()
+        return time.monotonic() - self._ended_at

@@ -110,11 +110,11 @@ class System:
         quiet = ("--skip-log-check", "--disable-title", "--no-summary")
         self._start("system", ["roslaunch", *quiet, package, file, *arguments])
 
-    def stop_recording(self) -> None:
-        """Ends the recorder, so that the bag is whole."""
-        recorder = next(started for started in self._running if started[0] == "recorder")
-        _end(recorder[1])
-        self._running.remove(recorder)
+    def end_recording(self) -> None:
+        """Ends what was launched, then the recorder: it has got all that the nodes sent, and the bag is whole."""
+        while self._running[-1][0] != "master":
+            _, process = self._running.pop()
+            _end(process)
 
     def check(self) -> None:
         """:raises SystemDown: one of the processes has ended; the text has why, as far as its log tells."""

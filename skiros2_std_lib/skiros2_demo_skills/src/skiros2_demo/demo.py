@@ -86,7 +86,7 @@ class Demo:
         for line in changes(before, onlooker.world()) or ["nothing"]:
             self._say(f"  {line}")
         onlooker.close()
-        system.end_recording()
+        system.stop_recording()
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 

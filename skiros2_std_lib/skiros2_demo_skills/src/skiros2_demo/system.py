@@ -26,6 +26,8 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 END_TIMEOUT = 20.0
 #: How long a part of the system may take to start (s).
 START_TIMEOUT = 30.0
+#: How long the recorder may lag behind what is published (s).
+RECORDER_LAG = 1.0
 #: What asks the demo to end.
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -110,11 +112,14 @@ class System:
         quiet = ("--skip-log-check", "--disable-title", "--no-summary")
         self._start("system", ["roslaunch", *quiet, package, file, *arguments])
 
-    def end_recording(self) -> None:
-        """Ends what was launched, then the recorder: it has got all that the nodes sent, and the bag is whole."""
-        while self._running[-1][0] != "master":
-            _, process = self._running.pop()
-            _end(process)
+    def stop_recording(self) -> None:
+        """Ends the recorder, so that the bag is whole."""
+        # A recorder tells nobody what it has got. What was published last is with it in milliseconds, on a busy machine
+        # in more. The nodes cannot end first: they take their skills out of the world, which is no part of the run.
+        time.sleep(RECORDER_LAG)
+        recorder = next(started for started in self._running if started[0] == "recorder")
+        _end(recorder[1])
+        self._running.remove(recorder)
 
     def check(self) -> None:
         """:raises SystemDown: one of the processes has ended; the text has why, as far as its log tells."""

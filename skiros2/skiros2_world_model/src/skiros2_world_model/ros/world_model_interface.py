@@ -14,11 +14,13 @@ from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+from skiros2_world_model.ros.history_service import history_request, msg2entry
 from skiros2_world_model.ros.ontology_interface import SERVER, OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -43,6 +45,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._relations_service = ServicePool(f"{SERVER}/scene/query_relations", srvs.WmQueryRelations)
         self._transaction_service = ServicePool(f"{SERVER}/transaction", srvs.WmTransaction)
         self._snapshot_service = ServicePool(f"{SERVER}/snapshot", srvs.WmSnapshot)
+        self._history_service = ServicePool(f"{SERVER}/history", srvs.WmHistory)
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[Any], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
@@ -83,6 +86,48 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             if str(error) == no_element(eid, context_id):
                 return None
             raise
+
+    # -- the past ----------------------------------------------------------------------------------------------
+
+    def history(
+        self,
+        eid: str = "",
+        since: Point | None = None,
+        until: Point | None = None,
+        author: str = "",
+        limit: int = 0,
+        context_id: str = _SCENE,
+    ) -> list[HistoryEntry]:
+        """What the journal tells of the changes after a point and up to another one: an entry for each request.
+
+        :param eid: only changes of this element; "" of all.
+        :param since: a change's number (int) or a time (float, s since the epoch); None: the journal's beginning.
+        :param until: likewise; None: now.
+        :param author: only changes that this author made.
+        :param limit: so many entries at most, the last ones; 0: all.
+        :param context_id: the context; `ontology` for the statements of the ontologies.
+        :raises WmException: there is no journal, no such element or context, or a point is before its beginning.
+        """
+        request = history_request("changes", context_id, since, until, eid, author, limit)
+        return [msg2entry(m) for m in self._history_service.call(request).entries]
+
+    def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
+        """A context as it was: `after` has its elements, each with its outgoing relations.
+
+        :param at: as for `history`. The entry tells which change led to that state.
+        :raises WmException: as for `history`.
+        """
+        request = history_request("scene", context_id, until=at)
+        return msg2entry(self._history_service.call(request).entries[0])
+
+    def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
+        """What is other in a context at one point than it was at another: one entry, which is false when nothing is.
+
+        :param since, until: as for `history`.
+        :raises WmException: as for `history`.
+        """
+        request = history_request("difference", context_id, since, until)
+        return msg2entry(self._history_service.call(request).entries[0])
 
     # -- what the shared calls are made of ---------------------------------------------------------------------
 

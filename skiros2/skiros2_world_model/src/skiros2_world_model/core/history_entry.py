@@ -1,0 +1,49 @@
+"""What the history of a world model tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from skiros2_common.core.world_element import Element, RelationDict
+
+#: A point of the history: the number of a change (int), or a time (float, s since the epoch).
+Point = int | float
+
+
+@dataclass
+class HistoryEntry:
+    """What became of a context in one request, or between two points of its history.
+
+    :param number: of the first change of the request, or of the last request between the points.
+    :param stamp: when that was (s since the epoch).
+    :param action: `change`, `load FILE`, `ontology`, `start` (a world model that did not go on from its journal), or
+        `difference`.
+    :param before: the elements that were changed or removed, as they were; without relations.
+    :param after: the elements that were changed or added, as they became; without relations.
+    :param related: the relations that came, as dicts.
+    :param unrelated: the relations that went.
+    :param stated: other RDF statements that came, as N-Triples: of the ontologies, and what a file says beside elements.
+    :param unstated: those that went.
+    """
+
+    number: int
+    stamp: float
+    author: str
+    action: str
+    before: list[Element] = field(default_factory=list)
+    after: list[Element] = field(default_factory=list)
+    related: Sequence[RelationDict] = ()
+    unrelated: Sequence[RelationDict] = ()
+    stated: list[str] = field(default_factory=list)
+    unstated: list[str] = field(default_factory=list)
+
+    def __bool__(self) -> bool:
+        """Whether anything is other."""
+        return bool(self.before or self.after or self.related or self.unrelated or self.stated or self.unstated)
+
+    def pairs(self) -> list[tuple[Element | None, Element | None]]:
+        """The elements, each as it was and as it became; None when it was not there."""
+        before = {e.id: e for e in self.before}
+        after = {e.id: e for e in self.after}
+        return [(before.get(eid), after.get(eid)) for eid in {**before, **after}]

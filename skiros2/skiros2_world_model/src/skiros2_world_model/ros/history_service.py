@@ -1,0 +1,70 @@
+"""The history of a world model as a service: what calls it, and what it answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import genpy
+
+from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
+
+_REQUEST = srvs.WmHistoryRequest
+
+
+def history_request(
+    action: str,
+    context: str,
+    since: Point | None = None,
+    until: Point | None = None,
+    element: str = "",
+    author: str = "",
+    limit: int = 0,
+) -> Any:
+    """A request of `WmHistory`; None as a point: the beginning of the journal, or now."""
+    return _REQUEST(action, context, element, author, *_point2msg(since), *_point2msg(until), limit)
+
+
+def entry2msg(entry: HistoryEntry) -> Any:
+    """An entry as a `WmHistoryEntry`."""
+    return msgs.WmHistoryEntry(
+        entry.number,
+        genpy.Time.from_sec(entry.stamp),
+        entry.author,
+        entry.action,
+        [element2msg(e) for e in entry.before],
+        [element2msg(e) for e in entry.after],
+        [relation2msg(r) for r in entry.related],
+        [relation2msg(r) for r in entry.unrelated],
+        entry.stated,
+        entry.unstated,
+    )
+
+
+def msg2entry(msg: Any) -> HistoryEntry:
+    """An entry from a `WmHistoryEntry`."""
+    return HistoryEntry(
+        msg.number,
+        msg.stamp.to_sec(),
+        msg.author,
+        msg.action,
+        [msg2element(e) for e in msg.before],
+        [msg2element(e) for e in msg.after],
+        [msg2relation(r) for r in msg.related],
+        [msg2relation(r) for r in msg.unrelated],
+        list(msg.stated),
+        list(msg.unstated),
+    )
+
+
+def msg2point(number: int, time: Any) -> Point | None:
+    """The point that a request names."""
+    return int(number) or time.to_sec() or None
+
+
+def _point2msg(point: Point | None) -> tuple[int, genpy.Time]:
+    if isinstance(point, int):
+        return point, genpy.Time()
+    return 0, genpy.Time.from_sec(point or 0.0)

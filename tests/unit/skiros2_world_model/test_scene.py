@@ -123,6 +123,40 @@ def test_the_subject_of_a_new_relation_has_the_same_content_as_before(scene):
     assert scene.touched() == ["a:T-2"]
 
 
+def test_equal_properties_are_one_object(scene):
+    for eid in ("a:T-1", "a:T-2"):
+        scene.put(node(eid, size=2.5, name="x"))
+    one, other = scene.node("a:T-1"), scene.node("a:T-2")
+    assert all(one.properties[key] is other.properties[key] for key in ("a:size", "a:name"))
+
+
+def test_a_property_that_all_share_is_changed_on_one_element_only(scene):
+    for eid in ("a:T-1", "a:T-2"):
+        scene.put(node(eid, size=2.5))
+    scene.element("a:T-1").setProperty("a:size", 3.0)
+    assert scene.element("a:T-1").value_of("a:size") == scene.element("a:T-2").value_of("a:size") == 2.5
+
+
+def test_nothing_is_noted_for_a_mirror_that_nobody_keeps(scene):
+    assert scene.dirty is None
+    scene.dirty = Dirty()
+    scene.put(node("a:T-1", size=1))
+    scene.relate("a:T-2", "a:holds", "a:T-3")
+    assert scene.dirty == Dirty({"a:T-1"}, {("a:T-2", "a:holds", "a:T-3")})
+
+
+def test_relations_are_read_right_also_when_many_elements_were_read_before():
+    scene = Scene()
+    for number in range(2500):
+        scene.put(node(f"a:T-{number}"))
+        scene.relate("a:T-0", "a:holds", f"a:T-{number}")
+    for number in (*range(2500), 0, 1):
+        assert {"src": "a:T-0", "type": "a:holds", "dst": "-1", "state": True, "abstract": False} in (
+            scene.relations_of(f"a:T-{number}")
+        )
+    assert len(scene.relations_of("a:T-0")) == 2501
+
+
 IDS = st.sampled_from([f"a:T-{number}" for number in range(5)])
 STEPS = st.lists(
     st.one_of(
@@ -170,12 +204,18 @@ class Model:
             back = {(s, p, "-1") for s, p, d in self.relations if d == eid}
             assert seen == out | back
         assert {eid for t in scene.types() for eid in scene.of_type(t)} == set(self.nodes)
+        assert scene.predicates() == {pred for _, pred, _ in self.relations}
+        for size in range(4):
+            having = {eid for group in scene.of_value("a:size", size) for eid in group}
+            assert having == {eid for eid, (_, s) in self.nodes.items() if s == size}
 
 
-@given(STEPS, STEPS, st.booleans())
+@given(STEPS, STEPS, st.booleans(), st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_after_any_steps_the_index_is_what_they_say_and_after_a_roll_back_what_it_was(first, second, keep):
-    scene, model = Scene(Dirty()), Model()
+def test_after_any_steps_the_index_is_what_they_say_and_after_a_roll_back_what_it_was(first, second, keep, by_value):
+    scene, model = Scene(), Model()
+    if by_value:
+        scene.of_value("a:size", 0)  # from here on kept up to date
     for step in first:
         model.apply(step, scene)
     before = copy.deepcopy(model)

@@ -5,6 +5,9 @@ A name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
 
 DEFAULT_PREFIX = "skiros"
 
+#: The highest number of an id. More digits than that are a part of the name.
+LAST_ID_NUMBER = 10**18 - 1
+
 
 def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
     """`contain` and `:contain` as `skiros:contain`; a name with a prefix, an IRI and "" stay as they are."""
@@ -21,3 +24,9 @@ def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
 def local_name(name: str) -> str:
     """The part after the prefix: `skiros:contain` gives `contain`."""
     return name.rpartition(":")[2]
+
+
+def id_number(eid: str) -> int:
+    """The number at the end of an id, or -1 when it has none."""
+    _, dash, number = eid.rpartition("-")
+    return int(number) if dash and number.isascii() and number.isdigit() and len(number) <= 18 else -1

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import numbers
+import reprlib
 from collections.abc import Sequence
+from sys import intern
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
@@ -15,15 +17,23 @@ log = logging.getLogger(__name__)
 _TRUE_TEXTS = ("true", "1")
 _FALSE_TEXTS = ("false", "0")
 
+_shown = reprlib.Repr()
+_shown.maxstring = _shown.maxother = _shown.maxlong = 200
+
 
 def as_type(value: Any, datatype: type) -> Any:
     """`value` as a `datatype`, where nothing is lost by it (int to float, NumPy numbers to Python's).
 
     :raises WrongType: it is of another type.
     """
+    if type(value) is datatype:
+        return value
     if datatype is float:
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
-            return float(value)
+            try:
+                return float(value)
+            except OverflowError:
+                raise WrongType("expected a value of type float, got a whole number that is too large") from None
     elif datatype is int:
         if isinstance(value, numbers.Integral) and not isinstance(value, bool):
             return int(value)
@@ -34,7 +44,12 @@ def as_type(value: Any, datatype: type) -> Any:
             return bool(value)
     elif isinstance(value, datatype):
         return value
-    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {value!r}")
+    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {shown(value)}")
+
+
+def shown(value: Any) -> str:
+    """A value in the text of an error: short, however long or deep it is."""
+    return _shown.repr(value)
 
 
 def from_text(text: str, datatype: type) -> Any:
@@ -47,11 +62,11 @@ def from_text(text: str, datatype: type) -> Any:
             return True
         if text.strip().lower() in _FALSE_TEXTS:
             return False
-        raise WrongValue(f"expected True or False, got {text!r}")
+        raise WrongValue(f"expected True or False, got {shown(text)}")
     try:
         return datatype(text)
     except (TypeError, ValueError) as error:
-        raise WrongValue(f"{text!r} is no {datatype.__name__}") from error
+        raise WrongValue(f"{shown(text)} is no {datatype.__name__}") from error
 
 
 def same_value(one: Any, other: Any) -> bool:
@@ -78,8 +93,10 @@ class Property:
     :param value: a Python type (no value yet), one value, or a list of values of one type.
     """
 
+    __slots__ = ("_data_type", "_key", "_values")
+
     def __init__(self, key: str, value: Any) -> None:
-        self._key = key
+        self._key = intern(key)  # a scene has many of one key
         self._values: list[Any] = []
         if isinstance(value, type):
             self._data_type: type = value
@@ -99,10 +116,14 @@ class Property:
 
     def clone(self) -> Property:
         """A copy with a value list of its own (the values themselves are shared)."""
-        copy = self.__class__.__new__(self.__class__)
-        copy.__dict__.update(self.__dict__)
-        copy._values = list(self._values)
-        return copy
+        clone = self.__class__.__new__(self.__class__)
+        clone._key = self._key
+        clone._data_type = self._data_type
+        clone._values = list(self._values)
+        more = getattr(self, "__dict__", None)  # what a subclass has beside
+        if more:
+            clone.__dict__.update(more)
+        return clone
 
     def isSpecified(self) -> bool:
         """Whether there is a value."""
@@ -251,6 +272,8 @@ class Property:
 
     def _checked(self, values: Sequence[Any]) -> list[Any]:
         try:
+            if len(values) == 1:
+                return [as_type(values[0], self._data_type)]  # in less memory than a comprehension makes
             return [as_type(v, self._data_type) for v in values]
         except WrongType as error:
             raise WrongType(f"{self._key}: {error}") from None

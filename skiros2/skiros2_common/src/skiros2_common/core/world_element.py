@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from skiros2_common.core.datatypes import DATATYPES, converted
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.element_changes import ElementChanges, RelationDict
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.mutations import mutations
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import full_name, id_number
 from skiros2_common.core.property import Property, same_value
 
 log = logging.getLogger(__name__)
@@ -22,11 +20,8 @@ __all__ = ["REASONER_PROPERTY", "Element", "ElementChanges", "RelationDict"]
 
 REASONER_PROPERTY = "skiros:DiscreteReasoner"
 
-_ID_NUMBER = re.compile(r"-(\d+)$")
 
-
-@dataclass(frozen=True)
-class _Origin:
+class _Origin(NamedTuple):
     """What a world model gave out: shared with it, never changed here."""
 
     type: str
@@ -180,8 +175,7 @@ class Element:
 
     def getIdNumber(self) -> int:
         """The number in the id, or -1."""
-        found = _ID_NUMBER.search(self._id)
-        return int(found.group(1)) if found else -1
+        return id_number(self._id)
 
     def setUri(self, eid: int) -> None:
         """Gives the element the id `<type>-<eid>`."""

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.changes import SPATIAL
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.queries import containment_cycle, told
 from skiros2_world_model.core.rdf_files import turtle
-from skiros2_world_model.core.scene import ROOT, Dirty, Node, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
 from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_triples
 from skiros2_world_model.core.templates import template_element
 
@@ -28,7 +30,7 @@ class Context:
     def __init__(self, name: str, base: OntologyBase) -> None:
         self.name = name
         self.file = ""
-        self.scene = Scene(Dirty())
+        self.scene = Scene()
         self.extras: list[ox.Triple] = []
         self._base = base
         self._mirror = Mirror(base.store, name)
@@ -55,7 +57,7 @@ class Context:
         """
         base = self._base
         content = read_scene(triples, base.index, base.prefixes, checks, origin, made)
-        scene = Scene(Dirty())
+        scene = Scene()
         for node in content.nodes:
             scene.put(node)
         if self.name == SCENE and ROOT not in scene:
@@ -64,17 +66,17 @@ class Context:
             if dst not in scene:
                 checks.individual(dst, f"{src} {pred} {dst}")
             scene.relate(src, pred, dst)
-        cycle = _cycle(scene, base.index.subproperties("skiros:spatiallyRelated"))
+        cycle = containment_cycle(scene, base.index.subproperties(SPATIAL), (node.id for node in scene))
         if cycle:
-            raise WrongValue(f"{origin}: elements that contain themselves: {' in '.join(cycle)}")
+            raise WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}")
         checks.finish()
         return scene, content.extras
 
     def replace(self, scene: Scene, extras: list[ox.Triple]) -> None:
         """Puts another scene in the place of the present one."""
         self.scene = scene
+        self.scene.dirty = None  # the store has another one
         self.extras = extras
-        self._mirror.replace()
 
     def _add_root(self, scene: Scene) -> None:
         try:
@@ -82,25 +84,3 @@ class Context:
         except (UnknownName, WrongType, WrongValue):
             root = Element("skiros:Scene", _BLANK_SCENE)
         scene.put(Node(ROOT, root.type, root.label, dict(root._props)))
-
-
-def _cycle(scene: Scene, predicates: frozenset[str]) -> list[str]:
-    """Elements each of which is related to the one before it, and the first to the last; [] when there are none."""
-    done: set[str] = set()
-    for start in scene:
-        path: dict[str, Iterator[tuple[str, str, str]]] = {}
-        if start.id not in done:
-            path[start.id] = scene.relations(start.id, predicates)
-        while path:
-            eid, relations = next(reversed(path.items()))
-            for _, _, dst in relations:
-                if dst in path:
-                    ids = list(path)
-                    return [*ids[ids.index(dst) :], dst][::-1]
-                if dst not in done:
-                    path[dst] = scene.relations(dst, predicates)
-                    break
-            else:
-                done.add(eid)
-                del path[eid]
-    return []

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from skiros2_common.core.names import full_name
@@ -10,9 +11,12 @@ from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.scene import Node, Scene
+from skiros2_world_model.core.scene import Scene
 
 _ANY_TYPE = ("", "Unknown", "skiros:Unknown")
+
+#: So many elements are looked at one by one, before an index over a property's values is made for them.
+_FEW = 100
 
 
 def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]:
@@ -20,10 +24,21 @@ def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]
 
     A value that is "" or None matches any.
     """
-    etype = wanted.type if wanted.type in _ANY_TYPE else full_name(wanted.type)
+    any_type = wanted.type in _ANY_TYPE
+    types = frozenset[str]() if any_type else ontology.subclasses(full_name(wanted.type))
     values = _values(wanted)
-    candidates = _candidates(scene, ontology, etype, wanted.label)
-    return [node.id for node in candidates if _has_values(node.properties, values)]
+    if wanted.label:
+        groups = [scene.of_label(wanted.label)]
+    else:
+        groups = [scene.of_type(t) for t in scene.types() if any_type or t in types]
+    found: dict[str, None] = {}
+    for eid in chain.from_iterable(_fewest(scene, groups, values)):
+        node = scene.node(eid)
+        assert node is not None
+        is_of_type = any_type or node.type in types
+        if is_of_type and wanted.label in ("", node.label) and _has_values(node.properties, values):
+            found[eid] = None
+    return list(found)
 
 
 def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = "") -> list[str]:
@@ -84,18 +99,19 @@ def describes(ontology: Ontology, wanted: Element, etype: str, label: str, prope
     )
 
 
-def _candidates(scene: Scene, ontology: Ontology, etype: str, label: str) -> Iterator[Node]:
-    any_type = etype in _ANY_TYPE
-    types = frozenset() if any_type else ontology.subclasses(etype)
-    ids: Iterable[str]
-    if label:
-        ids = (eid for eid in scene.of_label(label) if any_type or _type_of(scene, eid) in types)
-    else:
-        ids = (eid for t in scene.types() if any_type or t in types for eid in scene.of_type(t))
-    for eid in ids:
-        node = scene.node(eid)
-        assert node is not None
-        yield node
+def _fewest(
+    scene: Scene, groups: Sequence[Collection[str]], values: list[tuple[str, list[Any]]]
+) -> Sequence[Collection[str]]:
+    """Groups of ids in which are all elements that have some values: the given ones, or those of a rarer value."""
+    count = sum(map(len, groups))
+    for key, asked in values:
+        for value in asked:
+            if count <= _FEW:
+                return groups
+            having = scene.of_value(key, value)
+            if having is not None and sum(map(len, having)) < count:
+                groups, count = having, sum(map(len, having))
+    return groups
 
 
 def _values(wanted: Element) -> list[tuple[str, list[Any]]]:
@@ -119,3 +135,33 @@ def _type_of(scene: Scene, eid: str) -> str:
 
 def _predicates(ontology: Ontology, pred: str) -> frozenset[str] | None:
     return ontology.subproperties(full_name(pred)) if pred else None
+
+
+def containment_cycle(scene: Scene, predicates: Collection[str], below: Iterable[str]) -> list[str]:
+    """Elements each of which is in the next, the first named again at the end; [] when none is in itself.
+
+    :param predicates: the relations that place their object in their subject.
+    :param below: looks at these elements and at what they are in; each is looked at once.
+    """
+    done: set[str] = set()
+    for start in below:
+        path = {start: scene.relations("", predicates, start)} if start not in done else {}
+        while path:
+            eid, holders = next(reversed(path.items()))
+            for holder, _, _ in holders:
+                if holder in path:
+                    ids = list(path)
+                    return [*ids[ids.index(holder) :], holder]
+                if holder not in done:
+                    path[holder] = scene.relations("", predicates, holder)
+                    break
+            else:
+                done.add(eid)
+                del path[eid]
+    return []
+
+
+def told(cycle: Sequence[str]) -> str:
+    """A cycle as a text; of a long one the ends."""
+    ids = cycle if len(cycle) <= 8 else [*cycle[:4], "...", *cycle[-3:]]
+    return " in ".join(ids)

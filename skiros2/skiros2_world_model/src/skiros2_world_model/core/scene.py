@@ -1,33 +1,29 @@
 """The scene: an index of elements that answers every lookup from dictionaries.
 
-Elements by id, relations both ways by predicate, ids by type and by label. It knows no ontology and checks nothing; the
-world model does that before it calls. The same index is the server's truth and a client's replica.
+Elements by id, relations both ways by predicate, ids by type, by label and by the values of properties that were asked
+for. It knows no ontology and checks nothing; the world model does that before it calls. The same index is the server's
+truth and a client's replica.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from sys import intern
 from typing import Any
 
+from skiros2_common.core.names import LAST_ID_NUMBER, id_number
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.id_index import IdIndex
+from skiros2_world_model.core.property_pool import PropertyPool
+from skiros2_world_model.core.value_index import ValueIndex
 
 #: The element that everything in a scene hangs on.
 ROOT = "skiros:Scene-0"
 
-_NUMBER = re.compile(r"-(\d+)$")
-
-#: One direction of the relations: name -> predicate -> other name -> the relation as a dict, once it was read.
-_Links = dict[str, dict[str, dict[str, "RelationDict | None"]]]
-_NOTHING: dict[str, dict[str, RelationDict | None]] = {}
-
-
-def id_number(eid: str) -> int:
-    """The number at the end of an id, or -1."""
-    found = _NUMBER.search(eid)
-    return int(found.group(1)) if found else -1
+#: Elements whose relations, as dicts, are kept for the next read.
+_READ_LATELY = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +36,7 @@ class Provenance:
 
 
 _UNKNOWN = Provenance()
+_NO_PROPERTIES: Mapping[str, Property] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,19 +62,19 @@ class Scene:
     """The index. Its owner holds a lock while it is read or changed.
 
     A change can be taken back: after `begin`, `roll_back` restores what was there, `commit` keeps what is.
-
-    :param dirty: notes what is touched, for one who mirrors the scene.
     """
 
-    def __init__(self, dirty: Dirty | None = None) -> None:
-        self.dirty = dirty
+    def __init__(self) -> None:
+        self.dirty: Dirty | None = None  #: what is touched from now on, where one who mirrors the scene wants to know
         self._nodes: dict[str, Node] = {}
-        self._out: _Links = {}
-        self._in: _Links = {}
-        self._by_type: dict[str, dict[str, None]] = {}
-        self._by_label: dict[str, dict[str, None]] = {}
+        self._out: dict[str, IdIndex] = {}  # by predicate: the objects of each subject
+        self._in: dict[str, IdIndex] = {}  # by predicate: the subjects of each object
+        self._by_type = IdIndex()
+        self._by_label = IdIndex()
+        self._by_value: dict[str, ValueIndex] = {}  # by property, once it was asked for
         self._numbers: dict[int, int] = {}
         self._next_number = 0
+        self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._undo: list[Callable[[], None]] | None = None
         self._touched: dict[str, bool] = {}  # whether it is more than the subject of another relation
@@ -107,22 +104,40 @@ class Scene:
 
     def types(self) -> list[str]:
         """The classes that have elements."""
-        return list(self._by_type)
+        return [str(etype) for etype in self._by_type]
 
-    def of_type(self, etype: str) -> Iterable[str]:
+    def of_type(self, etype: str) -> Collection[str]:
         """The ids of the elements of exactly that class."""
-        return self._by_type.get(etype, ())
+        return self._by_type.get(etype)
 
-    def of_label(self, label: str) -> Iterable[str]:
+    def of_label(self, label: str) -> Collection[str]:
         """The ids of the elements with that label."""
-        return self._by_label.get(label, ())
+        return self._by_label.get(label)
+
+    def of_value(self, key: str, value: Any) -> list[Collection[str]] | None:
+        """Groups of ids in which are all elements that have a value of a property; None when it cannot tell.
+
+        They hold few others, and one id may be in several.
+        The first question for a property looks at all elements; from then on the answer is kept up to date.
+        """
+        index = self._by_value.get(key)
+        if index is None:
+            index = ValueIndex()
+            for node in self._nodes.values():
+                if key in node.properties:
+                    index.add(node.id, node.properties[key].values)
+            self._by_value[key] = index
+        return index.candidates(value)
 
     def put(self, node: Node) -> None:
         """Adds an element, or puts new content in the place of the old; relations stay."""
         before = self._nodes.get(node.id)
-        self._place(node.id, node)
+        eid = before.id if before is not None else node.id
+        known = before.properties if before is not None else _NO_PROPERTIES
+        properties = {intern(k): p if known.get(k) is p else self._pool.shared(p) for k, p in node.properties.items()}
+        self._place(eid, Node(eid, intern(node.type), node.label, properties, node.made))
         if self._undo is not None:
-            self._undo.append(lambda: self._place(node.id, before))
+            self._undo.append(lambda: self._place(eid, before))
 
     def drop(self, eid: str) -> None:
         """Removes an element with all relations from and to it."""
@@ -140,8 +155,8 @@ class Scene:
         number = desired if desired >= 0 else self._next_number
         if number in self._numbers and len(self._numbers) >= self._next_number:
             number = self._next_number  # all below are taken
-        while number in self._numbers:
-            number += 1
+        while number in self._numbers or number > LAST_ID_NUMBER:
+            number = number + 1 if number < LAST_ID_NUMBER else 0
         return f"{etype}-{number}"
 
     # -- relations ---------------------------------------------------------------------------------------------
@@ -150,62 +165,58 @@ class Scene:
         """The relations of an element as dicts, outgoing and incoming; "-1" stands for the element."""
         cached = self._relation_cache.get(eid)
         if cached is None:
-            relations: list[RelationDict] = []
-            for pred, others in self._out.get(eid, _NOTHING).items():
-                for dst, relation in others.items():
-                    if relation is None:
-                        relation = others[dst] = _relation("-1", pred, dst)
-                    relations.append(relation)
-            for pred, others in self._in.get(eid, _NOTHING).items():
-                for src, relation in others.items():
-                    if relation is None:
-                        relation = others[src] = _relation(src, pred, "-1")
-                    relations.append(relation)
-            cached = self._relation_cache[eid] = tuple(relations)
+            outgoing = (_relation("-1", pred, dst) for pred, index in self._out.items() for dst in index.get(eid))
+            incoming = (_relation(src, pred, "-1") for pred, index in self._in.items() for src in index.get(eid))
+            if len(self._relation_cache) >= _READ_LATELY:
+                self._relation_cache.clear()
+            cached = self._relation_cache[eid] = (*outgoing, *incoming)
         return cached
 
     def related(self, src: str, pred: str, dst: str) -> bool:
         """Whether there is exactly that relation."""
-        return dst in self._out.get(src, _NOTHING).get(pred, ())
+        index = self._out.get(pred)
+        return index is not None and index.has(src, dst)
 
     def predicates(self) -> set[str]:
         """The predicates of all relations."""
-        return {pred for links in self._out.values() for pred in links}
+        return set(self._out)
 
-    def targets(self, src: str, pred: str) -> Iterable[str]:
+    def targets(self, src: str, pred: str) -> Collection[str]:
         """What an element is related to by exactly that predicate."""
-        return self._out.get(src, _NOTHING).get(pred, ())
+        index = self._out.get(pred)
+        return index.get(src) if index is not None else ()
 
-    def sources(self, pred: str, dst: str) -> Iterable[str]:
+    def sources(self, pred: str, dst: str) -> Collection[str]:
         """What is related to an element by exactly that predicate."""
-        return self._in.get(dst, _NOTHING).get(pred, ())
+        index = self._in.get(pred)
+        return index.get(dst) if index is not None else ()
 
     def relations(
-        self, src: str = "", preds: Iterable[str] | None = None, dst: str = ""
+        self, src: str = "", preds: Collection[str] | None = None, dst: str = ""
     ) -> Iterator[tuple[str, str, str]]:
         """The relations with that subject, one of those predicates, and that object; "" and None match any."""
-        wanted = None if preds is None else set(preds)
-        if src:
-            for pred, others in self._out.get(src, _NOTHING).items():
-                if wanted is None or pred in wanted:
-                    if not dst:
-                        for other in others:
-                            yield src, pred, other
-                    elif dst in others:
-                        yield src, pred, dst
-        elif dst:
-            for pred, others in self._in.get(dst, _NOTHING).items():
-                if wanted is None or pred in wanted:
-                    for other in others:
-                        yield other, pred, dst
-        else:
-            for name in self._out:
-                yield from self.relations(name, wanted)
+        for pred, index in self._out.items():
+            if preds is not None and pred not in preds:
+                continue
+            if src and dst:
+                if index.has(src, dst):
+                    yield src, pred, dst
+            elif src:
+                for other in index.get(src):
+                    yield src, pred, other
+            elif dst:
+                for other in self._in[pred].get(dst):
+                    yield other, pred, dst
+            else:
+                for name in index:
+                    for other in index.get(name):
+                        yield str(name), pred, other
 
     def relate(self, src: str, pred: str, dst: str) -> bool:
         """Adds a relation; False when it was there."""
         if self.related(src, pred, dst):
             return False
+        src, dst = (self._nodes[name].id if name in self._nodes else name for name in (src, dst))  # one text of each
         self._link(src, pred, dst)
         if self._undo is not None:
             self._undo.append(lambda: self._unlink(src, pred, dst))
@@ -261,20 +272,26 @@ class Scene:
     def _place(self, eid: str, node: Node | None) -> None:
         before = self._nodes.get(eid)
         if before is not None and (node is None or node.type != before.type):
-            _discard(self._by_type, before.type, eid)
+            self._by_type.discard(before.type, eid)
         if before is not None and (node is None or node.label != before.label):
-            _discard(self._by_label, before.label, eid)
+            self._by_label.discard(before.label, eid)
+        for key, index in self._by_value.items():
+            old, new = _property(before, key), _property(node, key)
+            if old is not new:
+                index.discard(eid, old.values if old is not None else ())
+                index.add(eid, new.values if new is not None else ())
         if node is None:
             del self._nodes[eid]
             self._relation_cache.pop(eid, None)
             self._count(eid, -1)
         else:
             self._nodes[eid] = node
-            self._by_type.setdefault(node.type, {})[eid] = None
-            self._by_label.setdefault(node.label, {})[eid] = None
+            self._by_type.add(node.type, eid)
+            self._by_label.add(node.label, eid)
             if before is None:
                 self._count(eid, 1)
-        self._touched[eid] = True
+        if self._undo is not None:
+            self._touched[eid] = True
         if self.dirty is not None:
             self.dirty.nodes.add(eid)
 
@@ -290,25 +307,26 @@ class Scene:
             del self._numbers[number]
 
     def _link(self, src: str, pred: str, dst: str) -> None:
-        self._out.setdefault(src, {}).setdefault(pred, {})[dst] = None
-        self._in.setdefault(dst, {}).setdefault(pred, {})[src] = None
+        for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
+            index = links.get(pred)
+            if index is None:
+                index = links[pred] = IdIndex()
+            index.add(here, there)
         self._note_relation(src, pred, dst)
 
     def _unlink(self, src: str, pred: str, dst: str) -> None:
         for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
-            by_predicate = links[here]
-            del by_predicate[pred][there]
-            if not by_predicate[pred]:
-                del by_predicate[pred]
-                if not by_predicate:
-                    del links[here]
+            links[pred].discard(here, there)
+            if not links[pred]:
+                del links[pred]
         self._note_relation(src, pred, dst)
 
     def _note_relation(self, src: str, pred: str, dst: str) -> None:
         self._relation_cache.pop(src, None)
         self._relation_cache.pop(dst, None)
-        self._touched.setdefault(src, False)
-        self._touched[dst] = True
+        if self._undo is not None:
+            self._touched.setdefault(src, False)
+            self._touched[dst] = True
         if self.dirty is not None:
             self.dirty.relations.add((src, pred, dst))
 
@@ -317,7 +335,5 @@ def _relation(src: str, pred: str, dst: str) -> dict[str, Any]:
     return {"src": src, "type": pred, "dst": dst, "state": True, "abstract": False}
 
 
-def _discard(index: dict[str, dict[str, None]], key: str, eid: str) -> None:
-    del index[key][eid]
-    if not index[key]:
-        del index[key]
+def _property(node: Node | None, key: str) -> Property | None:
+    return node.properties.get(key) if node is not None else None

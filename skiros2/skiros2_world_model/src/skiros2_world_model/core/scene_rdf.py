@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, Prefixes
-from skiros2_world_model.core.scene import Dirty, Node, Provenance, Scene, id_number
+from skiros2_world_model.core.scene import Dirty, Node, Provenance, Scene
 from skiros2_world_model.core.terms import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.triple_store import TripleStore
 
@@ -142,29 +144,22 @@ def scene_triples(scene: Scene, ontology: Ontology, prefixes: Prefixes) -> Itera
 class Mirror:
     """Keeps one context of the store in step with a scene.
 
-    The scene notes what is touched; `flush` brings the store up to date, in one go, before somebody asks it.
+    `flush` brings the store up to date, in one go, before somebody asks it: with the whole scene at first, from then on
+    with what the scene notes as touched.
     """
 
     def __init__(self, store: TripleStore, context: str) -> None:
         self._store = store
         self._context = context
-        self._whole = True
-
-    def replace(self) -> None:
-        """The scene was replaced whole."""
-        self._whole = True
 
     def flush(self, scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> None:
         """Brings the store up to date. The caller holds the lock of the scene."""
         dirty = scene.dirty
-        assert dirty is not None
-        if self._whole:
-            self._store.replace(self._context, [*scene_triples(scene, ontology, prefixes), *extras])
-            self._whole = False
+        if dirty is None:
+            self._store.replace(self._context, chain(scene_triples(scene, ontology, prefixes), extras))
         elif dirty.nodes or dirty.relations:
             self._update(scene, dirty, set(extras), ontology, prefixes)
-        dirty.nodes.clear()
-        dirty.relations.clear()
+        scene.dirty = Dirty()  # only now: what fails is done again
 
     def _update(
         self, scene: Scene, dirty: Dirty, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes

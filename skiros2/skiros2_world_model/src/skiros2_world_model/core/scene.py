@@ -58,6 +58,18 @@ class Dirty:
     relations: set[tuple[str, str, str]] = field(default_factory=set)
 
 
+@dataclass
+class Step:
+    """What was changed in a scene since its `begin`, in that order: elements that were put or dropped, and relations."""
+
+    contents: dict[str, None] = field(default_factory=dict)
+    relations: dict[tuple[str, str, str], None] = field(default_factory=dict)
+
+    def elements(self) -> dict[str, None]:
+        """The elements whose content or relations were changed, gone ones too."""
+        return {**self.contents, **dict.fromkeys(eid for src, _, dst in self.relations for eid in (src, dst))}
+
+
 class Scene:
     """The index. Its owner holds a lock while it is read or changed.
 
@@ -77,7 +89,7 @@ class Scene:
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._undo: list[Callable[[], None]] | None = None
-        self._touched: dict[str, bool] = {}  # whether it is more than the subject of another relation
+        self.step = Step()
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -159,6 +171,15 @@ class Scene:
             number = number + 1 if number < LAST_ID_NUMBER else 0
         return f"{etype}-{number}"
 
+    @property
+    def next_number(self) -> int:
+        """All numbers from this one on are free for ids; it never goes down, so that no id is given twice."""
+        return self._next_number
+
+    def reserve(self, next_number: int) -> None:
+        """No number below this one is given from now on."""
+        self._next_number = max(self._next_number, next_number)
+
     # -- relations ---------------------------------------------------------------------------------------------
 
     def relations_of(self, eid: str) -> tuple[RelationDict, ...]:
@@ -236,30 +257,30 @@ class Scene:
     def begin(self) -> None:
         """From now on changes are noted, until `commit` or `roll_back`."""
         self._undo = []
-        self._touched = {}
+        self.step = Step()
 
     def touched(self) -> list[str]:
         """The ids of what was changed since `begin`, gone elements too.
 
         An element that is the subject of another relation than before is not among them: its own content is the same.
         """
-        return [eid for eid, more in self._touched.items() if more]
+        return list({**self.step.contents, **dict.fromkeys(dst for _, _, dst in self.step.relations)})
 
     def roll_back(self) -> None:
         """Takes back everything since `begin`."""
         undo, self._undo = self._undo or [], None
         for step in reversed(undo):
             step()
-        self._touched = {}
+        self.step = Step()
 
     def commit(self, made: Provenance) -> list[str]:
         """Keeps everything since `begin`, and returns the ids of the elements whose content or relations changed."""
         self._undo = None
-        touched = [eid for eid in self._touched if eid in self._nodes]
+        touched = [eid for eid in self.step.elements() if eid in self._nodes]
         for eid in touched:
             old = self._nodes[eid]
             self._nodes[eid] = Node(eid, old.type, old.label, old.properties, made)
-        self._touched = {}
+        self.step = Step()
         return touched
 
     def clear(self) -> None:
@@ -291,7 +312,7 @@ class Scene:
             if before is None:
                 self._count(eid, 1)
         if self._undo is not None:
-            self._touched[eid] = True
+            self.step.contents[eid] = None
         if self.dirty is not None:
             self.dirty.nodes.add(eid)
 
@@ -325,8 +346,7 @@ class Scene:
         self._relation_cache.pop(src, None)
         self._relation_cache.pop(dst, None)
         if self._undo is not None:
-            self._touched.setdefault(src, False)
-            self._touched[dst] = True
+            self.step.relations[src, pred, dst] = None
         if self.dirty is not None:
             self.dirty.relations.add((src, pred, dst))
 

@@ -13,9 +13,8 @@ from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.queries import containment_cycle, told
-from skiros2_world_model.core.rdf_files import turtle
 from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_triples
+from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_turtle
 from skiros2_world_model.core.templates import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
@@ -43,9 +42,7 @@ class Context:
 
     def turtle(self) -> bytes:
         """All of it as sorted Turtle."""
-        base = self._base
-        triples = [*scene_triples(self.scene, base.index, base.prefixes), *self.extras]
-        return turtle(triples, base.prefixes.namespaces())
+        return scene_turtle(self.scene, self.extras, self._base.index, self._base.prefixes)
 
     def read(
         self, triples: Iterable[ox.Triple], checks: Checks, origin: str, made: Provenance

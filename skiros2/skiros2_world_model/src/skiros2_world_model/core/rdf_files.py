@@ -17,8 +17,12 @@ from skiros2_common.core.errors import WrongValue
 _XML_START = re.compile(rb"\s*<(\?xml|!DOCTYPE|!--|([A-Za-z][\w.-]*:)?RDF[\s>])")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _PLAIN_LOCAL = re.compile(r"\w[\w-]*", re.ASCII)
+_PLAIN_TEXT = re.compile(r"[\w .:+-]*", re.ASCII)
 _XSD_STRING = "http://www.w3.org/2001/XMLSchema#string"
 _RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+
+#: Subject, predicate and object as Turtle writes them.
+WrittenStatement = tuple[str, str, str]
 
 
 def read_triples(path: Path) -> list[ox.Triple]:
@@ -59,21 +63,9 @@ def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
 
 
 def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
-    """The triples as Turtle, one to a line, in an order that depends on nothing but the triples.
-
-    So the difference of two texts shows what changed.
-    """
-    writer = _TurtleWriter(prefixes)
-    lines = sorted({writer.line(t) for t in triples})
-    text: list[str] = []
-    before = ""
-    for subject, _, predicate, obj in lines:
-        if subject != before:
-            text.append(f".\n\n{subject}\n" if before else f"{subject}\n")
-        text.append(f"    {predicate} {obj} ;\n")
-        before = subject
-    header = [f"@prefix {prefix}: <{prefixes[prefix]}> .\n" for prefix in sorted(writer.used)]
-    return "".join([*header, "\n" if header and text else "", *text, ".\n" if text else ""]).encode()
+    """The triples as Turtle; see `TurtleWriter`."""
+    writer = TurtleWriter(prefixes)
+    return writer.text(map(writer.statement, triples))
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -97,34 +89,66 @@ def write_file(path: Path, content: bytes) -> None:
         raise WrongValue(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-class _TurtleWriter:
-    """Terms as Turtle writes them; notes which prefixes it used."""
+class TurtleWriter:
+    """Writes statements as Turtle, one to a line, in an order that depends on nothing but the statements.
+
+    So the difference of two texts shows what changed. Used for one text.
+
+    :param prefixes: namespace by prefix.
+    """
 
     def __init__(self, prefixes: Mapping[str, str]) -> None:
         self._prefixes = {namespace: prefix for prefix, namespace in prefixes.items() if prefix}
-        self.used: set[str] = set()
+        self._nodes: dict[str, str] = {}
+        self._used: set[str] = set()
 
-    def line(self, triple: ox.Triple) -> tuple[str, bool, str, str]:
-        """Subject, whether the predicate is not `a`, predicate, object; sorts as the text is to be sorted."""
-        is_type = triple.predicate.value == _RDF_TYPE
-        predicate = "a" if is_type else self._term(triple.predicate)
-        return self._term(triple.subject), not is_type, predicate, self._term(triple.object)
+    def text(self, statements: Iterable[WrittenStatement]) -> bytes:
+        """The statements as they are to be written, each once."""
+        described: dict[str, set[tuple[bool, str, str]]] = {}
+        for subject, predicate, obj in statements:
+            described.setdefault(subject, set()).add((predicate != "a", predicate, obj))
+        paragraphs = []
+        for subject in sorted(described):
+            lines = [f"    {predicate} {obj} ;\n" for _, predicate, obj in sorted(described[subject])]
+            paragraphs.append(f"{subject}\n{''.join(lines)}.\n")
+        namespaces = {prefix: namespace for namespace, prefix in self._prefixes.items()}
+        header = "".join(f"@prefix {prefix}: <{namespaces[prefix]}> .\n" for prefix in sorted(self._used))
+        return "\n".join([header, *paragraphs] if header else paragraphs).encode()
+
+    def statement(self, triple: ox.Triple) -> WrittenStatement:
+        """A triple as it is written."""
+        predicate = self.predicate(triple.predicate.value)
+        return self._term(triple.subject), predicate, self._term(triple.object)
+
+    def node(self, iri: str) -> str:
+        """An IRI as it is written."""
+        written = self._nodes.get(iri)
+        if written is None:
+            namespace, mark, local = iri.rpartition("#")
+            prefix = self._prefixes.get(namespace + mark)
+            if prefix is None or not _PLAIN_LOCAL.fullmatch(local):
+                written = f"<{iri}>"
+            else:
+                self._used.add(prefix)
+                written = f"{prefix}:{local}"
+            self._nodes[iri] = written
+        return written
+
+    def predicate(self, iri: str) -> str:
+        """The IRI of a predicate as it is written."""
+        return "a" if iri == _RDF_TYPE else self.node(iri)
+
+    def literal(self, text: str, datatype: str) -> str:
+        """A literal as it is written: its text, and the IRI of its datatype."""
+        quoted = f'"{text}"' if _PLAIN_TEXT.fullmatch(text) else str(ox.Literal(text))
+        return quoted if datatype == _XSD_STRING else f"{quoted}^^{self.node(datatype)}"
 
     def _term(self, term: Any) -> str:
         if isinstance(term, ox.NamedNode):
-            return self._node(term)
-        if not isinstance(term, ox.Literal) or term.language or term.datatype.value == _XSD_STRING:
-            return str(term)
-        text = str(term)
-        return text[: text.rindex("^^") + 2] + self._node(term.datatype)
-
-    def _node(self, node: ox.NamedNode) -> str:
-        namespace, mark, local = node.value.rpartition("#")
-        prefix = self._prefixes.get(namespace + mark)
-        if prefix is None or not _PLAIN_LOCAL.fullmatch(local):
-            return str(node)
-        self.used.add(prefix)
-        return f"{prefix}:{local}"
+            return self.node(term.value)
+        if isinstance(term, ox.Literal) and not term.language:
+            return self.literal(term.value, term.datatype.value)
+        return str(term)
 
 
 def _line_of_xml_error(content: bytes) -> int | None:

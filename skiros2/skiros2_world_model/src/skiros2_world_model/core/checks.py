@@ -7,16 +7,23 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+import pyoxigraph as ox
+
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.property import Property
+from skiros2_common.core.property import Property, as_type, shown
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
 
 log = logging.getLogger(__name__)
 
-_NOT_IN_NAMES = re.compile(r"[\s<>\"{}|\\^`]|^:*$")
+#: Names that RDF can always hold. Others are tried.
+_PLAIN_NAME = re.compile(r"([a-z]([a-z0-9_.-]*[a-z0-9_-])?)?:?\w[\w.-]*", re.ASCII)
+#: How deep lists and dicts in a value may be nested: far more than anybody needs, far less than JSON can take.
+_MOST_NESTED = 50
+#: How long a whole number may be; Python itself writes none of much more than 10 000 bits.
+_MOST_BITS = 4096
 
 
 class Checks:
@@ -32,6 +39,7 @@ class Checks:
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
+        self._known: dict[str, str] = {}  # properties in full, by their names as given
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
     def class_name(self, name: str, who: str) -> str:
@@ -39,7 +47,7 @@ class Checks:
 
         :raises WrongValue: it cannot be a name.
         """
-        name = self._name(name, "class", who)
+        name = self.name(name, "class", who)
         if not self._ontology.has_class(name):
             self._note("class", name, who)
         return name
@@ -49,7 +57,7 @@ class Checks:
 
         :raises WrongValue: it cannot be a name.
         """
-        name = self._name(name, "relation", who)
+        name = self.name(name, "relation", who)
         if not self._ontology.has_relation(name):
             self._note("relation", name, who)
         return name
@@ -59,19 +67,25 @@ class Checks:
 
         :raises WrongValue: it cannot be a name, or is kept elsewhere.
         """
-        name = self._name(name, "property", who)
+        known = self._known.get(name)
+        if known is not None:
+            return known
+        given, name = name, self.name(name, "property", who)
         if name in ("rdf:type", "rdfs:label"):
             raise WrongValue(f"{self._origin}: {who}: {name} is written as the element's class or label")
-        if not self._ontology.has_data_property(name):
+        if self._ontology.has_data_property(name):
+            self._known[given] = name
+        else:
             self._note("property", name, who)
         return name
 
     def individual(self, name: str, who: str) -> str:
-        """The name of something that is no element: a template, say.
+        """The name in full of something that is no element: a template, say.
 
+        :raises WrongValue: it cannot be a name.
         :raises UnknownName: it looks like the id of an element.
         """
-        name = self._name(name, "element", who)
+        name = self.name(name, "element", who)
         if re.search(r"-\d+$", name):
             raise UnknownName(f"{self._origin}: {who}: there is no element {name!r}")
         if not self._ontology.knows(name):
@@ -87,9 +101,22 @@ class Checks:
         key = self.property_name(key, who)
         try:
             checked = made_property(key, prop.values, self._ontology.value_limits(etype, key), prop.dataType())
+            for value in checked.values:
+                _check_plain(value, key)
         except (WrongType, WrongValue) as error:
             raise type(error)(f"{self._origin}: {who}: {error}") from None
         return checked
+
+    def label(self, text: str, who: str) -> str:
+        """A label.
+
+        :raises WrongValue: it is no text that can be written.
+        """
+        try:
+            _check_plain(str(text), "label")
+        except WrongValue as error:
+            raise WrongValue(f"{self._origin}: {who}: {error}") from None
+        return text
 
     def finish(self) -> None:
         """Warns of the unknown names, once for each.
@@ -105,10 +132,21 @@ class Checks:
         for line in lines:
             log.warning("%s", line)
 
-    def _name(self, name: Any, kind: str, who: str) -> str:
-        if not isinstance(name, str) or _NOT_IN_NAMES.search(name):
-            raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
-        return self.full(name)
+    def name(self, name: Any, kind: str, who: str) -> str:
+        """A name in full, known or not.
+
+        :raises WrongValue: it cannot be a name.
+        """
+        if isinstance(name, str):
+            if _PLAIN_NAME.fullmatch(name):
+                return self.full(name)
+            try:
+                node = ox.NamedNode(self._prefixes.iri(name) if name.strip(":") else "")
+                if not name.endswith((":", "#")):
+                    return self._prefixes.name(node.value)
+            except ValueError:
+                pass  # said below
+        raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
 
     def full(self, name: str) -> str:
         """A name with its prefix, from an IRI too."""
@@ -135,18 +173,56 @@ def made_property(
     if PYTHON_TYPES.get(datatype, str) is not str:
         given = [v for v in given if v != ""]  # how scenes in the field write a number that is not known
     if most is not None and len(given) > most:
-        raise WrongValue(f"{key} has {len(given)} values {given!r}, allowed are {most}")
+        raise WrongValue(f"{key} has {len(given)} values {shown(given)}, allowed are {most}")
     if datatype in PYTHON_TYPES:
+        if len(given) == 1 and type(given[0]) is PYTHON_TYPES[datatype]:
+            return Property(key, given[0])
         prop = Property(key, PYTHON_TYPES[datatype])
         try:
             prop.assign([as_datatype(v, datatype) for v in given])
         except WrongType as error:
             raise WrongType(f"{key}: {error}") from None
         return prop
+    given = [_as_python(v) for v in given]
     kinds = {type(v) for v in given}
     if len(kinds) > 1:
-        given = [float(v) for v in given] if kinds <= {int, float} else [str(v) for v in given]
+        given = [as_type(v, float) for v in given] if kinds <= {int, float} else [str(v) for v in given]
     prop = Property(key, type(given[0]) if given else empty_type)
     if given:
         prop.assign(given)
     return prop
+
+
+def _as_python(value: Any) -> Any:
+    """Numbers and bools of other libraries as Python's; other values as they are."""
+    if isinstance(value, (str, bool, int, float, list, dict)):
+        return value
+    for kind in (bool, int, float):
+        try:
+            return as_type(value, kind)
+        except WrongType:
+            continue
+    return value
+
+
+def _check_plain(value: Any, key: str, depth: int = 0) -> None:
+    """Raises when a value cannot be written, as RDF and in messages."""
+    if type(value) is float:
+        return
+    if isinstance(value, str):
+        if not value.isascii():
+            try:
+                value.encode()
+            except UnicodeEncodeError as error:
+                raise WrongValue(f"{key}: {shown(value)} is no text: {error.reason}") from None
+    elif isinstance(value, (list, tuple, dict)):
+        if depth == _MOST_NESTED:
+            raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MOST_NESTED} levels")
+        for item in value.values() if isinstance(value, dict) else value:
+            _check_plain(item, key, depth + 1)
+    elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
+        raise WrongValue(f"{key}: a number of more than {_MOST_BITS} bits")
+    elif not isinstance(value, (int, float)) and (value is not None or not depth):
+        raise WrongType(
+            f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {shown(value)}"
+        )

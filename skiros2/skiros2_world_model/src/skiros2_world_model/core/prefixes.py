@@ -7,6 +7,8 @@ with `#`. Prefix declarations inside files are the files' own business and never
 
 from __future__ import annotations
 
+import re
+
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -19,6 +21,14 @@ STANDARD = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD}
 
 #: Where a prefix that no ontology has gets its namespace, so that the rule above leads back to the prefix.
 _UNKNOWN = "http://rvmi.aau.dk/ontologies/{}.owl#"
+
+#: What Turtle and SPARQL take as a prefix (PN_PREFIX of their grammars).
+_LETTERS = (
+    "A-Za-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f\u2c00-\u2fef"
+    "\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
+)
+_OTHERS = "_0-9\u00b7\u0300-\u036f\u203f-\u2040-"
+_PREFIX = re.compile(f"[{_LETTERS}](?:[{_LETTERS}{_OTHERS}.]*[{_LETTERS}{_OTHERS}])?")
 
 
 def prefix_of(ontology_iri: str) -> str:
@@ -51,12 +61,15 @@ class Prefixes:
         return self.add_namespace(iri.rstrip("#") + "#")
 
     def add_namespace(self, namespace: str) -> str:
-        """Gives a namespace the prefix that the rule says; returns it, or the namespace when another one has it."""
+        """Gives a namespace the prefix that the rule says; returns it, or the namespace when it cannot have it.
+
+        Another namespace may have it, or what the rule says is no prefix for RDF.
+        """
         known = self._prefixes.get(namespace)
         if known is not None:
             return known
         prefix = prefix_of(namespace)
-        if not prefix or prefix in self._namespaces:
+        if prefix in self._namespaces or not _PREFIX.fullmatch(prefix):
             return namespace
         self._namespaces[prefix] = namespace
         self._prefixes[namespace] = prefix

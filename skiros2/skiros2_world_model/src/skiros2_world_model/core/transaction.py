@@ -18,11 +18,12 @@ from skiros2_world_model.core.changes import (
     Relate,
     Remove,
     Update,
+    relation_dict,
 )
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.queries import branch_ids
+from skiros2_world_model.core.queries import branch_ids, containment_cycle, told
 from skiros2_world_model.core.scene import ROOT, Node, Scene
 from skiros2_world_model.core.templates import copies_of
 
@@ -46,13 +47,13 @@ class Transaction:
         self._author = author
         self._exists = exists
         self._references: dict[str, str] = {}
+        self._placed: dict[str, None] = {}  # what was placed in something, and not checked yet
         self.added: dict[str, None] = {}
         self.updated: dict[str, None] = {}
         self.removed: list[Element] = []
         self.removed_recursively = False
         self.renamed: list[tuple[str, str]] = []
-        self.related: list[RelationDict] = []
-        self.unrelated: list[RelationDict] = []
+        self._loose: dict[tuple[str, str, str], bool] = {}  # whether it was there before
 
     def run(self, operations: Iterable[Operation]) -> list[str]:
         """Applies the operations in order, and returns the id that each was about.
@@ -74,13 +75,28 @@ class Transaction:
             eid = self._apply(operation, links)
             ids.setdefault(index, eid)
         for eid, relation in links:
-            self._link(eid, relation)
+            if _is_fact(relation):
+                self._link(eid, relation)
+        self._check_containment()
         self._checks.finish()
         return list(ids.values())
+
+    @property
+    def related(self) -> list[RelationDict]:
+        """The new relations that no element of `added` and `updated` tells of."""
+        return [relation_dict(*r) for r, before in self._loose.items() if not before and self._scene.related(*r)]
+
+    @property
+    def unrelated(self) -> list[RelationDict]:
+        """Likewise, the relations that are gone."""
+        return [relation_dict(*r) for r, before in self._loose.items() if before and not self._scene.related(*r)]
 
     def _apply(self, operation: Operation, links: list[tuple[str, RelationDict]]) -> str:
         if isinstance(operation, Add):
             return self._add(operation, links)
+        if isinstance(operation, Relate) and operation.value:
+            return self._relate(operation)
+        self._check_containment()  # what is removed from here on does not excuse what was added
         if isinstance(operation, Update):
             return self._update(operation, links)
         if isinstance(operation, Patch):
@@ -101,7 +117,7 @@ class Transaction:
         if operation.reference:
             self._references[operation.reference] = eid
         properties = self._properties(etype, element, eid)
-        self._scene.put(Node(eid, etype, element.label, properties))
+        self._scene.put(Node(eid, etype, self._checks.label(element.label, eid), properties))
         self.added[eid] = None
         links += [(eid, relation) for relation in element._rels]
         template = properties.get(TEMPLATE)
@@ -119,7 +135,7 @@ class Transaction:
             kept = {key: prop for key, prop in node.properties.items() if key not in operation.keys}
             self._scene.put(Node(node.id, node.type, node.label, kept | written))
         else:
-            self._scene.put(Node(node.id, etype, element.label, properties))
+            self._scene.put(Node(node.id, etype, self._checks.label(element.label, node.id), properties))
         self._note_update(node.id)
         if operation.relations:
             wanted = {self._ends(node.id, r) for r in element._rels if _is_fact(r)}
@@ -133,7 +149,7 @@ class Transaction:
         """Writes some changes of an element; relations that are added go to `links`."""
         node = self._node(eid)
         etype = node.type if changes.type is None else self._checks.class_name(changes.type, eid)
-        label = node.label if changes.label is None else changes.label
+        label = node.label if changes.label is None else self._checks.label(changes.label, eid)
         if changes.properties or changes.removed_properties or etype != node.type or label != node.label:
             properties = dict(node.properties)
             for key in changes.removed_properties:
@@ -143,7 +159,7 @@ class Transaction:
                 properties[checked.key] = checked
             self._scene.put(Node(eid, etype, label, properties))
         for relation in changes.removed_relations:
-            self._scene.unrelate(*self._ends(eid, relation))
+            self._unlink(eid, *self._ends(eid, relation))
         links += [(eid, relation) for relation in changes.added_relations]
         self._note_update(eid)
         return eid
@@ -159,7 +175,8 @@ class Transaction:
         for eid in gone:
             element = self._scene.element(eid)
             assert element is not None
-            self.removed.append(element)
+            if eid not in self.added:
+                self.removed.append(element)
             self._scene.drop(eid)
             self.added.pop(eid, None)
             self.updated.pop(eid, None)
@@ -183,56 +200,60 @@ class Transaction:
 
     def _relate(self, operation: Relate) -> str:
         relation = {"src": operation.src, "type": operation.pred, "dst": operation.dst}
+        if operation.value:
+            return self._link("", relation)
         src, pred, dst = self._ends("", relation)
-        if not operation.value:
-            self._node(src)
-            self._check_target(src, pred, dst)
-            predicates = [p for p in [pred, *self._ontology.subproperties(pred)] if self._scene.related(src, p, dst)]
-            for found in dict.fromkeys(predicates):
-                self._scene.unrelate(src, found, dst)
-                self.unrelated.append({"src": src, "type": found, "dst": dst})
-        elif self._link("", relation):
-            self.related.append({"src": src, "type": pred, "dst": dst})
+        self._node(src)
+        pred = self._checks.name(pred, "relation", src)
+        dst = self._target(src, pred, dst)
+        for name in {pred, *self._ontology.subproperties(pred)}:
+            self._unlink("", src, name, dst)
         return src
 
-    def _link(self, eid: str, relation: RelationDict) -> bool:
-        """Adds a relation of an element, when its two ends may be so related."""
-        if not _is_fact(relation):
-            return False
+    def _link(self, eid: str, relation: RelationDict) -> str:
+        """Adds a relation, when its two ends may be so related; returns its subject.
+
+        :param eid: the element that it is a relation of, "" when it comes alone.
+        """
         src, pred, dst = self._ends(eid, relation)
         who = f"{src} {pred} {dst}"
-        self._checks.relation_name(pred, who)
+        pred = self._checks.relation_name(pred, who)
         if src not in self._scene:
             raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
-        self._check_target(src, pred, dst)
+        dst = self._target(src, pred, dst)
         if self._ontology.is_subproperty(pred, SPATIAL):
-            self._check_cycle(src, pred, dst)
-        return self._scene.relate(src, pred, dst)
+            self._placed[dst] = None
+        if eid not in (src, dst):
+            self._loose.setdefault((src, pred, dst), self._scene.related(src, pred, dst))
+        self._scene.relate(src, pred, dst)
+        return src
 
-    def _check_target(self, src: str, pred: str, dst: str) -> None:
-        """What a relation leads to is an element, of another context too, or an individual of the ontologies."""
-        if dst not in self._scene and not self._exists(dst):
-            self._checks.individual(dst, f"{src} {pred} {dst}")
+    def _unlink(self, eid: str, src: str, pred: str, dst: str) -> None:
+        """Removes a relation of an element, or ("") one that comes alone, if it is there."""
+        if self._scene.related(src, pred, dst):
+            if eid not in (src, dst):
+                self._loose.setdefault((src, pred, dst), True)
+            self._scene.unrelate(src, pred, dst)
 
-    def _check_cycle(self, src: str, pred: str, dst: str) -> None:
-        predicates = self._ontology.subproperties(SPATIAL)
-        seen = {src}
-        waiting = [src]
-        while waiting:
-            eid = waiting.pop()
-            if eid == dst:
-                raise WrongValue(f"{self._author}: {src} {pred} {dst} would place {dst} in itself")
-            for holder, _, _ in self._scene.relations("", predicates, eid):
-                if holder not in seen:
-                    seen.add(holder)
-                    waiting.append(holder)
+    def _target(self, src: str, pred: str, dst: str) -> str:
+        """What a relation leads to: an element, of another context too, or an individual of the ontologies."""
+        if dst in self._scene or self._exists(dst):
+            return dst
+        return self._checks.individual(dst, f"{src} {pred} {dst}")
+
+    def _check_containment(self) -> None:
+        """Refuses relations that have placed an element in itself. Looks once for all since it was called last."""
+        placed, self._placed = self._placed, {}
+        cycle = containment_cycle(self._scene, self._ontology.subproperties(SPATIAL), placed)
+        if cycle:
+            raise WrongValue(f"{self._author}: {told(cycle)}: an element cannot be in itself")
 
     # -- shared ------------------------------------------------------------------------------------------------
 
     def _ends(self, eid: str, relation: RelationDict) -> tuple[str, str, str]:
         """The relation with real ids: "-1" is the element, and `#name` one that this request makes."""
         src, dst = (self._end(eid, relation[side]) for side in ("src", "dst"))
-        return src, full_name(relation["type"]), dst
+        return src, self._checks.full(relation["type"]), dst
 
     def _end(self, eid: str, name: str) -> str:
         if name == "-1":

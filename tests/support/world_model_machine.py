@@ -1,0 +1,351 @@
+"""Random sequences of requests to a world model, good and bad, compared with a plain model of the scene after each.
+
+`FUZZ=50` in the environment makes the runs 50 times as long, each with other input; without it they are the same always.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_world_model.core.changes import (
+    Add,
+    Instantiate,
+    Operation,
+    Patch,
+    Relate,
+    Remove,
+    Update,
+    relation_dict,
+)
+from support.scene_model import ROOT, Refusal, SceneModel, Thing
+
+TYPES = ["skiros:Part", "skiros:LargeBox", "skiros:Starter", "lab:Crate", "lab:Pump", ":Part", "Product"]
+PREDICATES = ["skiros:contain", "skiros:hasA", "lab:holds", "skiros:at", "skiros:hasSkill", "lab:feeds", "contain"]
+LABELS = ["", "one", "two", "lab:kit", 'a "red" one\nwith é\t\\', "日本\x00"]
+KEYS = ["lab:size", "lab:count", "lab:open", "lab:note", "lab:anything", "skiros:anything", "other"]
+VALUES: list[Any] = [
+    *(0.5, -2.25, 0.0, 1e300, float("inf"), float("nan"), 1, 0, -7, 2**70, True, False),
+    *("", "a text", "0.25", "12", "true", "left", "\n\"'\\", "x" * 5000, "日本\x00", [1, "two"], {"three": [None]}),
+]
+FILTERS = ["skiros:sceneProperty", "skiros:spatiallyRelated", "skiros:contain", "skiros:hasSkill", "lab:feeds"]
+
+#: What cannot be a name, an id, a value. Each is refused.
+BAD_NAMES = [
+    "",
+    ":",
+    "skiros:",
+    "a b",
+    "lab:x>",
+    "lab:[x",
+    "lab:50%",
+    "lab:a#b",
+    "lab:\x01",
+    "\ud800",
+    "lab:\n",
+    "http://a b",
+]
+BAD_VALUES = [("lab:size", 10**400), ("lab:count", 1.5), ("lab:open", 2), ("lab:note", 1), ("lab:anything", "\ud800")]
+NOBODY = ["", "skiros:Part-9001", "-1", "#nothing", "nobody", "skiros:Part", "a b", "x-" + "9" * 5000, "\ud800"]
+
+
+def fuzz_settings(examples: int, steps: int) -> settings:
+    """How long a machine runs."""
+    longer = int(os.environ.get("FUZZ", "0"))
+    return settings(
+        max_examples=examples * max(longer, 1),
+        stateful_step_count=steps,
+        derandomize=not longer,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        phases=set(Phase) - {Phase.explain, Phase.reuse},  # explaining traces each line, which takes minutes
+    )
+
+
+@dataclass
+class Answer:
+    """What came of a request: for each operation its id, and the elements that were announced as added, in order."""
+
+    ids: list[str]
+    added: list[str]
+
+
+class Refused(Exception):
+    """The world model has refused, with this text."""
+
+
+class WorldModelMachine(RuleBasedStateMachine):
+    """The rules. Who runs them says how the world model is reached."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Makes a world model with a blank scene, in whose workspace is the ontology `LAB`."""
+
+    @abstractmethod
+    def transact(self, operations: Sequence[Operation]) -> Answer:
+        """Sends a request; raises `Refused`."""
+
+    @abstractmethod
+    def state(self) -> tuple[str, SceneModel]:
+        """The name of the present state, and the scene."""
+
+    @abstractmethod
+    def files(self, action: str, filename: str) -> None:
+        """Loads or saves the scene; raises `Refused`."""
+
+    @abstractmethod
+    def write(self, filename: str, content: bytes) -> None:
+        """Puts a file into the workspace."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.open()
+        self.snapshot_id, self.scene = self.state()
+        assert set(self.scene.things) == {ROOT} and not self.scene.relations
+
+    # -- drawing -----------------------------------------------------------------------------------------------
+
+    def draw_id(self, data: st.DataObject) -> str:
+        return data.draw(st.sampled_from(sorted(self.scene.things)), "id")
+
+    def draw_relation(self, data: st.DataObject, eid: str = "-1") -> dict[str, Any]:
+        pred = data.draw(st.sampled_from(PREDICATES), "predicate")
+        individuals = ["lab:kit", "lab:shelf", "nothing_special"] if pred in ("skiros:at", "lab:feeds") else []
+        other = data.draw(st.sampled_from([*sorted(self.scene.things), *individuals]), "other end")
+        if other in individuals or data.draw(st.booleans(), "outgoing"):
+            return relation_dict(eid, pred, other)
+        return relation_dict(other, pred, eid)
+
+    def draw_element(self, data: st.DataObject, eid: str = "") -> Element:
+        element = Element(data.draw(st.sampled_from(TYPES)), data.draw(st.sampled_from(LABELS)), eid)
+        for key, value in data.draw(
+            st.dictionaries(st.sampled_from(KEYS), st.sampled_from(VALUES), max_size=3)
+        ).items():
+            element._props[key] = _property(key, [value])
+        if data.draw(st.integers(0, 4)) == 0:
+            element._props["lab:note"] = Property(
+                "lab:note", data.draw(st.lists(st.sampled_from(["a", "b"]), max_size=2))
+            )
+            element._props["skiros:Template"] = Property("skiros:Template", "lab:kit")
+        relations = [self.draw_relation(data) for _ in range(data.draw(st.integers(0, 2)))]
+        element._rels = relations
+        return element
+
+    def draw_operation(self, data: st.DataObject, references: list[str]) -> Operation:
+        kind = data.draw(
+            st.sampled_from(["add"] * 3 + ["update", "patch", "patch", "relate", "relate", "remove"]), "kind"
+        )
+        if kind == "add":
+            wish = data.draw(st.sampled_from(["", "", "skiros:Part-{}", "odd-{}"])).format(
+                data.draw(st.integers(0, 20))
+            )
+            element = self.draw_element(data, wish)
+            if references and data.draw(st.booleans()):
+                relation = relation_dict("-1", "skiros:contain", f"#{data.draw(st.sampled_from(references))}")
+                element._rels = [*element._rels, relation]
+            references.append(str(len(references)))
+            return Add(element, references[-1])
+        eid = self.draw_id(data)
+        if kind == "update":
+            keys = data.draw(st.sampled_from([None, None, frozenset(["lab:size", "lab:note"])]))
+            return Update(self.draw_element(data, eid), data.draw(st.booleans()), keys)
+        if kind == "patch":
+            return Patch(eid, self.draw_changes(data, eid))
+        if kind == "remove":
+            filters = data.draw(st.sampled_from(FILTERS)), data.draw(st.sampled_from(["", "", "skiros:Part"]))
+            return Remove(eid, data.draw(st.booleans()), *filters)
+        relation = self.draw_relation(data, eid)
+        if self.scene.relations and data.draw(st.booleans()):
+            relation = relation_dict(*data.draw(st.sampled_from(sorted(self.scene.relations))))
+        return Relate(relation["src"], relation["type"], relation["dst"], data.draw(st.booleans(), "value"))
+
+    def draw_changes(self, data: st.DataObject, eid: str) -> ElementChanges:
+        element = self.draw_element(data)
+        own = sorted(r for r in self.scene.relations if eid in (r[0], r[2]))
+        return ElementChanges(
+            element._props,
+            data.draw(st.lists(st.sampled_from(KEYS), max_size=1)),
+            list(element._rels),
+            [relation_dict(*r) for r in (data.draw(st.lists(st.sampled_from(own), max_size=1)) if own else [])],
+            data.draw(st.sampled_from([None, "renamed", *LABELS])),
+            data.draw(st.sampled_from([None, None, *TYPES])),
+        )
+
+    def draw_bad_operation(self, data: st.DataObject) -> Operation:
+        """One that has to be refused, or at least looks so."""
+        name, nobody = data.draw(st.sampled_from(BAD_NAMES), "bad name"), data.draw(st.sampled_from(NOBODY), "nobody")
+        key, value = data.draw(st.sampled_from(BAD_VALUES))
+        eid, element = self.draw_id(data), self.draw_element(data)
+        kind = data.draw(st.integers(0, 13), "kind")
+        if kind == 0:
+            element.type = name
+        elif kind == 1:
+            element._props = {name: _property(name, [1])}
+        elif kind == 2:
+            element._props = {key: _property(key, [value])}
+        elif kind == 3:
+            element._rels = [relation_dict(nobody, "skiros:contain", "-1")]
+        elif kind == 4:
+            element._rels = [relation_dict("-1", "skiros:at", nobody)]
+        elif kind == 5:
+            element._rels = [relation_dict("-1", name, ROOT)]
+        elif kind == 6:
+            return Update(Element("skiros:Part", "", nobody))
+        elif kind == 7:
+            return Patch(nobody, ElementChanges(label="lost"))
+        elif kind == 8:
+            return Remove(nobody, data.draw(st.booleans()))
+        elif kind == 9:
+            return Relate(eid, "skiros:contain", eid)
+        elif kind == 10:
+            return Relate(nobody, "skiros:at", eid, data.draw(st.booleans()))
+        elif kind == 11:
+            return Relate(eid, "skiros:at", nobody, data.draw(st.booleans()))
+        elif kind == 12:
+            return Instantiate(data.draw(st.sampled_from(["lab:nothing", "skiros:Part-9001", *BAD_NAMES])))
+        else:
+            return Remove(ROOT, False)
+        return Add(element) if data.draw(st.booleans()) else Update(Element.shared(
+            element.type, element.label, eid, element._props, element._rels))  # fmt: skip
+
+    # -- the rules ---------------------------------------------------------------------------------------------
+
+    @rule(data=st.data())
+    def request(self, data: st.DataObject) -> None:
+        """A request of some operations, which belong together."""
+        references: list[str] = []
+        count = data.draw(st.integers(1, 4))
+        self.send([self.draw_operation(data, references) for _ in range(count)])
+
+    @rule(data=st.data())
+    def bad_request(self, data: st.DataObject) -> None:
+        """A request of which one operation is bad."""
+        references: list[str] = []
+        operations = [self.draw_operation(data, references) for _ in range(data.draw(st.integers(0, 2)))]
+        operations.insert(data.draw(st.integers(0, len(operations))), self.draw_bad_operation(data))
+        self.send(operations)
+
+    @rule(data=st.data())
+    def copy_of_a_template(self, data: st.DataObject) -> None:
+        name = data.draw(st.sampled_from(["lab:kit", "lab:bolt", "lab:shelf", "http://x.org/lab.owl#lid"]))
+        filters = data.draw(st.sampled_from([["skiros:hasA", "skiros:contain"], ["skiros:hasA"], ["lab:holds"]]))
+        known = data.draw(st.sampled_from([frozenset(), frozenset(["lab:bolt"])]))
+        relations = [self.draw_relation(data)]
+        self.send([Instantiate(name, data.draw(st.booleans()), relations, filters, known)])
+
+    @rule(twice=st.booleans())
+    def save_and_load(self, twice: bool) -> None:
+        """A scene that was saved comes back, and what is saved then is the same file."""
+        self.files("save", "saved.ttl")
+        self.files("load", "saved.ttl")
+        self.scene = self.scene.as_read_from_a_file()
+        self.snapshot_id = self.state()[0]
+
+    BAD_FILES = {
+        "no_such.ttl": "no_such.ttl",
+        "../saved.ttl": "saved.ttl: expected a file in the workspace",
+        "/etc/passwd": "/etc/passwd: expected a file in the workspace",
+        "a/../../saved.ttl": "saved.ttl: expected a file in the workspace",
+        ".": "expected a file in the workspace",
+        "folder": "folder",
+        "lab\x00.ttl": "lab",
+        "\ud800.ttl": "ttl",
+        "x" * 5000: "xxx",
+        "broken.ttl": "broken.ttl, line 2",
+        "binary.ttl": "binary.ttl",
+        "broken_xml.ttl": "broken_xml.ttl",
+        "cycle.ttl": "cycle.ttl",
+        "dangling.ttl": "skiros:Part-77",
+        "wrong_value.ttl": "lab:size",
+    }
+
+    @rule(filename=st.sampled_from(sorted(BAD_FILES)))
+    def load_of_a_bad_file(self, filename: str) -> None:
+        prefixes = b"@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n@prefix lab: <http://x.org/lab.owl#> .\n"
+        self.write("broken.ttl", b"@prefix a: <http://x.org/a.owl#> .\na:b a:c none:d .\n")
+        self.write("binary.ttl", bytes(range(256)))
+        self.write("broken_xml.ttl", b"<?xml version='1.0'?><rdf:RDF>")
+        self.write(
+            "cycle.ttl", prefixes + b":Part-1 a :Part ; :contain :Part-2 . :Part-2 a :Part ; lab:holds :Part-1 ."
+        )
+        self.write("dangling.ttl", prefixes + b":Part-1 a :Part ; :contain :Part-77 .")
+        self.write("wrong_value.ttl", prefixes + b":Part-1 a :Part ; lab:size 'left' .")
+        self.write("folder/in_it.ttl", prefixes)
+        self.refused(lambda: self.files("load", filename), self.BAD_FILES[filename])
+
+    @rule(
+        filename=st.sampled_from(["", "../out.ttl", "/tmp/out.ttl", "folder", "no/such/folder.ttl", "a\x00b", "\ud800"])
+    )
+    def save_to_a_bad_file(self, filename: str) -> None:
+        self.write("folder/in_it.ttl", b"")
+        if filename or not self.has_a_file():
+            self.refused(lambda: self.files("save", filename), filename.partition("\x00")[0].strip("\ud800"))
+
+    def has_a_file(self) -> bool:
+        """Whether the scene was loaded from or saved to a file, whose name need not be given then."""
+        return True
+
+    @invariant()
+    def the_scene_is_as_it_should_be(self) -> None:
+        if hasattr(self, "scene"):
+            snapshot_id, scene = self.state()
+            assert scene.comparable() == self.scene.comparable()
+            assert snapshot_id == self.snapshot_id
+
+    # -- shared ------------------------------------------------------------------------------------------------
+
+    def send(self, operations: Sequence[Operation]) -> None:
+        """A request that is carried out as the model says, or refused as it says."""
+        culprits = [c for c in (self.culprit(operations),) if c is not None]
+        if culprits:
+            culprits += [c for c in (self.culprit([o]) for o in operations) if c is not None]
+            self.refused(lambda: self.transact(operations), *culprits)
+            return
+        answer = self.transact(operations)
+        ids = iter(
+            answer.added
+            if any(isinstance(o, Instantiate) for o in operations)
+            else [eid for eid, o in zip(answer.ids, operations, strict=True) if isinstance(o, Add)]
+        )
+        self.scene = self.scene.after(operations, ids)
+        self.snapshot_id = self.state()[0]
+
+    def culprit(self, operations: Sequence[Operation]) -> str | None:
+        """What a refusal has to name, or None when there is nothing to refuse."""
+        try:
+            self.scene.after(operations)
+        except Refusal as refusal:
+            return str(refusal)
+        return None
+
+    def refused(self, call: Any, *culprits: str) -> None:
+        """It is refused, and the text names one of these."""
+        try:
+            call()
+        except Refused as refused:
+            said = str(refused)
+            assert any(c in said or repr(c)[1:-1] in said for c in culprits), f"none of {culprits} is in: {said}"
+        else:
+            raise AssertionError(f"not refused, because of {culprits}")
+
+
+def thing_of(element: Any) -> Thing:
+    """What an element or node of the scene holds."""
+    properties = element._props if isinstance(element, Element) else element.properties
+    return Thing(element.type, element.label, {key: list(p.values) for key, p in properties.items()})
+
+
+def _property(key: str, values: list[Any]) -> Property:
+    """A property as one makes it that has not asked for its type."""
+    prop = Property(key, type(values[0]))
+    prop._values = list(values)
+    return prop

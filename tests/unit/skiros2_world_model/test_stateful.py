@@ -1,0 +1,228 @@
+"""The world model under random requests: it does what a plain model of the scene does, and tells all of it."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from hypothesis import strategies as st
+from hypothesis.stateful import rule
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_world_model.core.changes import ADD, Change, Operation, Patch, Relate
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.scene_model import LAB, SceneModel, full
+from support.world_model_machine import (
+    FILTERS,
+    KEYS,
+    VALUES,
+    Answer,
+    Refused,
+    WorldModelMachine,
+    fuzz_settings,
+    thing_of,
+)
+
+
+class InProcess(WorldModelMachine):
+    """Requests straight to the world model, writes through its port, and a replica that follows the changes."""
+
+    def open(self) -> None:
+        self.workspace = Path(tempfile.mkdtemp())
+        (self.workspace / "lab.owl").write_text(LAB)
+        self.model = WorldModel(source_ontologies(), self.workspace)
+        self.wm = LocalWorldModel("tester", self.model)
+        self.told: list[Change] = []
+        self.held: list[Element] = []
+        self.model.add_listener(self.told.append)
+        self.replica = Replica(self.snapshot, patience=0.0)
+        self.model.add_listener(self.replica.follow)
+        self.replica.refresh()
+        self.fetched = 1
+
+    def teardown(self) -> None:
+        shutil.rmtree(self.workspace)
+
+    def transact(self, operations: Sequence[Operation]) -> Answer:
+        try:
+            outcome = self.model.transact(operations, "tester")
+        except SkirosError as error:
+            raise Refused(str(error)) from error
+        added = [element.id for change in outcome.changes if change.action == ADD for element in change.elements]
+        return Answer(outcome.ids, added)
+
+    def state(self) -> tuple[str, SceneModel]:
+        return self.model.snapshot_id, content(self.model.scene())
+
+    def files(self, action: str, filename: str) -> None:
+        try:
+            getattr(self.wm, action)(filename)
+        except WmException as error:
+            raise Refused(str(error)) from error
+
+    def write(self, filename: str, content: bytes) -> None:
+        path = self.workspace / filename
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+
+    def has_a_file(self) -> bool:
+        return (self.workspace / "saved.ttl").exists()
+
+    def snapshot(self) -> Snapshot:
+        elements = [self.model.scene().element(node.id) for node in self.model.scene()]
+        return Snapshot(self.model.snapshot_id, self.model.number, elements)
+
+    # -- more rules --------------------------------------------------------------------------------------------
+
+    @rule(data=st.data())
+    def read_an_element(self, data: st.DataObject) -> None:
+        """An element that is written later, when others may have changed it."""
+        self.held.append(self.wm.get_element(self.draw_id(data)))
+
+    @rule(data=st.data(), properties_only=st.booleans())
+    def write_an_element(self, data: st.DataObject, properties_only: bool) -> None:
+        """Of an element that was read before, what was changed since is written, and nothing else."""
+        if not self.held:
+            return
+        element = self.held.pop(data.draw(st.integers(0, len(self.held) - 1)))
+        eid, read = element.id, element.copy()
+        patch = Patch(eid, self.draw_changes(data, eid))
+        patch.changes.removed_properties = [
+            k for k in read._props if full(k) in map(full, patch.changes.removed_properties)
+        ]
+        for key in list(patch.changes.properties):
+            prop = patch.changes.properties[key]
+            before = read._props.get(full(key))
+            if key != full(key) or (before is not None and repr(before.values) == repr(prop.values)):
+                del patch.changes.properties[key]
+        had = [dict(r) for r in read._rels]
+        removed = data.draw(st.lists(st.sampled_from(had), max_size=1)) if had else []
+        patch.changes.added_relations = [r for r in patch.changes.added_relations if r not in had]
+        patch.changes.removed_relations = removed
+        if read.label == patch.changes.label:
+            patch.changes.label = None
+        _change(element, patch.changes)
+        if properties_only:
+            patch.changes.added_relations, patch.changes.removed_relations = [], []
+        write = self.wm.update_element_properties if properties_only else self.wm.update_element
+        culprit = self.culprit([patch])
+        try:
+            write(element)
+        except WmException as error:
+            assert culprit is not None, error
+            assert any(c in str(error) for c in (culprit, *patch.changes.properties)), f"{culprit!r} is not in: {error}"
+            return
+        assert culprit is None, culprit
+        self.scene = self.scene.after([patch])
+        self.snapshot_id = self.model.snapshot_id
+        assert thing_of(self.wm.get_element(eid)) == thing_of(element) or "nan" in repr(element._props)
+
+    @rule(data=st.data())
+    def statements(self, data: st.DataObject) -> None:
+        """Statements in RDF about elements change the scene."""
+        relation = data.draw(st.sampled_from(["skiros:contain", "skiros:at", "lab:feeds"]))
+        ends = self.draw_id(data), data.draw(st.sampled_from([self.draw_id(data), "skiros:Part-9001", "lab:shelf"]))
+        value = data.draw(st.booleans())
+        changes = ElementChanges(label=data.draw(st.sampled_from(["one", "said so"])), type="lab:Crate")
+        said = [(ends[0], relation, ends[1], value), (ends[0], "rdfs:label", f'"{changes.label}"', True)]
+        said.append((ends[0], "rdf:type", "lab:Crate", True))
+        operations = [Patch(ends[0], changes), Relate(ends[0], relation, ends[1], value)]
+        culprit = self.culprit(operations)
+        try:
+            self.model.modify(said, "tester", "scene")
+        except SkirosError as error:
+            assert culprit is not None and culprit in str(error), f"{culprit!r} is not in: {error}"
+        else:
+            self.scene = self.scene.after(operations)
+            self.snapshot_id = self.model.snapshot_id
+
+    @rule()
+    def a_new_world_model_loads_what_was_saved(self) -> None:
+        """The file says all: a new world model has the same scene, and saves it as the same text."""
+        self.wm.save("saved.ttl")
+        other = LocalWorldModel("other", WorldModel(source_ontologies(), self.workspace))
+        other.load("saved.ttl")
+        assert content(other.model.scene()).comparable() == self.scene.as_read_from_a_file().comparable()
+        other.save("again.ttl")
+        assert (self.workspace / "again.ttl").read_bytes() == (self.workspace / "saved.ttl").read_bytes()
+
+    @rule(data=st.data())
+    def questions(self, data: st.DataObject) -> None:
+        """Elements, branches and relations are found as by looking at everything."""
+        scene, wm, eid = self.scene, self.wm, self.draw_id(data)
+        pred, etype = (
+            data.draw(st.sampled_from(FILTERS)),
+            data.draw(st.sampled_from(["skiros:Part", "sumo:Object", "lab:Pump"])),
+        )
+        wanted = Element(etype, data.draw(st.sampled_from(["", "one"])))
+        key, value = data.draw(st.sampled_from(KEYS)), data.draw(st.sampled_from(VALUES))
+        assert {e.id for e in wm.resolve_elements(wanted)} == scene.resolve(etype, wanted.label, {})
+        assert {e.id for e in wm.get_branch(eid, pred, etype)} == scene.branch(eid, pred, etype)
+        for src, dst in itertools.product(["", eid], repeat=2):
+            for asked in ("", pred):
+                found = {(r["src"], r["type"], r["dst"]) for r in wm.get_relations(src, asked, dst)}
+                assert found == scene.related(src, asked, dst)
+                if src and asked:
+                    holds = wm.check_relation(src, asked, dst or Element(etype), True, False)
+                    ends = scene.related(src, asked, dst)
+                    like = scene.resolve(etype, "", {})
+                    assert holds == any(d in like or dst for _, _, d in ends)
+        if not isinstance(value, (list, dict)) and value != "":
+            wanted.setProperty(key, value)
+            assert {e.id for e in wm.resolve_elements(wanted)} == scene.resolve(etype, wanted.label, {full(key): value})
+
+    @rule()
+    def sparql(self) -> None:
+        """The RDF side has the relations, classes, labels and texts of the index, and nothing else."""
+        rows = self.wm.query_ontology("SELECT ?s ?p ?o { ?s ?p ?o . FILTER isIRI(?o) }", context="scene")
+        types = {(eid, "rdf:type", c) for eid, t in self.scene.things.items() for c in (t.type, "owl:NamedIndividual")}
+        assert {tuple(row.split(" ")) for row in rows} == self.scene.relations | types
+        rows = self.wm.query_ontology(
+            "SELECT ?s ?p (COUNT(?o) AS ?n) { ?s ?p ?o . FILTER isLiteral(?o) } GROUP BY ?s ?p", context="scene"
+        )
+        kept = self.scene.as_read_from_a_file().things
+        values = {(eid, key): len(v) for eid, t in kept.items() for key, v in t.values.items()}
+        labels = {(eid, "rdfs:label"): 1 for eid, t in kept.items() if t.label}
+        assert {tuple(row.split(" ")[:2]): int(row.split(" ")[2]) for row in rows} == values | labels
+
+    @rule()
+    def the_replica_is_as_the_scene(self) -> None:
+        """Who follows the changes has the same scene, without having to fetch it anew but after a reset."""
+        self.replica.refresh()
+        assert content(self.replica.scene()).comparable() == self.scene.comparable()
+
+    @rule()
+    def the_changes_are_a_chain(self) -> None:
+        assert all(a.snapshot_id == b.prev_snapshot_id for a, b in itertools.pairwise(self.told))
+        assert all(a.number < b.number for a, b in itertools.pairwise(self.told))
+
+
+def _change(element: Element, changes: ElementChanges) -> None:
+    """Changes an element as its user does."""
+    if changes.type is not None:
+        element.type = changes.type
+    if changes.label is not None:
+        element.label = changes.label
+    for key in changes.removed_properties:
+        element.removeProperty(key)
+    for prop in changes.properties.values():
+        element._put(prop.key, prop)
+    element.removeRelations(changes.removed_relations)
+    for r in changes.added_relations:
+        element.addRelation(r["src"], r["type"], r["dst"])
+
+
+def content(scene: Scene) -> SceneModel:
+    return SceneModel({node.id: thing_of(node) for node in scene}, set(scene.relations()))
+
+
+TestInProcess = InProcess.TestCase
+TestInProcess.settings = fuzz_settings(60, 30)

@@ -10,9 +10,9 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
-from skiros2_common.core.property import Property
+from skiros2_common.core.property import Property, as_type, shown
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_msgs import msg as msgs
 
@@ -25,8 +25,14 @@ _decoders: dict[str, Callable[[Any], Any]] = {}
 
 
 def json_loads_byteified(json_text: str) -> Any:
-    """The value that a JSON text holds."""
-    return json.loads(json_text)
+    """The value that a JSON text holds.
+
+    :raises ValueError: it is no JSON, or nested too deeply to be read.
+    """
+    try:
+        return json.loads(json_text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 class ParamsEncoder(json.JSONEncoder):
@@ -164,7 +170,10 @@ def decodeElement(json_string: Any) -> Element:
         r = _loaded(r, "relation")
         src, pred, dst = (_part(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
         element.addRelation(src, pred, dst, bool(r.get("state", True)), bool(r.get("abstract", False)))
-    element._last_update = float(e.get("last_update") or 0.0)
+    try:
+        element._last_update = as_type(e.get("last_update") or 0.0, float)
+    except WrongType as error:
+        raise WrongValue(f"element {element!r}: 'last_update': {error}") from None
     return element
 
 
@@ -214,9 +223,9 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
     for message in msg:
         prop = Property(message.key, getTypeFromStr(message.dataType))
         try:
-            values = json.loads(message.dataValue)
+            values = json_loads_byteified(message.dataValue)
         except ValueError as error:
-            raise WrongValue(f"property {message.key!r}: {message.dataValue!r} is no JSON list: {error}") from None
+            raise WrongValue(f"property {message.key!r}: {shown(message.dataValue)} is no JSON list: {error}") from None
         prop.assign(_decoded_values(message.dataType, values if isinstance(values, list) else [values]))
         properties[message.key] = prop
     return properties
@@ -280,18 +289,18 @@ def makeStatementMsg(subj: str, pred: str, obj: str, value: bool) -> Any:
 def _loaded(value: Any, what: str) -> dict[str, Any]:
     if isinstance(value, (str, bytes)):
         try:
-            value = json.loads(value)
+            value = json_loads_byteified(value)
         except ValueError as error:
-            raise WrongValue(f"{what} is not JSON: {error} in {value!r}") from None
+            raise WrongValue(f"{what} is not JSON: {error} in {shown(value)}") from None
     if not isinstance(value, dict):
-        raise WrongValue(f"{what}: expected a JSON object, got {value!r}")
+        raise WrongValue(f"{what}: expected a JSON object, got {shown(value)}")
     return value
 
 
 def _part(value: dict[str, Any], name: str, expected: type, what: str) -> Any:
     part = value.get(name)
     if not isinstance(part, expected) or (expected is int and isinstance(part, bool)):
-        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {part!r}")
+        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {shown(part)}")
     return part
 
 

@@ -22,8 +22,8 @@ from skiros2_world_model.core.value_index import ValueIndex
 #: The element that everything in a scene hangs on.
 ROOT = "skiros:Scene-0"
 
-#: Elements whose relations, as dicts, are kept for the next read.
-_READ_LATELY = 1000
+#: So many relations of an element are kept as dicts for the next read; fewer are made anew in no time.
+_MANY = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +120,11 @@ class Scene:
 
     def of_type(self, etype: str) -> Collection[str]:
         """The ids of the elements of exactly that class."""
-        return self._by_type.get(etype)
+        return self._by_type.ids(etype)
 
     def of_label(self, label: str) -> Collection[str]:
         """The ids of the elements with that label."""
-        return self._by_label.get(label)
+        return self._by_label.ids(label)
 
     def of_value(self, key: str, value: Any) -> list[Collection[str]] | None:
         """Groups of ids in which are all elements that have a value of a property; None when it cannot tell.
@@ -185,13 +185,21 @@ class Scene:
     def relations_of(self, eid: str) -> tuple[RelationDict, ...]:
         """The relations of an element as dicts, outgoing and incoming; "-1" stands for the element."""
         cached = self._relation_cache.get(eid)
-        if cached is None:
-            outgoing = (_relation("-1", pred, dst) for pred, index in self._out.items() for dst in index.get(eid))
-            incoming = (_relation(src, pred, "-1") for pred, index in self._in.items() for src in index.get(eid))
-            if len(self._relation_cache) >= _READ_LATELY:
-                self._relation_cache.clear()
-            cached = self._relation_cache[eid] = (*outgoing, *incoming)
-        return cached
+        if cached is not None:
+            return cached
+        relations: list[RelationDict] = []
+        for pred, index in self._out.items():
+            found = index.get(eid)
+            if found is not None:
+                relations += [_relation("-1", pred, dst) for dst in ((found,) if isinstance(found, str) else found)]
+        for pred, index in self._in.items():
+            found = index.get(eid)
+            if found is not None:
+                relations += [_relation(src, pred, "-1") for src in ((found,) if isinstance(found, str) else found)]
+        told = tuple(relations)
+        if len(told) >= _MANY:
+            self._relation_cache[eid] = told
+        return told
 
     def related(self, src: str, pred: str, dst: str) -> bool:
         """Whether there is exactly that relation."""
@@ -205,12 +213,12 @@ class Scene:
     def targets(self, src: str, pred: str) -> Collection[str]:
         """What an element is related to by exactly that predicate."""
         index = self._out.get(pred)
-        return index.get(src) if index is not None else ()
+        return index.ids(src) if index is not None else ()
 
     def sources(self, pred: str, dst: str) -> Collection[str]:
         """What is related to an element by exactly that predicate."""
         index = self._in.get(pred)
-        return index.get(dst) if index is not None else ()
+        return index.ids(dst) if index is not None else ()
 
     def relations(
         self, src: str = "", preds: Collection[str] | None = None, dst: str = ""
@@ -223,14 +231,14 @@ class Scene:
                 if index.has(src, dst):
                     yield src, pred, dst
             elif src:
-                for other in index.get(src):
+                for other in index.ids(src):
                     yield src, pred, other
             elif dst:
-                for other in self._in[pred].get(dst):
+                for other in self._in[pred].ids(dst):
                     yield other, pred, dst
             else:
                 for name in index:
-                    for other in index.get(name):
+                    for other in index.ids(name):
                         yield str(name), pred, other
 
     def relate(self, src: str, pred: str, dst: str) -> bool:

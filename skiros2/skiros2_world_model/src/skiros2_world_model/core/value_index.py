@@ -46,7 +46,7 @@ class ValueIndex:
         keys = _keys(value)
         if _OTHER in keys:
             return None
-        return [self._ids.get(key) for key in (*keys, _OTHER)]
+        return [self._ids.ids(key) for key in (*keys, _OTHER)]
 
 
 def _keys(value: Any) -> Collection[Hashable]:

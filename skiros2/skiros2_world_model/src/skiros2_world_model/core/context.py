@@ -11,8 +11,10 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import SPATIAL
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.journal_state import ContextState
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.queries import containment_cycle, told
+from skiros2_world_model.core.rdf_files import parse_n_triples
 from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
 from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_turtle
 from skiros2_world_model.core.templates import template_element
@@ -74,6 +76,17 @@ class Context:
         self.scene = scene
         self.scene.dirty = None  # the store has another one
         self.extras = extras
+
+    def restore(self, state: ContextState) -> None:
+        """Makes it what the journal has."""
+        scene = Scene()
+        for node in state.nodes:
+            scene.put(node)
+        for relation in state.relations:
+            scene.relate(*relation)
+        scene.reserve(state.next_number)
+        self.replace(scene, parse_n_triples(state.extras))
+        self.file = state.file
 
     def _add_root(self, scene: Scene) -> None:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from skiros2_common.core.world_element import Element, RelationDict
@@ -23,7 +22,7 @@ class HistoryEntry:
     :param after: the elements that were changed or added, as they became; without relations.
     :param related: the relations that came, as dicts.
     :param unrelated: the relations that went.
-    :param stated: other RDF statements that came, as N-Triples: of the ontologies, and what a file says beside elements.
+    :param stated: other RDF statements that came, as N-Triples: of the ontologies, and of what is beside elements.
     :param unstated: those that went.
     """
 
@@ -33,8 +32,8 @@ class HistoryEntry:
     action: str
     before: list[Element] = field(default_factory=list)
     after: list[Element] = field(default_factory=list)
-    related: Sequence[RelationDict] = ()
-    unrelated: Sequence[RelationDict] = ()
+    related: list[RelationDict] = field(default_factory=list)
+    unrelated: list[RelationDict] = field(default_factory=list)
     stated: list[str] = field(default_factory=list)
     unstated: list[str] = field(default_factory=list)
 

@@ -53,8 +53,7 @@ class OntologyBase:
     def update(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> bool:
         """Removes triples from the ontologies and adds others. False when they were so already."""
         with self.lock:
-            removed = [t for t in removed if self.store.has(ONTOLOGY, t)]
-            added = [t for t in added if not self.store.has(ONTOLOGY, t)]
+            removed, added = self.new(removed, added)
             if not removed and not added:
                 return False
             for triple in added:
@@ -64,6 +63,15 @@ class OntologyBase:
             only_classes = index and not removed and index.with_classes([self._named(t) for t in added])
             self._index = only_classes or None
         return True
+
+    def new(
+        self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
+    ) -> tuple[list[ox.Triple], list[ox.Triple]]:
+        """Of those to be removed and to be added, the ones that are not so already."""
+        return (
+            [t for t in removed if self.store.has(ONTOLOGY, t)],
+            [t for t in added if not self.store.has(ONTOLOGY, t)],
+        )
 
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> bool:
         """Adds and removes statements, all or none. False when they were so already.

@@ -62,6 +62,15 @@ def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
         raise WrongValue(f"{place}: expected {kind}: {error.msg}") from None
 
 
+def parse_n_triples(texts: Iterable[str]) -> list[ox.Triple]:
+    """The triples that texts write, each as `str(triple)` does; blank nodes keep their names.
+
+    :raises SyntaxError: a text is none.
+    """
+    content = " .\n".join(texts)
+    return [quad.triple for quad in ox.parse(f"{content} .", ox.RdfFormat.N_TRIPLES)] if content else []
+
+
 def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
     """The triples as Turtle; see `TurtleWriter`."""
     writer = TurtleWriter(prefixes)

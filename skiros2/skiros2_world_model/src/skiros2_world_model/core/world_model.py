@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import logging
 import re
-import time
-import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
-from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
-from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.announcer import Announcer, Listener, News, news_of
+from skiros2_world_model.core.changes import RESET, UPDATE, Change, Operation, Outcome
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
+from skiros2_world_model.core.history import History
+from skiros2_world_model.core.journal import Journal, first_number
+from skiros2_world_model.core.journal_state import JournalState
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.rdf_files import read_triples, write_file
+from skiros2_world_model.core.rdf_files import parse_n_triples, read_triples, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
-from skiros2_world_model.core.scene import Provenance, Scene
+from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.templates import template_element
@@ -31,42 +33,62 @@ from skiros2_world_model.core.transaction import Transaction
 
 log = logging.getLogger(__name__)
 
-Listener = Callable[[Change], None]
-
-
 class WorldModel:
     """What all robots of a cell share. Safe to use from all threads: one lock, `lock`, guards everything.
 
     :param ontologies: folder of the package's ontologies; None: none.
     :param workspace: folder of the user's ontologies and scenes; without one nothing is loaded or saved.
     :param strict: whether names that the ontologies do not know are refused.
-    :raises ConfigurationError: a folder is missing, or an ontology does not parse.
+    :param journal: keeps every change; the world model goes on from it where it wants that. None: nothing is kept.
+    :param initial: contexts and the files to load them from, when it does not go on from the journal.
+    :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
 
-    def __init__(self, ontologies: Path | None = None, workspace: Path | None = None, strict: bool = False) -> None:
+    def __init__(
+        self,
+        ontologies: Path | None = None,
+        workspace: Path | None = None,
+        strict: bool = False,
+        journal: Journal | None = None,
+        initial: Iterable[tuple[str, str]] = (),
+    ) -> None:
         self.base = OntologyBase(ontologies, workspace)
         self.lock = self.base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
         self._strict = strict
         self._contexts = {SCENE: Context(SCENE, self.base)}
-        self._listeners: list[Listener] = []
-        self._session = uuid.uuid4().hex[:8]
-        self._number = 0
         self.advisory_lock = AdvisoryLock()
         self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
+        self._journal: Journal | None = None
+        state = journal.restore() if journal is not None else None
+        #: Whether this is what the journal had.
+        self.went_on = state is not None
+        if state is not None:
+            self._announcer = Announcer(state.number, state.session)
+            self._go_on_from(state)
+        else:
+            self._announcer = Announcer(max(first_number(), journal.last if journal is not None else 0))
+            for context, file in initial:
+                self.load_initial(file, context)
+            if journal is not None:
+                made = self._announcer.next("wm")
+                contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
+                journal.start(self._announcer.session, made, contents)
+                self._announcer.tell(RESET, made, SCENE)
+        self._journal = journal
 
     # -- state -------------------------------------------------------------------------------------------------
 
     @property
     def number(self) -> int:
         """The number of the last change."""
-        return self._number
+        return self._announcer.number
 
     @property
     def snapshot_id(self) -> str:
         """The name of the present state."""
-        return f"{self._session}-{self._number}"
+        return self._announcer.snapshot_id
 
     @property
     def ontology(self) -> Ontology:
@@ -96,6 +118,16 @@ class WorldModel:
         :raises UnknownName: there is none.
         """
         return template_element(self.ontology, self.base.prefixes.name(name) if is_iri(name) else name)
+
+    @property
+    def history(self) -> History:
+        """What was, and who changed it. To be asked without the lock: it holds up no request.
+
+        :raises Refused: nothing is kept, as there is no journal.
+        """
+        if self._journal is None:
+            raise Refused("the world model keeps no journal: its past is not known")
+        return History(self._journal.path)
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
         """The rows that a SPARQL query gives, as texts.
@@ -129,16 +161,24 @@ class WorldModel:
                 ids = transaction.run(operations)
                 if context == SCENE:
                     self.reasoning.offer(scene, transaction)
+                news = news_of(transaction, scene) if context == SCENE else [News(UPDATE)]
+                provenance = self._announcer.next(author)
+                if news and self._journal is not None:
+                    last = self.number + len(news)
+                    with self._journal.request(provenance, last, "change", context) as writer:
+                        writer.step(context, scene)
             except Exception:
                 scene.roll_back()
                 self.reasoning.take_back(scene)
                 if made:
                     del self._contexts[context]
                 raise
-            scene.commit(Provenance(self._number + 1, time.time(), author))
+            if not news:
+                scene.roll_back()  # all is as it was, the versions of the elements too
+            scene.commit(provenance)
             for wanted, given in transaction.renamed:
                 log.warning("%s: the number of %s is taken; it was added as %s", author, wanted, given)
-            return Outcome(ids, self._announce_all(transaction, author, context))
+            return Outcome(ids, self._announcer.tell_all(news, provenance, context, scene))
 
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> list[Change]:
         """Adds and removes statements in a context; in "" and `ontology` those of the ontologies.
@@ -147,8 +187,15 @@ class WorldModel:
         """
         with self.lock:
             if context in ("", ONTOLOGY):
-                changed = self.base.modify(statements, author, context)
-                return [self._announce(author, UPDATE, ONTOLOGY)] if changed else []
+                removed, added = self.base.new(*self.base.split(statements))
+                if not removed and not added:
+                    return []
+                made = self._announcer.next(author)
+                if self._journal is not None:
+                    with self._journal.request(made, made.version, "ontology", ONTOLOGY) as writer:
+                        writer.ontology(map(str, removed), map(str, added))
+                self.base.update(removed, added)
+                return [self._announcer.tell(UPDATE, made, ONTOLOGY)]
             removed, added = self.base.split(statements)
             scene = self._context(context, make=True).scene
             operations = element_operations(self.base, scene, removed, added)
@@ -165,20 +212,25 @@ class WorldModel:
             target = self._contexts.get(context) or Context(context, self.base)
             path = self._path(filename or target.file)
             checks = Checks(self.ontology, self.base.prefixes, str(path), self._strict)
-            made = Provenance(self._number + 1, time.time(), author)
+            made = self._announcer.next(author)
             scene, extras = target.read(read_triples(path), checks, str(path), made)
             before = target.scene, target.extras
             target.replace(scene, extras)
-            if context == SCENE:
-                try:
+            file = filename or target.file
+            try:
+                if context == SCENE:
                     self.reasoning.replace(before[0], scene)
-                except Exception:
-                    target.replace(*before)
+                if self._journal is not None:
+                    with self._journal.request(made, made.version, f"load {file}", context) as writer:
+                        writer.whole(context, scene, map(str, extras), file)
+            except Exception:
+                target.replace(*before)
+                if context == SCENE:
                     self.reasoning.replace(scene, before[0])
-                    raise
-            target.file = filename or target.file
+                raise
+            target.file = file
             self._contexts[context] = target
-            return self._announce(author, RESET if context == SCENE else UPDATE, context)
+            return self._announcer.tell(RESET if context == SCENE else UPDATE, made, context)
 
     def load_initial(self, filename: str, context: str = SCENE) -> None:
         """Loads a context as the launch parameters want it.
@@ -201,6 +253,8 @@ class WorldModel:
             path = self._path(filename or target.file)
             content = target.turtle()
             write_file(path, content)
+            if self._journal is not None:
+                self._journal.write_file(context, filename or target.file)
             target.file = filename or target.file
         return path
 
@@ -209,65 +263,33 @@ class WorldModel:
     def add_listener(self, listener: Listener) -> None:
         """`listener` is called after each change, in its order, by the thread that made it and under the lock."""
         with self.lock:
-            self._listeners.append(listener)
+            self._announcer.add_listener(listener)
 
     def remove_listener(self, listener: Listener) -> None:
         """The listener is called no more."""
         with self.lock:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
+            self._announcer.remove_listener(listener)
 
     def add_reasoner(self, reasoner: DiscreteReasoner) -> None:
         """From now on the reasoner is offered the elements that name it, those of the scene first."""
         with self.lock:
             self.reasoning.add(reasoner)
-            for node in list(self.scene()):
-                self.reasoning.introduce(self.scene(), node.id, reasoner)
-
-    def _announce_all(self, transaction: Transaction, author: str, context: str) -> list[Change]:
-        if context != SCENE:
-            return [self._announce(author, UPDATE, context)]
-        scene = self.scene(context)
-        told: list[Change] = []
-        if transaction.removed:
-            action = REMOVE_RECURSIVE if transaction.removed_recursively else REMOVE
-            told.append(self._announce(author, action, context, transaction.removed))
-        for action, ids in ((ADD, transaction.added), (UPDATE, transaction.updated)):
-            elements = [element for eid in ids if (element := scene.element(eid)) is not None]
-            if elements:
-                told.append(self._announce(author, action, context, elements))
-        for action, relations in ((ADD, transaction.related), (REMOVE, transaction.unrelated)):
-            if relations:
-                told.append(self._announce(author, action, context, relations=relations))
-        return told
-
-    def _announce(
-        self,
-        author: str,
-        action: str,
-        context: str,
-        elements: Iterable[Element] = (),
-        relations: Iterable[RelationDict] = (),
-    ) -> Change:
-        before = self.snapshot_id
-        self._number += 1
-        change = Change(
-            self._number,
-            before,
-            self.snapshot_id,
-            time.time(),
-            author,
-            action,
-            context,
-            tuple(elements),
-            tuple({"state": True, "abstract": False, **r} for r in relations),
-        )
-        for listener in list(self._listeners):
+            scene = self.scene()
+            made = self._announcer.next(reasoner.__class__.__name__)
+            scene.begin()
             try:
-                listener(change)
+                for node in list(scene):
+                    self.reasoning.introduce(scene, node.id, reasoner)
+                completed = scene.touched()
+                if completed and self._journal is not None:
+                    with self._journal.request(made, made.version, "change", SCENE) as writer:
+                        writer.step(SCENE, scene)
             except Exception:
-                log.exception("a listener failed on change %s; the change stands", change.snapshot_id)
-        return change
+                scene.roll_back()
+                raise
+            scene.commit(made)
+            if completed:
+                self._announcer.tell_all([News(UPDATE, ids=completed)], made, SCENE, scene)
 
     # -- shared ------------------------------------------------------------------------------------------------
 
@@ -285,12 +307,20 @@ class WorldModel:
         if not re.fullmatch(r"[\w.~-]+", context) or context == ONTOLOGY:
             raise WrongValue(f"{context!r} cannot be the name of a context with elements")
 
+    def _go_on_from(self, state: JournalState) -> None:
+        self.base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
+        for found in state.contexts:
+            context = self._contexts.setdefault(found.name, Context(found.name, self.base))
+            context.restore(found)
+
     def _exists(self, eid: str) -> bool:
         return any(eid in context.scene for context in self._contexts.values())
 
     def _path(self, filename: str) -> Path:
         if not filename:
             raise WrongValue("the name of the file is missing")
+        if "\0" in filename or any("\ud800" <= c <= "\udfff" for c in filename):
+            raise WrongValue(f"{filename!r} cannot be the name of a file")
         if self._workspace is None:
             raise WrongValue(f"{filename}: there is no workspace to find it in")
         folder = self._workspace.absolute()

@@ -1,0 +1,185 @@
+"""The journal of a world model: every change with its time and author, on disk before anybody is told of it.
+
+A world model that was killed goes on from it: with the same elements under the same ids, the same session and the
+numbers after the last one. What is so no more stays in the journal for its history (`core/history.py`) until it is too
+old or there is too much of it.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from skiros2_common.core.errors import ConfigurationError, Refused
+from skiros2_world_model.core.housekeeping import Housekeeping
+from skiros2_world_model.core.journal_file import JournalFile, read_note
+from skiros2_world_model.core.journal_state import JournalState, read_state
+from skiros2_world_model.core.journal_writer import JournalWriter
+from skiros2_world_model.core.scene import Provenance, Scene
+
+#: When a world model goes on from its journal: after it was killed, whenever there is one, or not at all.
+KILLED, ALWAYS, NEVER = "killed", "always", "never"
+
+#: A context: its name, its scene, what is beside elements as N-Triples, its file.
+Content = tuple[str, Scene, Iterable[str], str]
+
+_RUNNING, _ENDED = "running", "ended"
+
+
+class Journal:
+    """The journal that a world model writes. Used under the world model's lock; housekeeping has a thread of its own.
+
+    :param path: the file.
+    :param origin: what the world model starts from otherwise; it does not go on from a journal of another origin.
+    :param recover: when it goes on: `KILLED`, `ALWAYS` or `NEVER`.
+    :param days: for how long the past is kept; 0: for as long as there is room.
+    :param max_bytes: how large it may grow before the oldest of the past is dropped. The present is kept in any case.
+    :param full_sync: waits at each request until the disk has it, so that a power cut loses nothing either.
+    :raises ConfigurationError: another world model is using it, or it cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        origin: str = "",
+        recover: str = KILLED,
+        days: float = 30.0,
+        max_bytes: int = 1 << 30,
+        full_sync: bool = False,
+    ) -> None:
+        if recover not in (KILLED, ALWAYS, NEVER):
+            raise ConfigurationError(f"recover is {recover!r}, expected {KILLED}, {ALWAYS} or {NEVER}")
+        self.path = path
+        #: The number of the last change; known once `restore` was called.
+        self.last = 0
+        self._origin = origin
+        self._recover = recover
+        self._writing = threading.Lock()
+        self._file = JournalFile(path, full_sync)
+        self._next_numbers: dict[str, int] = {}
+        self._housekeeping = Housekeeping(self._file, self._writing, days, max_bytes)
+
+    # -- one life after the other ------------------------------------------------------------------------------
+
+    def restore(self) -> JournalState | None:
+        """What the world model goes on from; None when it is to `start`. Called first."""
+        state = None
+        db = self._file.writer
+        try:
+            found = db.execute("SELECT last FROM request ORDER BY number DESC LIMIT 1").fetchone()
+            self.last = found[0] if found is not None else 0
+            if self._goes_on(db):
+                self._file.check()
+                state = read_state(db)
+        except (sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
+            self._file.begin_anew(error)
+        if state is not None:
+            self._housekeeping.start()
+        return state
+
+    def start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
+        """A world model that does not go on begins with these contexts and no others.
+
+        :param made: the change that this is.
+        :param contents: as `JournalWriter.whole` takes them.
+        :param session: of its snapshot ids.
+        :raises Refused: the journal cannot be written.
+        """
+        try:
+            self._start(session, made, contents)
+        except Refused as error:
+            cause = error.__cause__
+            if not isinstance(cause, sqlite3.DatabaseError) or isinstance(cause, sqlite3.OperationalError):
+                raise
+            self._file.begin_anew(cause)
+            self._start(session, made, contents)
+        self._housekeeping.start()
+
+    def close(self, clean: bool = True) -> None:
+        """The world model has ended: what it asks for from now on is refused.
+
+        :param clean: in good order: the next life starts from its files.
+        :raises Refused: the journal cannot be written.
+        """
+        self._housekeeping.stop()
+        try:
+            if clean:
+                with self._transaction() as db:
+                    _note(db, state=_ENDED)
+        finally:
+            self._file.close()
+
+    # -- writing -----------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def request(self, made: Provenance, last: int, action: str, context: str) -> Iterator[JournalWriter]:
+        """One request. What is written within is in the journal when this ends, or nothing of it.
+
+        :param made: its first change.
+        :param last: the number of its last change.
+        :param action: as `HistoryEntry` tells it.
+        :raises Refused: the journal cannot be written.
+        """
+        with self._transaction() as db:
+            yield self._writer(db, made, last, action, context)
+            self._housekeeping.count_request()
+
+    def write_file(self, context: str, file: str) -> None:
+        """A context has another file.
+
+        :raises Refused: the journal cannot be written.
+        """
+        with self._transaction() as db:
+            db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
+
+    def _start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
+        with self._transaction() as db:
+            writer = self._writer(db, made, made.version, "start", "")
+            writer.clear()
+            for content in contents:
+                writer.whole(*content)
+            _note(db, session=session, state=_RUNNING, origin=self._origin)
+            db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (made.version,))
+
+    def _writer(self, db: sqlite3.Connection, made: Provenance, last: int, action: str, context: str) -> JournalWriter:
+        row = (made.version, last, made.stamp, made.author, action, context)
+        db.execute("INSERT INTO request VALUES (?,?,?,?,?,?)", row)
+        return JournalWriter(db, made, self._next_numbers)
+
+    def _goes_on(self, db: sqlite3.Connection) -> bool:
+        state = read_note(db, "state")
+        if self._recover == ALWAYS:
+            return state is not None
+        return self._recover == KILLED and state == _RUNNING and read_note(db, "origin") == self._origin
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._writing:
+            db = self._file.writer
+            try:
+                db.execute("BEGIN IMMEDIATE")
+                try:
+                    yield db
+                    db.execute("COMMIT")
+                finally:
+                    if db.in_transaction:
+                        db.execute("ROLLBACK")
+                        self._next_numbers.clear()
+            except (sqlite3.Error, UnicodeError) as error:
+                raise Refused(f"journal {self.path} cannot be written: {error}; the request is refused") from error
+
+
+def first_number() -> int:
+    """The number that a world model without a past counts from: higher than all of its earlier lives.
+
+    It is the time, in microseconds since the epoch: no world model makes a million changes in a second.
+    """
+    return int(time.time() * 1e6)
+
+
+def _note(db: sqlite3.Connection, **notes: str) -> None:
+    db.executemany("INSERT OR REPLACE INTO meta VALUES (?,?)", notes.items())

@@ -71,6 +71,8 @@ def from_text(text: str, datatype: type) -> Any:
 
 def same_value(one: Any, other: Any) -> bool:
     """Whether two values are equal; numbers and bools equal their text, as scenes in the field write them."""
+    if type(one) is type(other):
+        return bool(one == other)
     if isinstance(one, str) != isinstance(other, str):
         text, value = (one, other) if isinstance(one, str) else (other, one)
         if not isinstance(value, (bool, int, float)):

@@ -69,13 +69,18 @@ class Element:
         :param relations: relation dicts, likewise.
         :param version: the world model's version of the element.
         """
-        element = cls(etype, label, eid)
+        element = cls.__new__(cls)  # in the place of __init__, since each read makes one
+        element._type = etype
+        element._label = label
+        element._id = eid
         element._props = properties
         element._rels = relations
+        element._local = []
+        element._origin = _Origin(etype, label, properties, relations)
         element._own_keys = set()
         element._owns_relations = False
         element._version = version
-        element._origin = _Origin(etype, label, properties, relations)
+        element._last_update = 0.0
         return element
 
     @property

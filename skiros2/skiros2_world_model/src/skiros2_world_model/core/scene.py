@@ -60,7 +60,7 @@ class Dirty:
 
 @dataclass
 class Step:
-    """What was changed in a scene since its `begin`, in that order: elements that were put or dropped, and relations."""
+    """What was changed in a scene since its `begin`, in order: elements that were put or dropped, and relations."""
 
     contents: dict[str, None] = field(default_factory=dict)
     relations: dict[tuple[str, str, str], None] = field(default_factory=dict)
@@ -191,11 +191,13 @@ class Scene:
         for pred, index in self._out.items():
             found = index.get(eid)
             if found is not None:
-                relations += [_relation("-1", pred, dst) for dst in ((found,) if isinstance(found, str) else found)]
+                for dst in (found,) if isinstance(found, str) else found:
+                    relations.append(_relation("-1", pred, dst))
         for pred, index in self._in.items():
             found = index.get(eid)
             if found is not None:
-                relations += [_relation(src, pred, "-1") for src in ((found,) if isinstance(found, str) else found)]
+                for src in (found,) if isinstance(found, str) else found:
+                    relations.append(_relation(src, pred, "-1"))
         told = tuple(relations)
         if len(told) >= _MANY:
             self._relation_cache[eid] = told

@@ -478,11 +478,11 @@ def test_the_ontology_node_serves_ontologies_alone(ros: Ros, workspace):
 
 @pytest.mark.parametrize("make_cache", [False, True])
 def test_a_client_goes_on_with_a_server_that_was_killed_and_is_back(ros: Ros, start, make_cache):
-    start(init_scene="scenes/lab.ttl")
+    start(init_scene="scenes/lab.ttl", journal=False)
     client = WorldModelInterface("tester", make_cache=make_cache)
     client.add_element(Element("skiros:Part", "first life"))
     os.kill(ros.master.node_pid("/wm"), signal.SIGKILL)
-    start(init_scene="scenes/lab.ttl")
+    start(init_scene="scenes/lab.ttl", journal=False)
     # What the second life has is seen at once by calls, and by a replica when the new server is heard.
     wait_until(lambda: not client.resolve_elements(Element("skiros:Part", "first life")), 10.0)
     client.add_element(Element("skiros:Part", "second life"))

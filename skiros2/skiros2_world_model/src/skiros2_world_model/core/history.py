@@ -64,6 +64,7 @@ class History:
         """
         with self._asked(context, eid) as db:
             first, last = self._between(db, since, until)
+            first -= since is None  # the change that it begins with, too
             if limit and not eid:
                 first = max(first, _request_before(db, last, context, author, limit))
             entries: list[HistoryEntry] = []
@@ -83,9 +84,10 @@ class History:
         entries = self.changes(eid, context=context)
         return next((e for e in reversed(entries) if not name or _touches(e, full_name(name), dst)), None)
 
-    def difference(self, since: Point, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
+    def difference(self, since: Point | None = None, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
         """What is other in a context at one point than it was at another; false when nothing is.
 
+        :param since, until: None: at the journal's beginning, and now.
         :raises UnknownName, WrongValue: as for `changes`.
         """
         with self._asked(context) as db:
@@ -98,15 +100,16 @@ class History:
         entry.action = "difference"
         return entry
 
-    def scene_at(self, at: Point, context: str = SCENE) -> HistoryEntry:
+    def scene_at(self, at: Point | None = None, context: str = SCENE) -> HistoryEntry:
         """A context as it was: `after` has its elements, each with its outgoing relations.
 
         The entry tells of the request that led to this state.
 
+        :param at: None: now.
         :raises UnknownName, WrongValue: as for `changes`.
         """
         with self._asked(context) as db:
-            number = _number(db, at)
+            _, number = self._between(db, None, at)
             state: _Changes = {}
             for key, _, _, content in _rows(db, context, number, number, standing=True):
                 state[key] = (None, content)
@@ -134,7 +137,7 @@ class History:
             raise Refused(f"journal {self._path} cannot be read: {error}") from error
 
     def _between(self, db: sqlite3.Connection, since: Point | None, until: Point | None) -> tuple[int, int]:
-        first = read_note(db, "begin") - 1 if since is None else _number(db, since)
+        first = int(read_note(db, "begin")) if since is None else _number(db, since)
         return first, _last(db) if until is None else _number(db, until)
 
 

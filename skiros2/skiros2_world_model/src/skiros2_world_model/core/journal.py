@@ -52,7 +52,8 @@ class Journal:
         full_sync: bool = False,
     ) -> None:
         if recover not in (KILLED, ALWAYS, NEVER):
-            raise ConfigurationError(f"recover is {recover!r}, expected {KILLED}, {ALWAYS} or {NEVER}")
+            choice = f"{KILLED}, {ALWAYS} or {NEVER}"
+            raise ConfigurationError(f"journal {path}: journal_recover is {recover!r}, expected {choice}")
         self.path = path
         #: The number of the last change; known once `restore` was called.
         self.last = 0

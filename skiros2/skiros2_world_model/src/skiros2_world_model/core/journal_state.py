@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from dataclasses import dataclass, field
 
 from skiros2_world_model.core.context_names import ONTOLOGY
@@ -45,6 +46,11 @@ class JournalState:
     contexts: list[ContextState]
     stated: list[str]
     unstated: list[str]
+
+    def __str__(self) -> str:
+        when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.last.stamp))
+        size = ", ".join(f"{len(context.nodes)} elements in {context.name}" for context in self.contexts)
+        return f"{size}; the last change was made by {self.last.author}, {when}"
 
 
 def read_state(db: sqlite3.Connection) -> JournalState:

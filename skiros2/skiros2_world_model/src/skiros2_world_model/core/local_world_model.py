@@ -9,6 +9,7 @@ from pathlib import Path
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model import WorldModel
@@ -71,6 +72,28 @@ class LocalWorldModel(WorldModelAbstractInterface):
     def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
         with _wm_errors():
             return self.model.reader.find(eid, context_id)
+
+    # -- the past, as `History` tells it ----------------------------------------------------------------------
+
+    def history(
+        self,
+        eid: str = "",
+        since: Point | None = None,
+        until: Point | None = None,
+        author: str = "",
+        limit: int = 0,
+        context_id: str = "scene",
+    ) -> list[HistoryEntry]:
+        with _wm_errors():
+            return self.model.history.changes(eid, since, until, author, limit, context_id)
+
+    def scene_at(self, at: Point, context_id: str = "scene") -> HistoryEntry:
+        with _wm_errors():
+            return self.model.history.scene_at(at, context_id)
+
+    def difference(self, since: Point, until: Point | None = None, context_id: str = "scene") -> HistoryEntry:
+        with _wm_errors():
+            return self.model.history.difference(since, until, context_id)
 
     @property
     def _ontology(self) -> Ontology:

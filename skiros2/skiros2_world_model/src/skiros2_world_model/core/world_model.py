@@ -67,6 +67,7 @@ class WorldModel:
         if state is not None:
             self._announcer = Announcer(state.number, state.session)
             self._go_on_from(state)
+            log.info("the world model goes on from its journal %s: %s", journal.path if journal else "", state)
         else:
             self._announcer = Announcer(max(first_number(), journal.last if journal is not None else 0))
             for context, file in initial:

@@ -6,9 +6,12 @@ from typing import Any
 
 import genpy
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.history import History
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 
 _REQUEST = srvs.WmHistoryRequest
@@ -25,6 +28,26 @@ def history_request(
 ) -> Any:
     """A request of `WmHistory`; None as a point: the beginning of the journal, or now."""
     return _REQUEST(action, context, element, author, *_point2msg(since), *_point2msg(until), limit)
+
+
+def answer_history(history: History, request: Any) -> Any:
+    """The answer to a request of `WmHistory`.
+
+    :raises SkirosError: it cannot be answered.
+    """
+    context = request.context or SCENE
+    since = msg2point(request.since_number, request.since)
+    until = msg2point(request.until_number, request.until)
+    if request.action == _REQUEST.CHANGES:
+        entries = history.changes(request.element, since, until, request.author, request.limit, context)
+    elif request.action == _REQUEST.DIFFERENCE:
+        entries = [history.difference(since, until, context)]
+    elif request.action == _REQUEST.SCENE:
+        entries = [history.scene_at(until, context)]
+    else:
+        known = ", ".join((_REQUEST.SCENE, _REQUEST.CHANGES, _REQUEST.DIFFERENCE))
+        raise WrongValue(f"unknown action {request.action!r}; known: {known}")
+    return srvs.WmHistoryResponse([entry2msg(entry) for entry in entries])
 
 
 def entry2msg(entry: HistoryEntry) -> Any:

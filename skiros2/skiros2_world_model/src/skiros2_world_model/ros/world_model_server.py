@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import logging
-import threading
 import weakref
 from collections.abc import Iterable
 from typing import Any
 
 import rospy
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
+from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
-from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.context_names import SCENE
-from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import Node
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.errors import answering
+from skiros2_world_model.ros.history_service import answer_history
+from skiros2_world_model.ros.journal_parameters import open_journal
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
+from skiros2_world_model.ros.reasoners import Reasoners
 from skiros2_world_model.ros.subscribers import wait_for_subscribers
 from skiros2_world_model.ros.wire import change2msg, msg2operation
 
@@ -59,6 +58,7 @@ class WorldModelServer:
             rospy.Service("~scene/query_relations", srvs.WmQueryRelations, answering(self._on_query_relations)),
             rospy.Service("~load_and_save", srvs.WoLoadAndSave, answering(self._on_load_and_save)),
             rospy.Service("~get", srvs.WmGet, answering(self._on_get)),
+            rospy.Service("~history", srvs.WmHistory, answering(self._on_history)),
         ]
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -96,9 +96,15 @@ class WorldModelServer:
         found = self._model.reader.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId), SCENE)
         return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
 
+    def _on_history(self, request: Any) -> Any:
+        return answer_history(self._model.history, request)
+
     # -- writing -----------------------------------------------------------------------------------------------
 
     def _on_modify(self, request: Any) -> Any:
+        known = (request.ADD, request.UPDATE, request.UPDATE_PROPERTIES, request.REMOVE, request.REMOVE_RECURSIVE)
+        if request.action not in known:
+            raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
         operations = [self._operation(request, element) for element in request.elements]
         outcome = self._model.transact(operations, request.author, request.context or SCENE)
         if request.action in (request.REMOVE, request.REMOVE_RECURSIVE):
@@ -116,11 +122,8 @@ class WorldModelServer:
             return Update(msg2element(message), relations=False, keys=keys)
         if request.action == request.REMOVE:
             return Remove(message.id, recursive=False)
-        if request.action == request.REMOVE_RECURSIVE:
-            relation_filter = request.relation_filter or "skiros:sceneProperty"
-            return Remove(message.id, True, relation_filter, request.type_filter)
-        known = (request.ADD, request.UPDATE, request.UPDATE_PROPERTIES, request.REMOVE, request.REMOVE_RECURSIVE)
-        raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
+        relation_filter = request.relation_filter or "skiros:sceneProperty"
+        return Remove(message.id, True, relation_filter, request.type_filter)
 
     def _on_transaction(self, request: Any) -> Any:
         operations = [msg2operation(m) for m in request.operations]
@@ -165,63 +168,28 @@ class WorldModelServer:
         return message
 
 
-class Reasoners:
-    """The reasoners that a server runs, each with a thread of its own."""
-
-    def __init__(self, model: WorldModel, packages: list[str]) -> None:
-        """Loads and starts the reasoners of some Python packages.
-
-        :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
-        """
-        loader = PluginLoader()
-        for package in packages:
-            loader.load(package, DiscreteReasoner)
-        if loader.failures:
-            module, cause = next(iter(loader.failures.items()))
-            raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
-        self._running: list[tuple[DiscreteReasoner, threading.Thread]] = []
-        for reasoner in loader.create():
-            name = reasoner.__class__.__name__
-            reasoners.add(reasoner)
-            reasoner.init(LocalWorldModel(name, model))
-            model.add_reasoner(reasoner)
-            thread = threading.Thread(target=_run, args=(reasoner,), name=name, daemon=True)
-            self._running.append((reasoner, thread))
-            thread.start()
-            log.info("reasoner %s is running", name)
-
-    def stop(self) -> None:
-        """Asks all to end, and waits for them."""
-        for reasoner, _ in self._running:
-            reasoner.stop()
-        for _, thread in self._running:
-            thread.join(2.0)
-
-
 def serve_world_model() -> None:
     """The program of the world model node: until shutdown.
 
     :raises ConfigurationError: a folder, scene, context or reasoner is missing or cannot be read.
     """
-    model = WorldModel(ontology_folder(), workspace_folder(), bool(rospy.get_param("~strict", False)))
     scene = str(rospy.get_param("~init_scene", "")).strip()
-    if scene:
-        model.load_initial(scene)
-    for entry in text_list("~load_contexts"):
-        context, _, filename = entry.strip().partition(" ")
-        model.load_initial(filename.strip(), context)
+    further = (entry.strip().partition(" ") for entry in text_list("~load_contexts"))
+    initial = [(SCENE, scene)] if scene else []
+    initial += [(context, filename.strip()) for context, _, filename in further]
+    strict = bool(rospy.get_param("~strict", False))
+    journal = open_journal(workspace_folder(), initial)
+    model = WorldModel(ontology_folder(), workspace_folder(), strict, journal, initial)
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
-    log.info("the world model is ready: %s elements in %s", len(model.scene()), scene or "a blank scene")
+    if model.went_on:
+        log.info("to start from the files instead: end the world model in order, or set journal_recover to never")
+    origin = "its journal" if model.went_on else scene or "a blank scene"
+    log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     rospy.spin()
     running.stop()
-
-
-def _run(reasoner: DiscreteReasoner) -> None:
-    try:
-        reasoner.execute()
-    except Exception:
-        log.exception("reasoner %s has ended", reasoner.__class__.__name__)
+    if journal is not None:
+        journal.close()
 
 
 def _scene_element(node: Node, outgoing: Iterable[tuple[str, str, str]]) -> Any:

@@ -117,9 +117,10 @@ class ConditionBase:
         return type(self) is type(other) and self._signature() == other._signature()
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
-        value = ph.getParamValue(key) if ph.hasParam(key) else None
+        param = ph._params.get(key)
+        value = param.value if param is not None else None
         if isinstance(value, Element):
-            self._checked[key] = repr(value) if not value.isAbstract() else f"any {value!r}".rstrip("-")
+            self._checked[key] = repr(value) if value.id else f"any {value!r}".rstrip("-")
             self._ids[key] = value.id
         else:
             self._checked[key] = f"{key} (unset)" if value is None else str(value)
@@ -133,9 +134,10 @@ class ConditionBase:
 
         :raises UnknownName: the skill has no such parameter.
         """
-        if not ph.hasParam(key):
+        param = ph._params.get(key)
+        if param is None:
             raise UnknownName(f"condition {self._label!r} speaks of {key!r}; the skill has: {', '.join(ph.keys())}")
-        return ph.getParamValue(key)
+        return param.value
 
     def _element(self, key: str, ph: ParamHandler, wmi: Any) -> Element | None:
         """The element in a parameter as the world model has it now; the abstract one, or None, where there is none.

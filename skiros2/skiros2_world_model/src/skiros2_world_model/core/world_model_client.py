@@ -241,7 +241,9 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
     def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
         """The reasoner called so, or that owns that code, property or relation; None when none does."""
         name = full_name(pred)
-        found = reasoners.find(pred) or reasoners.find(name)
+        found = reasoners.find(pred)
+        if found is None and name != pred:
+            found = reasoners.find(name)
         if found is None and name.startswith(f"{DEFAULT_PREFIX}:"):
             found = reasoners.find(":" + local_name(name))  # how reasoners write their codes and relations
         return found

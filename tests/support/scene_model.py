@@ -193,12 +193,13 @@ class _Request:
             self.relate(operation)
         elif isinstance(operation, Update):
             e, thing = operation.element, self.element(operation.element.id)
-            etype, values = class_name(e.type), checked(class_name(e.type), _given_values(e))
+            etype = class_name(e.type)
             if operation.keys is not None:
                 kept = {key: v for key, v in thing.values.items() if key not in operation.keys}
+                values = checked(thing.type, _given_values(e))
                 thing.values = kept | {key: v for key, v in values.items() if key in operation.keys}
             else:
-                things[e.id] = Thing(etype, text(e.label), values)
+                things[e.id] = Thing(etype, text(e.label), checked(etype, _given_values(e)))
             if operation.relations:
                 wanted = [self.ends(e.id, r) for r in _facts(e._rels)]
                 self.scene.relations -= {r for r in self.scene.relations if e.id in (r[0], r[2]) and r not in wanted}
@@ -242,7 +243,7 @@ class _Request:
         label = thing.label if changes.label is None else text(changes.label)
         removed = {full(key) for key in changes.removed_properties}
         values = {key: v for key, v in thing.values.items() if key not in removed}
-        values |= checked(etype, {key: (p.values, p.dataType()) for key, p in changes.properties.items()})
+        values = checked(etype, values | {full(key): p.values for key, p in changes.properties.items()})
         self.scene.things[eid] = Thing(etype, label, values)
         self.scene.relations -= {self.ends(eid, r) for r in _facts(changes.removed_relations)}
         self.links += [(eid, r) for r in _facts(changes.added_relations)]
@@ -254,7 +255,9 @@ class _Request:
             return
         src, pred, dst = relation
         self.element(src)
-        self.target(dst)
+        if not is_name(pred):
+            raise Refusal(pred)
+        dst = self.target(dst)
         self.scene.relations -= {
             (s, p, d) for s, p, d in self.scene.relations if (s, d) == (src, dst) and is_under(p, pred)
         }
@@ -352,7 +355,7 @@ def checked(etype: str, given: dict[str, Any]) -> dict[str, list[Any]]:
         if not is_name(key) or full(key) in ("rdf:type", "rdfs:label"):
             raise Refusal(key)
         key = full(key)
-        values = list(values[0] if isinstance(values, tuple) else values)
+        values = list(values)
         datatype = DATATYPES.get(key)
         if datatype in (float, int, bool):
             values = [v for v in values if v != ""]

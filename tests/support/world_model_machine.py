@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,6 +56,37 @@ BAD_NAMES = [
 ]
 BAD_VALUES = [("lab:size", 10**400), ("lab:count", 1.5), ("lab:open", 2), ("lab:note", 1), ("lab:anything", "\ud800")]
 NOBODY = ["", "skiros:Part-9001", "-1", "#nothing", "nobody", "skiros:Part", "a b", "x-" + "9" * 5000, "\ud800"]
+
+
+_PREFIXES = b"@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n@prefix lab: <http://x.org/lab.owl#> .\n"
+FILES = {
+    "broken.ttl": b"@prefix a: <http://x.org/a.owl#> .\na:b a:c none:d .\n",
+    "binary.ttl": bytes(range(256)),
+    "broken_xml.ttl": b"<?xml version='1.0'?><rdf:RDF>",
+    "cycle.ttl": _PREFIXES + b":Part-1 a :Part ; :contain :Part-2 . :Part-2 a :Part ; lab:holds :Part-1 .",
+    "dangling.ttl": _PREFIXES + b":Part-1 a :Part ; :contain :Part-77 .",
+    "wrong_value.ttl": _PREFIXES + b":Part-1 a :Part ; lab:size 'left' .",
+    "folder/in_it.ttl": _PREFIXES,
+}
+#: Files that cannot be loaded, and what the refusal names.
+BAD_FILES = {
+    "no_such.ttl": "no_such.ttl",
+    "../saved.ttl": "saved.ttl: expected a file in the workspace",
+    "/etc/passwd": "/etc/passwd: expected a file in the workspace",
+    "a/../../saved.ttl": "saved.ttl: expected a file in the workspace",
+    ".": "expected a file in the workspace",
+    "folder": "folder",
+    "lab\x00.ttl": "lab",
+    "\ud800.ttl": "ttl",
+    "x" * 5000: "xxx",
+    "broken.ttl": "broken.ttl, line 2",
+    "binary.ttl": "binary.ttl",
+    "broken_xml.ttl": "broken_xml.ttl",
+    "cycle.ttl": "cycle.ttl",
+    "dangling.ttl": "skiros:Part-77",
+    "wrong_value.ttl": "lab:size",
+}
+BAD_TARGETS = ["../out.ttl", "/tmp/out.ttl", "folder", "no/such/folder.ttl", "a\x00b", "\ud800"]
 
 
 def fuzz_settings(examples: int, steps: int) -> settings:
@@ -111,6 +142,10 @@ class WorldModelMachine(RuleBasedStateMachine):
         self.open()
         self.snapshot_id, self.scene = self.state()
         assert set(self.scene.things) == {ROOT} and not self.scene.relations
+
+    def sendable(self, texts: Sequence[str]) -> Sequence[str]:
+        """Those of the texts that can be sent to the world model."""
+        return texts
 
     # -- drawing -----------------------------------------------------------------------------------------------
 
@@ -182,7 +217,8 @@ class WorldModelMachine(RuleBasedStateMachine):
 
     def draw_bad_operation(self, data: st.DataObject) -> Operation:
         """One that has to be refused, or at least looks so."""
-        name, nobody = data.draw(st.sampled_from(BAD_NAMES), "bad name"), data.draw(st.sampled_from(NOBODY), "nobody")
+        name = data.draw(st.sampled_from(self.sendable(BAD_NAMES)), "bad name")
+        nobody = data.draw(st.sampled_from(self.sendable(NOBODY)), "nobody")
         key, value = data.draw(st.sampled_from(BAD_VALUES))
         eid, element = self.draw_id(data), self.draw_element(data)
         kind = data.draw(st.integers(0, 13), "kind")
@@ -211,7 +247,7 @@ class WorldModelMachine(RuleBasedStateMachine):
         elif kind == 11:
             return Relate(eid, "skiros:at", nobody, data.draw(st.booleans()))
         elif kind == 12:
-            return Instantiate(data.draw(st.sampled_from(["lab:nothing", "skiros:Part-9001", *BAD_NAMES])))
+            return Instantiate(data.draw(st.sampled_from(["lab:nothing", "skiros:Part-9001", name])))
         else:
             return Remove(ROOT, False)
         return Add(element) if data.draw(st.booleans()) else Update(Element.shared(
@@ -250,49 +286,18 @@ class WorldModelMachine(RuleBasedStateMachine):
         self.scene = self.scene.as_read_from_a_file()
         self.snapshot_id = self.state()[0]
 
-    BAD_FILES = {
-        "no_such.ttl": "no_such.ttl",
-        "../saved.ttl": "saved.ttl: expected a file in the workspace",
-        "/etc/passwd": "/etc/passwd: expected a file in the workspace",
-        "a/../../saved.ttl": "saved.ttl: expected a file in the workspace",
-        ".": "expected a file in the workspace",
-        "folder": "folder",
-        "lab\x00.ttl": "lab",
-        "\ud800.ttl": "ttl",
-        "x" * 5000: "xxx",
-        "broken.ttl": "broken.ttl, line 2",
-        "binary.ttl": "binary.ttl",
-        "broken_xml.ttl": "broken_xml.ttl",
-        "cycle.ttl": "cycle.ttl",
-        "dangling.ttl": "skiros:Part-77",
-        "wrong_value.ttl": "lab:size",
-    }
+    @rule(data=st.data())
+    def load_of_a_bad_file(self, data: st.DataObject) -> None:
+        for name, content in FILES.items():
+            self.write(name, content)
+        filename = data.draw(st.sampled_from(self.sendable(sorted(BAD_FILES))), "file")
+        self.refused(lambda: self.files("load", filename), BAD_FILES[filename])
 
-    @rule(filename=st.sampled_from(sorted(BAD_FILES)))
-    def load_of_a_bad_file(self, filename: str) -> None:
-        prefixes = b"@prefix : <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n@prefix lab: <http://x.org/lab.owl#> .\n"
-        self.write("broken.ttl", b"@prefix a: <http://x.org/a.owl#> .\na:b a:c none:d .\n")
-        self.write("binary.ttl", bytes(range(256)))
-        self.write("broken_xml.ttl", b"<?xml version='1.0'?><rdf:RDF>")
-        self.write(
-            "cycle.ttl", prefixes + b":Part-1 a :Part ; :contain :Part-2 . :Part-2 a :Part ; lab:holds :Part-1 ."
-        )
-        self.write("dangling.ttl", prefixes + b":Part-1 a :Part ; :contain :Part-77 .")
-        self.write("wrong_value.ttl", prefixes + b":Part-1 a :Part ; lab:size 'left' .")
-        self.write("folder/in_it.ttl", prefixes)
-        self.refused(lambda: self.files("load", filename), self.BAD_FILES[filename])
-
-    @rule(
-        filename=st.sampled_from(["", "../out.ttl", "/tmp/out.ttl", "folder", "no/such/folder.ttl", "a\x00b", "\ud800"])
-    )
-    def save_to_a_bad_file(self, filename: str) -> None:
+    @rule(data=st.data())
+    def save_to_a_bad_file(self, data: st.DataObject) -> None:
         self.write("folder/in_it.ttl", b"")
-        if filename or not self.has_a_file():
-            self.refused(lambda: self.files("save", filename), filename.partition("\x00")[0].strip("\ud800"))
-
-    def has_a_file(self) -> bool:
-        """Whether the scene was loaded from or saved to a file, whose name need not be given then."""
-        return True
+        filename = data.draw(st.sampled_from(self.sendable(BAD_TARGETS)), "file")
+        self.refused(lambda: self.files("save", filename), repr(filename)[1:-1])
 
     @invariant()
     def the_scene_is_as_it_should_be(self) -> None:
@@ -303,14 +308,20 @@ class WorldModelMachine(RuleBasedStateMachine):
 
     # -- shared ------------------------------------------------------------------------------------------------
 
-    def send(self, operations: Sequence[Operation]) -> None:
-        """A request that is carried out as the model says, or refused as it says."""
+    def send(
+        self, operations: Sequence[Operation], transact: Callable[[Sequence[Operation]], Answer] | None = None
+    ) -> None:
+        """A request that is carried out as the model says, or refused as it says.
+
+        :param transact: another way to send it.
+        """
+        transact = transact or self.transact
         culprits = [c for c in (self.culprit(operations),) if c is not None]
         if culprits:
             culprits += [c for c in (self.culprit([o]) for o in operations) if c is not None]
-            self.refused(lambda: self.transact(operations), *culprits)
+            self.refused(lambda: transact(operations), *culprits)
             return
-        answer = self.transact(operations)
+        answer = transact(operations)
         ids = iter(
             answer.added
             if any(isinstance(o, Instantiate) for o in operations)

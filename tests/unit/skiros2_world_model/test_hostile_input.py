@@ -8,13 +8,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import Add, Patch, Relate, Remove, relation_dict
+from skiros2_world_model.core.changes import Add, Patch, Relate, Remove, Update, relation_dict
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.scene_model import LAB
 
 SCENE = "skiros:Scene-0"
 NO_NAMES = ["", ":", "skiros:", "a b", "x>", "[x", "50%", "a#b", "lab:\x01", "lab:\ud800", "http://a b", "http://a/%"]
@@ -266,3 +268,25 @@ def test_a_new_world_model_over_the_saved_scene_is_the_same(wm, workspace):
     other = LocalWorldModel("other", WorldModel(source_ontologies(), workspace))
     other.load("all.ttl")
     assert other.get_element(tray.id).label == tray.label
+
+
+# -- the class of an element -------------------------------------------------------------------------------------------
+
+
+def test_values_that_another_class_does_not_allow_are_refused_with_the_change_of_the_class(workspace):
+    (workspace / "lab.owl").write_text(LAB)
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace))
+    element = part()
+    element._props["lab:note"] = Property("lab:note", ["one", "two"])
+    wm.add_element(element)
+    element.type = "lab:Crate"  # has one note at most
+    with pytest.raises(WmException, match="lab:note has 2 values"):
+        wm.update_element(element)
+    crate = Element("lab:Crate")
+    wm.add_element(crate)
+    as_part = Element("skiros:Part", "", crate.id)
+    as_part._props["lab:note"] = Property("lab:note", ["one", "two"])
+    with pytest.raises(SkirosError, match="lab:note has 2 values"):
+        wm.model.transact([Update(as_part, False, frozenset(["lab:note"]))], "tester")
+    wm.save("all.ttl")
+    wm.load("all.ttl")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import rule
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import ADD, Change, Operation, Patch, Relate
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -73,9 +74,6 @@ class InProcess(WorldModelMachine):
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
 
-    def has_a_file(self) -> bool:
-        return (self.workspace / "saved.ttl").exists()
-
     def snapshot(self) -> Snapshot:
         elements = [self.model.scene().element(node.id) for node in self.model.scene()]
         return Snapshot(self.model.snapshot_id, self.model.number, elements)
@@ -101,7 +99,7 @@ class InProcess(WorldModelMachine):
         for key in list(patch.changes.properties):
             prop = patch.changes.properties[key]
             before = read._props.get(full(key))
-            if key != full(key) or (before is not None and repr(before.values) == repr(prop.values)):
+            if key != full(key) or (before is not None and _same(before, prop)):
                 del patch.changes.properties[key]
         had = [dict(r) for r in read._rels]
         removed = data.draw(st.lists(st.sampled_from(had), max_size=1)) if had else []
@@ -203,6 +201,10 @@ class InProcess(WorldModelMachine):
     def the_changes_are_a_chain(self) -> None:
         assert all(a.snapshot_id == b.prev_snapshot_id for a, b in itertools.pairwise(self.told))
         assert all(a.number < b.number for a, b in itertools.pairwise(self.told))
+
+
+def _same(one: Property, other: Property) -> bool:
+    return repr(one.values) == repr(other.values) and one.dataType() is other.dataType()
 
 
 def _change(element: Element, changes: ElementChanges) -> None:

@@ -129,6 +129,8 @@ class Transaction:
         element = operation.element
         node = self._node(element.id)
         etype = self._checks.class_name(element.type, element.id)
+        if operation.keys is not None:
+            etype = node.type
         properties = self._properties(etype, element, element.id)
         if operation.keys is not None:
             written = {key: prop for key, prop in properties.items() if key in operation.keys}
@@ -154,7 +156,10 @@ class Transaction:
             properties = dict(node.properties)
             for key in changes.removed_properties:
                 properties.pop(full_name(key), None)
-            for key, prop in changes.properties.items():
+            unchecked = {self._checks.full(key): prop for key, prop in changes.properties.items()}
+            if etype != node.type:  # what it has may not be allowed to the new class
+                unchecked = properties | unchecked
+            for key, prop in unchecked.items():
                 checked = self._checks.property(etype, key, prop, eid)
                 properties[checked.key] = checked
             self._scene.put(Node(eid, etype, label, properties))

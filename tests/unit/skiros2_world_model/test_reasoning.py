@@ -4,6 +4,9 @@ import pytest
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.journal import Journal
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 
@@ -104,3 +107,63 @@ def test_elements_of_other_contexts_are_not_its_business(wm, weigher):
     element.setReasoner("Weigher")
     wm.add_element(element, "memory")
     assert weigher.seen == []
+
+
+def test_an_element_that_names_it_no_more_is_removed_for_it(wm, weigher):
+    element = product("a")
+    wm.add_element(element)
+    element.unsetReasoner("Weigher")
+    wm.update_element(element)
+    element.label = "b"
+    wm.update_element(element)
+    wm.remove_element(element)
+    assert weigher.seen == [("add", "a"), ("remove", "a")]
+
+
+def test_an_element_that_names_it_later_is_added_for_it(wm, weigher):
+    element = Element("skiros:Product", "a")
+    wm.add_element(element)
+    element.setReasoner("Weigher")
+    wm.update_element(element)
+    assert weigher.seen == [("add", "a")]
+
+
+def test_what_is_refused_after_it_was_asked_is_taken_back(wm, weigher):
+    class Second(Weigher):
+        pass
+
+    wm.model.add_reasoner(Second())
+    element, both = product("a"), Element("skiros:Product", "b")
+    wm.add_elements([element, both])
+    both.setReasoner("Weigher")
+    both.setReasoner("Second")
+    both.label = "rejected"
+    weigher.parse = lambda e, action: weigher.seen.append((action, e.label))
+    weigher.seen.clear()
+    with pytest.raises(WmException, match="Second rejects"):
+        wm.update_element(both)
+    assert weigher.seen == [("add", "rejected"), ("remove", "rejected")]
+    element.unsetReasoner("Weigher")
+    weigher.seen.clear()
+    with pytest.raises(WmException, match="Second rejects"):
+        wm.update_elements([element, both])
+    assert weigher.seen == [("remove", "a"), ("add", "rejected"), ("remove", "rejected"), ("add", "a")]
+
+
+def test_a_request_that_cannot_be_kept_is_taken_back(workspace, tmp_path):
+    journal = Journal(tmp_path / "wm.journal")
+    wm = LocalWorldModel("tester", WorldModel(source_ontologies(), workspace, journal=journal))
+    weigher = Weigher()
+    wm.model.add_reasoner(weigher)
+    journal.close()
+    with pytest.raises(WmException, match="journal"):
+        wm.add_element(product("a"))
+    assert weigher.seen == [("add", "a"), ("remove", "a")]
+
+
+def test_a_reasoner_that_fails_refuses_the_change_with_its_name(wm, weigher, caplog):
+    weigher.parse = lambda element, action: 1 / 0
+    with pytest.raises(WmException, match=r"Weigher.*division by zero"):
+        wm.add_element(product("a"))
+    assert wm.resolve_elements(product("a")) == []
+    assert "division by zero" in caplog.text

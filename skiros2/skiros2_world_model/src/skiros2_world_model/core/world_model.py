@@ -177,6 +177,7 @@ class WorldModel:
             if not news:
                 scene.roll_back()  # all is as it was, the versions of the elements too
             scene.commit(provenance)
+            self.reasoning.settle()
             for wanted, given in transaction.renamed:
                 log.warning("%s: the number of %s is taken; it was added as %s", author, wanted, given)
             return Outcome(ids, self._announcer.tell_all(news, provenance, context, scene))

@@ -9,7 +9,7 @@ import threading
 import time
 from contextlib import closing
 
-from skiros2_world_model.core.journal_file import LOG_LIMIT, PAST_KEYS, JournalFile, read_note
+from skiros2_world_model.core.journal_file import LOG_LIMIT, PAST_TABLES, JournalFile, read_note
 
 log = logging.getLogger(__name__)
 
@@ -28,14 +28,12 @@ _PART = 10
 class Housekeeping:
     """A thread beside the one that writes.
 
-    :param writing: held while the writer's connection is in use.
     :param days: how long the past is kept; 0: without end.
     :param max_bytes: how much the journal may hold.
     """
 
-    def __init__(self, file: JournalFile, writing: threading.Lock, days: float, max_bytes: int) -> None:
+    def __init__(self, file: JournalFile, days: float, max_bytes: int) -> None:
         self._file = file
-        self._writing = writing
         self._days = days
         self._max_bytes = max_bytes
         self._requests = 0
@@ -55,7 +53,7 @@ class Housekeeping:
             self._thread.join()
 
     def count_request(self) -> None:
-        """One more request was written. Called while `writing` is held."""
+        """One more request was written."""
         self._requests += 1
         if self._requests == _REQUESTS:
             self._wake.set()
@@ -76,7 +74,7 @@ class Housekeeping:
         with closing(self._file.connect()) as beside:
             beside.execute("PRAGMA wal_checkpoint(PASSIVE)")
             if os.path.getsize(f"{self._file.path}-wal") > LOG_LIMIT:
-                with self._writing:  # under load there is always something left
+                with self._file.writing:  # under load there is always something left
                     beside.execute("PRAGMA wal_checkpoint(RESTART)")
             if self._days:
                 self._forget_before(beside, _request_at(beside, time.time() - self._days * 86400.0))
@@ -92,9 +90,9 @@ class Housekeeping:
         """The history begins with the state after that request. What was before is dropped in small steps."""
         if read_note(beside, "begin") != begin:
             self._write("INSERT OR REPLACE INTO meta VALUES ('begin', ?)", begin)
-        for table, key in PAST_KEYS.items():
-            rows = f"SELECT {key} FROM {table} WHERE until < ? ORDER BY until LIMIT {_ROWS}"
-            self._drop(f"DELETE FROM {table} WHERE ({key}) IN ({rows})", begin)
+        for table in PAST_TABLES:
+            rows = f"SELECT rowid FROM {table} WHERE until < ? ORDER BY until LIMIT {_ROWS}"
+            self._drop(f"DELETE FROM {table} WHERE rowid IN ({rows})", begin)
         rows = f"SELECT number FROM request WHERE number < ? ORDER BY number LIMIT {_ROWS}"
         self._drop(f"DELETE FROM request WHERE number IN ({rows})", begin)
 
@@ -103,7 +101,7 @@ class Housekeeping:
             pass
 
     def _write(self, statement: str, value: int) -> int:
-        with self._writing:
+        with self._file.writing:
             return self._file.writer.execute(statement, (value,)).rowcount
 
 

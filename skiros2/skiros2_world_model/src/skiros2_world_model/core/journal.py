@@ -8,15 +8,13 @@ old or there is too much of it.
 from __future__ import annotations
 
 import sqlite3
-import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused
 from skiros2_world_model.core.housekeeping import Housekeeping
-from skiros2_world_model.core.journal_file import JournalFile, read_note
+from skiros2_world_model.core.journal_file import JournalFile, JournalTransaction, read_note
 from skiros2_world_model.core.journal_state import JournalState, read_state
 from skiros2_world_model.core.journal_writer import JournalWriter
 from skiros2_world_model.core.scene import Provenance, Scene
@@ -59,10 +57,9 @@ class Journal:
         self.last = 0
         self._origin = origin
         self._recover = recover
-        self._writing = threading.Lock()
         self._file = JournalFile(path, full_sync)
         self._next_numbers: dict[str, int] = {}
-        self._housekeeping = Housekeeping(self._file, self._writing, days, max_bytes)
+        self._housekeeping = Housekeeping(self._file, days, max_bytes)
 
     # -- one life after the other ------------------------------------------------------------------------------
 
@@ -109,69 +106,44 @@ class Journal:
         self._housekeeping.stop()
         try:
             if clean:
-                with self._transaction() as db:
-                    _note(db, state=_ENDED)
+                with JournalTransaction(self._file) as transaction:
+                    _note(transaction.db, state=_ENDED)
         finally:
             self._file.close()
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    @contextmanager
-    def request(self, made: Provenance, last: int, action: str, context: str) -> Iterator[JournalWriter]:
-        """One request. What is written within is in the journal when this ends, or nothing of it.
+    def request(self, made: Provenance, last: int, action: str, context: str) -> JournalWriter:
+        """One request, to be entered: what is written within is in the journal when it is left, or nothing of it.
 
         :param made: its first change.
         :param last: the number of its last change.
         :param action: as `HistoryEntry` tells it.
-        :raises Refused: the journal cannot be written.
         """
-        with self._transaction() as db:
-            yield self._writer(db, made, last, action, context)
-            self._housekeeping.count_request()
+        self._housekeeping.count_request()
+        return JournalWriter(self._file, made, last, action, context, self._next_numbers)
 
     def write_file(self, context: str, file: str) -> None:
         """A context has another file.
 
         :raises Refused: the journal cannot be written.
         """
-        with self._transaction() as db:
-            db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
+        with JournalTransaction(self._file) as transaction:
+            transaction.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
 
     def _start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
-        with self._transaction() as db:
-            writer = self._writer(db, made, made.version, "start", "")
+        with self.request(made, made.version, "start", "") as writer:
             writer.clear()
             for content in contents:
                 writer.whole(*content)
-            _note(db, session=session, state=_RUNNING, origin=self._origin)
-            db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (made.version,))
-
-    def _writer(self, db: sqlite3.Connection, made: Provenance, last: int, action: str, context: str) -> JournalWriter:
-        row = (made.version, last, made.stamp, made.author, action, context)
-        db.execute("INSERT INTO request VALUES (?,?,?,?,?,?)", row)
-        return JournalWriter(db, made, self._next_numbers)
+            _note(writer.db, session=session, state=_RUNNING, origin=self._origin)
+            writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (made.version,))
 
     def _goes_on(self, db: sqlite3.Connection) -> bool:
         state = read_note(db, "state")
         if self._recover == ALWAYS:
             return state is not None
         return self._recover == KILLED and state == _RUNNING and read_note(db, "origin") == self._origin
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with self._writing:
-            db = self._file.writer
-            try:
-                db.execute("BEGIN IMMEDIATE")
-                try:
-                    yield db
-                    db.execute("COMMIT")
-                finally:
-                    if db.in_transaction:
-                        db.execute("ROLLBACK")
-                        self._next_numbers.clear()
-            except (sqlite3.Error, UnicodeError) as error:
-                raise Refused(f"journal {self.path} cannot be written: {error}; the request is refused") from error
 
 
 def first_number() -> int:

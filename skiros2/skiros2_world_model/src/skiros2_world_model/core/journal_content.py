@@ -25,7 +25,11 @@ def element_text(node: Node) -> str:
     :raises WrongValue: a value is of a type that cannot be written.
     """
     try:
-        return _encode([node.type, node.label, {key: _values(prop) for key, prop in node.properties.items()}])
+        properties = {
+            key: prop._values if prop._values and prop._data_type in _PLAIN else _typed(prop)
+            for key, prop in node.properties.items()
+        }
+        return _encode([node.type, node.label, properties])
     except (TypeError, ValueError) as error:
         raise WrongValue(f"{node.id}: {error}") from None
 
@@ -39,13 +43,11 @@ def read_node(eid: str, text: str, made: Provenance) -> Node:
     return Node(eid, etype, label, {key: _property(key, values) for key, values in properties.items()}, made)
 
 
-def _values(prop: Property) -> Any:
-    kind, values = prop.dataType(), prop.values
-    if values and kind in _PLAIN:
-        return values
+def _typed(prop: Property) -> dict[str, Any]:
+    kind = prop.dataType()
     if kind.__name__ not in _TYPES:
         raise TypeError(f"{prop.key}: values of type {kind.__name__} cannot be written")
-    return {"type": kind.__name__, "values": values}
+    return {"type": kind.__name__, "values": prop.values}
 
 
 def _property(key: str, content: Any) -> Property:

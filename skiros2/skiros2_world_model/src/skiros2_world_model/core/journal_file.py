@@ -10,11 +10,13 @@ import fcntl
 import logging
 import os
 import sqlite3
+import threading
 import time
 from pathlib import Path
-from typing import IO, Any
+from types import TracebackType
+from typing import IO, Any, Self
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import ConfigurationError, Refused
 
 log = logging.getLogger(__name__)
 
@@ -27,26 +29,21 @@ CREATE TABLE context (name TEXT PRIMARY KEY, file TEXT, next_number INTEGER);
 -- made, stamp, author: the last change of the element or of a relation of it
 CREATE TABLE element (context TEXT, id TEXT, since INTEGER, made INTEGER, stamp REAL, author TEXT, content TEXT);
 CREATE UNIQUE INDEX element_id ON element (context, id);
-CREATE TABLE past_element (until INTEGER, context TEXT, id TEXT, since INTEGER, content TEXT,
-    PRIMARY KEY (until, context, id)) WITHOUT ROWID;
+CREATE TABLE past_element (until INTEGER, context TEXT, id TEXT, since INTEGER, content TEXT);
+CREATE INDEX past_element_until ON past_element (until);
 CREATE INDEX past_element_id ON past_element (context, id);
 CREATE TABLE relation (context TEXT, src TEXT, pred TEXT, dst TEXT, since INTEGER);
 CREATE UNIQUE INDEX relation_ends ON relation (context, src, pred, dst);
-CREATE TABLE past_relation (until INTEGER, context TEXT, src TEXT, pred TEXT, dst TEXT, since INTEGER,
-    PRIMARY KEY (until, context, src, pred, dst)) WITHOUT ROWID;
+CREATE TABLE past_relation (until INTEGER, context TEXT, src TEXT, pred TEXT, dst TEXT, since INTEGER);
+CREATE INDEX past_relation_until ON past_relation (until);
 -- statements beside elements, as N-Triples; those of the ontologies as differences from their files: present 0 is one
 -- that was taken away
 CREATE TABLE statement (context TEXT, triple TEXT, present INTEGER, since INTEGER);
 CREATE UNIQUE INDEX statement_triple ON statement (context, triple);
-CREATE TABLE past_statement (until INTEGER, context TEXT, triple TEXT, present INTEGER, since INTEGER,
-    PRIMARY KEY (until, context, triple)) WITHOUT ROWID;
+CREATE TABLE past_statement (until INTEGER, context TEXT, triple TEXT, present INTEGER, since INTEGER);
+CREATE INDEX past_statement_until ON past_statement (until);
 """
-#: The keys of the tables of the past.
-PAST_KEYS = {
-    "past_element": "until, context, id",
-    "past_relation": "until, context, src, pred, dst",
-    "past_statement": "until, context, triple",
-}
+PAST_TABLES = ("past_element", "past_relation", "past_statement")
 _APPLICATION = 0x534B5232  # "SKR2", in the head of the file
 _VERSION = 1
 
@@ -59,7 +56,7 @@ _PATIENCE = 5.0
 
 
 class JournalFile:
-    """The database, opened for writing; `writer` is its connection, to be used by one thread at a time.
+    """The database, opened for writing: its connection `writer`, to be used while `writing` is held.
 
     Transactions are in the file when they are committed: a process that is killed loses none. With `full_sync` they are
     on the disk by then, so that a power cut loses none either.
@@ -71,6 +68,7 @@ class JournalFile:
 
     def __init__(self, path: Path, full_sync: bool = False) -> None:
         self.path = path
+        self.writing = threading.Lock()
         self._full_sync = full_sync
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,6 +133,48 @@ class JournalFile:
             db.close()
             raise
         return db
+
+
+class JournalTransaction:
+    """Writes that are in the journal when the `with` block ends, or none of them; `db` is to be used within.
+
+    :raises Refused: the journal cannot be written.
+    """
+
+    def __init__(self, file: JournalFile) -> None:
+        self._file = file
+        self.db = file.writer
+
+    def __enter__(self) -> Self:
+        self._file.writing.acquire()
+        try:
+            self.db = self._file.writer
+            self.db.execute("BEGIN IMMEDIATE")
+        except sqlite3.Error as error:
+            self._file.writing.release()
+            raise self._refusal(error) from error
+        return self
+
+    def __exit__(self, kind: type | None, error: Exception | None, trace: TracebackType | None) -> None:
+        try:
+            if error is None:
+                self._finish()
+        except sqlite3.Error as failure:
+            error = failure
+        finally:
+            try:
+                if error is not None and self.db.in_transaction:
+                    self.db.execute("ROLLBACK")
+            finally:
+                self._file.writing.release()
+        if isinstance(error, (sqlite3.Error, UnicodeError)):
+            raise self._refusal(error) from error
+
+    def _finish(self) -> None:
+        self.db.execute("COMMIT")
+
+    def _refusal(self, error: Exception) -> Refused:
+        return Refused(f"journal {self._file.path} cannot be written: {error}; the request is refused")
 
 
 def read_only(path: Path) -> sqlite3.Connection:

@@ -39,7 +39,8 @@ def added_elements(elements: Sequence[Element], exists: Callable[[str], bool]) -
     family = _Family(exists)
     for element in elements:
         family.include(element)
-    return family.members, list(family.additions())
+    additions = family.additions()
+    return family.members, list(additions)
 
 
 def written(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
@@ -63,7 +64,8 @@ def written(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple
                 continue
             updates.append(Patch(element.id, changes))
         given.append(element)
-    return [*family.members, *given], [*family.additions(), *updates]
+    additions = family.additions()
+    return [*family.members, *given], [*additions, *updates]
 
 
 def written_properties(element: Element, keys: frozenset[str] | None) -> list[Operation]:
@@ -99,16 +101,14 @@ class _Family:
     def __init__(self, exists: Callable[[str], bool]) -> None:
         self._exists = exists
         self._references: dict[int, str] = {}
-        self._relations: dict[int, list[RelationDict]] = {}
         self.members: list[Element] = []
 
     def include(self, element: Element) -> str:
-        """Adds an element and its children; returns the name by which relations refer to it."""
+        """Adds an element; returns the name by which relations refer to it."""
         known = self._references.get(id(element))
         if known is None:
             known = self._references[id(element)] = str(len(self.members))
             self.members.append(element)
-            self._relations[id(element)] = self.children_of(element, f"#{known}")
         return f"#{known}"
 
     def children_of(self, element: Element, name: str) -> list[RelationDict]:
@@ -120,12 +120,13 @@ class _Family:
         return relations
 
     def additions(self) -> list[Add]:
-        """An operation for each element."""
+        """An operation for each element, and for the children of each, which become members."""
         adds = []
-        for element in self.members:
+        for element in self.members:  # grows meanwhile
+            reference = self._references[id(element)]
             flat = _bare(element)
-            flat._rels = [*element._rels, *self._relations[id(element)]]
-            adds.append(Add(flat, self._references[id(element)]))
+            flat._rels = [*element._rels, *self.children_of(element, f"#{reference}")]
+            adds.append(Add(flat, reference))
         return adds
 
     def _end(self, side: Element | str, name: str) -> str:

@@ -37,18 +37,21 @@ class OntologyInterface(OntologyAbstractInterface):
     :param author_name: who makes the changes.
     """
 
+    #: The name of the server's node.
+    _server = SERVER
+
     def __init__(self, author_name: str = "test") -> None:
         super().__init__()
         self._author_name = author_name
-        self._query_service = ServicePool(f"{SERVER}/ontology/query", srvs.WoQuery)
-        self._modify_service = ServicePool(f"{SERVER}/ontology/modify", srvs.WoModify)
-        self._file_service = ServicePool(f"{SERVER}/load_and_save", srvs.WoLoadAndSave)
-        self._lock_service = ServicePool(f"{SERVER}/lock", SetBool)
+        self._query_service = ServicePool(f"{self._server}/ontology/query", srvs.WoQuery)
+        self._modify_service = ServicePool(f"{self._server}/ontology/modify", srvs.WoModify)
+        self._file_service = ServicePool(f"{self._server}/load_and_save", srvs.WoLoadAndSave)
+        self._lock_service = ServicePool(f"{self._server}/lock", SetBool)
         self._index: Ontology | None = None
         self._index_lock = threading.Lock()
         self._ontology_changes = 0
         self._wait_for_server()
-        self._monitor = rospy.Subscriber(f"{SERVER}/monitor", msgs.WmMonitor, self._on_monitor)
+        self._follow()
 
     def is_connected(self) -> bool:
         """Whether the server answers now."""
@@ -106,6 +109,10 @@ class OntologyInterface(OntologyAbstractInterface):
         self._modify_service.call(request, repeatable=True)  # adding or removing twice is as once
         self._forget_ontology()
 
+    def _follow(self) -> None:
+        """Listens to what the server tells from now on."""
+        self._monitor = rospy.Subscriber(f"{self._server}/monitor", msgs.WmMonitor, self._on_monitor)
+
     def _on_monitor(self, message: Any) -> None:
         """Something has changed in the world model; called in the thread of the subscription."""
         if message.action == message.RESET or not (message.elements or message.relation):
@@ -130,5 +137,5 @@ class OntologyInterface(OntologyAbstractInterface):
                 return
             except WmException:
                 waited += self._query_service.patience
-                log.info("waiting for the world model, node %s", rospy.resolve_name(SERVER))
+                log.info("waiting for the world model, node %s", rospy.resolve_name(self._server))
         raise WmException("the node was shut down while it waited for the world model")

@@ -21,7 +21,7 @@ from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
-from skiros2_world_model.ros.ontology_interface import SERVER, OntologyInterface
+from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
 from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
@@ -41,11 +41,11 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     """
 
     def __init__(self, author_name: str = "test", make_cache: bool = False) -> None:
-        self._get_service = ServicePool(f"{SERVER}/get", srvs.WmGet)
-        self._relations_service = ServicePool(f"{SERVER}/scene/query_relations", srvs.WmQueryRelations)
-        self._transaction_service = ServicePool(f"{SERVER}/transaction", srvs.WmTransaction)
-        self._snapshot_service = ServicePool(f"{SERVER}/snapshot", srvs.WmSnapshot)
-        self._history_service = ServicePool(f"{SERVER}/history", srvs.WmHistory)
+        self._get_service = ServicePool(f"{self._server}/get", srvs.WmGet)
+        self._relations_service = ServicePool(f"{self._server}/scene/query_relations", srvs.WmQueryRelations)
+        self._transaction_service = ServicePool(f"{self._server}/transaction", srvs.WmTransaction)
+        self._snapshot_service = ServicePool(f"{self._server}/snapshot", srvs.WmSnapshot)
+        self._history_service = ServicePool(f"{self._server}/history", srvs.WmHistory)
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[Any], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
@@ -53,7 +53,6 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         if self._replica is not None:
             self._reader = SceneReader(self._replica.lock, self._scenes, lambda: self._ontology)
         super().__init__(author_name)
-        _load_reasoners()
 
     @property
     def version(self) -> int:
@@ -177,6 +176,10 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     # -- the monitor -------------------------------------------------------------------------------------------
 
+    def _follow(self) -> None:
+        super()._follow()
+        _load_reasoners(self._server)
+
     def _on_monitor(self, message: Any) -> None:
         super()._on_monitor(message)
         listeners = self._listeners
@@ -216,10 +219,10 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return [msg2given_element(m, number) for m in answer.elements]
 
 
-def _load_reasoners() -> None:
+def _load_reasoners(server: str) -> None:
     """Makes the reasoners that the server uses known in this process, where they are installed."""
     loader = PluginLoader()
-    for package in text_list(f"{SERVER}/reasoners_pkgs"):
+    for package in text_list(f"{server}/reasoners_pkgs"):
         try:
             found = loader.load(package, DiscreteReasoner)
         except ConfigurationError as error:

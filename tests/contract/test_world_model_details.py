@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import pytest
 
@@ -213,6 +214,32 @@ def test_a_scene_of_odd_texts_is_the_same_for_other_rdf_tools(world, wm):
         0.1,
     )
     assert [e.label for e in wm.resolve_elements(Element("lab:Größe"))] == ["x.y"]
+
+
+@pytest.fixture
+def slow_monitor(wm):
+    """What is published reaches the client late."""
+    never = threading.Event()
+
+    def wait(change):
+        never.wait(0.2)
+
+    wm.add_listener(wait)
+    yield
+    wm.remove_listener(wait)
+
+
+def test_a_loaded_scene_is_read_at_once_by_who_loaded_it(world, wm, slow_monitor):
+    world.add("skiros:Part", "part")
+    assert len(wm.resolve_elements(Element("skiros:Part"))) == 1
+    wm.load("blank.ttl")
+    assert wm.resolve_elements(Element("skiros:Part")) == []
+
+
+def test_statements_about_the_scene_are_read_at_once_by_who_made_them(world, wm, slow_monitor):
+    world.add("skiros:Part", "part")
+    wm.add_individual(Element("skiros:Part", "skiros:Part-70"), "scene")
+    assert wm.find_element("skiros:Part-70") is not None
 
 
 @pytest.mark.parametrize("filename", [".", "a\x00b", "x" * 300, "folder"])

@@ -16,67 +16,15 @@ from typing import Any
 import rdflib
 
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Relate, Remove, Update
+from support.lab import DATATYPES, LAB, MOST_VALUES, NAMESPACES, TEMPLATES
 from support.ros import ROOT as REPOSITORY
 
 ROOT = "skiros:Scene-0"
 CONTAINMENT = "skiros:spatiallyRelated"
 
-#: An ontology with something of each kind that requests are checked against. The model knows it as the tables below.
-LAB = """@prefix : <http://x.org/lab.owl#> .
-@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
-@prefix owl: <http://www.w3.org/2002/07/owl#> .
-@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
-@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
-<http://x.org/lab.owl> a owl:Ontology .
-:Crate a owl:Class ; rdfs:subClassOf skiros:Container , [ a owl:Restriction ; owl:onProperty :note ;
-    owl:onDataRange xsd:string ; owl:maxQualifiedCardinality "1"^^xsd:nonNegativeInteger ] .
-:holds a owl:ObjectProperty ; rdfs:subPropertyOf skiros:contain .
-:size a owl:DatatypeProperty ; rdfs:range xsd:double .
-:count a owl:DatatypeProperty ; rdfs:range xsd:int .
-:open a owl:DatatypeProperty ; rdfs:range xsd:boolean .
-:note a owl:DatatypeProperty ; rdfs:range xsd:string .
-:kit a owl:NamedIndividual, :Crate ; :size 1.5 ; :holds :bolt ; skiros:hasA :lid ; skiros:at :shelf .
-:bolt a owl:NamedIndividual, skiros:Part ; :count 4 ; skiros:contain :kit .
-:lid a owl:NamedIndividual, skiros:Part ; :note "shut" .
-:shelf a owl:NamedIndividual, skiros:Location .
-"""
-NAMESPACES = {
-    "skiros": "http://rvmi.aau.dk/ontologies/skiros.owl#",
-    "sumo": "http://www.inf.ufrgs.br/phi-group/ontologies/sumo.owl#",
-    "lab": "http://x.org/lab.owl#",
-}
-DATATYPES = {
-    "lab:size": float,
-    "lab:count": int,
-    "lab:open": bool,
-    "lab:note": str,
-    "skiros:Template": str,
-    "skiros:DiscreteReasoner": str,
-}
-MOST_VALUES = {("lab:Crate", "lab:note"): 1}
-
-
-@dataclass
-class Template:
-    type: str
-    values: dict[str, list[Any]]
-    relations: list[tuple[str, str]]
-
-
-TEMPLATES = {
-    "lab:kit": Template(
-        "lab:Crate",
-        {"lab:size": [1.5]},
-        [("lab:holds", "lab:bolt"), ("skiros:hasA", "lab:lid"), ("skiros:at", "lab:shelf")],
-    ),
-    "lab:bolt": Template("skiros:Part", {"lab:count": [4]}, [("skiros:contain", "lab:kit")]),
-    "lab:lid": Template("skiros:Part", {"lab:note": ["shut"]}, []),
-    "lab:shelf": Template("skiros:Location", {}, []),
-}
-
 
 class Refusal(Exception):
-    """The request has to be refused, with a text that names this."""
+    """The request has to be refused, with a text that names one of these."""
 
 
 @dataclass
@@ -87,14 +35,24 @@ class Thing:
     label: str
     values: dict[str, list[Any]] = field(default_factory=dict)
 
+    @property
+    def reasoners(self) -> list[Any]:
+        return self.values.get("skiros:DiscreteReasoner", [])
+
 
 Relation = tuple[str, str, str]
 
 
 @dataclass
 class SceneModel:
+    """A scene.
+
+    :param is_inspected: there is a reasoner `Inspector`, which opens its elements and rejects those called `rejected`.
+    """
+
     things: dict[str, Thing] = field(default_factory=dict)
     relations: set[Relation] = field(default_factory=set)
+    is_inspected: bool = False
 
     def comparable(self) -> Any:
         """The content in a form in which NaN equals itself, and 1, 1.0 and True differ."""
@@ -123,6 +81,11 @@ class SceneModel:
             request.apply(operation)
         for eid, relation in request.links:
             request.link(eid, relation)
+        for thing in copy.things.values() if self.is_inspected else ():
+            if "Inspector" in thing.reasoners:
+                thing.values["lab:open"] = [True]
+                if thing.label == "rejected":
+                    raise Refusal("Inspector rejects")
         return copy
 
     # -- questions ---------------------------------------------------------------------------------------------
@@ -348,29 +311,36 @@ def text(label: str) -> str:
     return label
 
 
-def checked(etype: str, given: dict[str, Any]) -> dict[str, list[Any]]:
+def checked(etype: str, given: dict[str, list[Any]]) -> dict[str, list[Any]]:
     """The values as the properties of a class take them."""
     taken: dict[str, list[Any]] = {}
+    wrong: list[str] = []
     for key, values in given.items():
-        if not is_name(key) or full(key) in ("rdf:type", "rdfs:label"):
-            raise Refusal(key)
-        key = full(key)
-        values = list(values)
-        datatype = DATATYPES.get(key)
-        if datatype in (float, int, bool):
-            values = [v for v in values if v != ""]
-        if len(values) > MOST_VALUES.get((etype, key), len(values)):
-            raise Refusal(key)
-        if datatype is not None:
-            values = [_as(v, datatype, key) for v in values]
-        elif len({type(v) for v in values}) > 1:
-            are_numbers = {type(v) for v in values} <= {int, float}
-            values = [float(v) if are_numbers else str(v) for v in values]
-        for value in values:
-            if isinstance(value, str) and re.search("[\ud800-\udfff]", value):
-                raise Refusal(key)
-        taken[key] = values
+        try:
+            taken[full(key)] = _checked_values(etype, key, values)
+        except Refusal as refusal:
+            wrong += refusal.args
+    if wrong:
+        raise Refusal(*wrong)
     return taken
+
+
+def _checked_values(etype: str, key: str, given: list[Any]) -> list[Any]:
+    if not is_name(key) or full(key) in ("rdf:type", "rdfs:label"):
+        raise Refusal(key)
+    key = full(key)
+    datatype = DATATYPES.get(key)
+    values = [v for v in given if v != "" or datatype not in (float, int, bool)]
+    if len(values) > MOST_VALUES.get((etype, key), len(values)):
+        raise Refusal(key)
+    if datatype is not None:
+        values = [_as(v, datatype, key) for v in values]
+    elif len({type(v) for v in values}) > 1:
+        are_numbers = {type(v) for v in values} <= {int, float}
+        values = [float(v) if are_numbers else str(v) for v in values]
+    if any(isinstance(value, str) and re.search("[\ud800-\udfff]", value) for value in values):
+        raise Refusal(key)
+    return values
 
 
 def _alike(one: Any, other: Any) -> bool:

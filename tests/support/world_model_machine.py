@@ -1,6 +1,7 @@
 """Random sequences of requests to a world model, good and bad, compared with a plain model of the scene after each.
 
-`FUZZ=50` in the environment makes the runs 50 times as long, each with other input; without it they are the same always.
+With `FUZZ=50` in the environment the runs are 50 times as long, and other ones each time. Without it they are always
+the same.
 """
 
 from __future__ import annotations
@@ -316,27 +317,29 @@ class WorldModelMachine(RuleBasedStateMachine):
         :param transact: another way to send it.
         """
         transact = transact or self.transact
-        culprits = [c for c in (self.culprit(operations),) if c is not None]
+        culprits = self.culprits(operations)
         if culprits:
-            culprits += [c for c in (self.culprit([o]) for o in operations) if c is not None]
             self.refused(lambda: transact(operations), *culprits)
             return
         answer = transact(operations)
-        ids = iter(
-            answer.added
-            if any(isinstance(o, Instantiate) for o in operations)
-            else [eid for eid, o in zip(answer.ids, operations, strict=True) if isinstance(o, Add)]
-        )
-        self.scene = self.scene.after(operations, ids)
+        given = zip(answer.ids, operations, strict=False)
+        ids = [eid for eid, operation in given if isinstance(operation, Add)]
+        if any(isinstance(operation, Instantiate) for operation in operations):
+            ids = answer.added
+        self.scene = self.scene.after(operations, iter(ids))
         self.snapshot_id = self.state()[0]
 
-    def culprit(self, operations: Sequence[Operation]) -> str | None:
-        """What a refusal has to name, or None when there is nothing to refuse."""
-        try:
-            self.scene.after(operations)
-        except Refusal as refusal:
-            return str(refusal)
-        return None
+    def culprits(self, operations: Sequence[Operation]) -> list[str]:
+        """What a refusal may name: what is wrong with the request or one of its parts; nothing when it is good."""
+        found: list[str] = []
+        for some in (operations, *([operation] for operation in operations)):
+            try:
+                self.scene.after(some)
+            except Refusal as refusal:
+                found += refusal.args
+            if not found:
+                break
+        return found
 
     def refused(self, call: Any, *culprits: str) -> None:
         """It is refused, and the text names one of these."""

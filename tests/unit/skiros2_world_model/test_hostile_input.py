@@ -16,7 +16,7 @@ from skiros2_world_model.core.local_world_model import LocalWorldModel, source_o
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
-from support.scene_model import LAB
+from support.lab import LAB
 
 SCENE = "skiros:Scene-0"
 NO_NAMES = ["", ":", "skiros:", "a b", "x>", "[x", "50%", "a#b", "lab:\x01", "lab:\ud800", "http://a b", "http://a/%"]

@@ -5,22 +5,25 @@ from __future__ import annotations
 import itertools
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from hypothesis import strategies as st
-from hypothesis.stateful import rule
+from hypothesis.stateful import invariant, rule, run_state_machine_as_test
 
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import ADD, Change, Operation, Patch, Relate
+from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
-from support.scene_model import LAB, SceneModel, full
+from support.lab import LAB
+from support.scene_model import SceneModel, full
 from support.world_model_machine import (
     FILTERS,
     KEYS,
@@ -39,15 +42,18 @@ class InProcess(WorldModelMachine):
     def open(self) -> None:
         self.workspace = Path(tempfile.mkdtemp())
         (self.workspace / "lab.owl").write_text(LAB)
-        self.model = WorldModel(source_ontologies(), self.workspace)
-        self.wm = LocalWorldModel("tester", self.model)
         self.told: list[Change] = []
         self.held: list[Element] = []
-        self.model.add_listener(self.told.append)
+        self.start(WorldModel(source_ontologies(), self.workspace))
+
+    def start(self, model: WorldModel) -> None:
+        """From here on this is the world model."""
+        self.model = model
+        self.wm = LocalWorldModel("tester", model)
         self.replica = Replica(self.snapshot, patience=0.0)
-        self.model.add_listener(self.replica.follow)
+        model.add_listener(self.told.append)
+        model.add_listener(self.replica.follow)
         self.replica.refresh()
-        self.fetched = 1
 
     def teardown(self) -> None:
         shutil.rmtree(self.workspace)
@@ -64,10 +70,15 @@ class InProcess(WorldModelMachine):
         return self.model.snapshot_id, content(self.model.scene())
 
     def files(self, action: str, filename: str) -> None:
+        self.answered(getattr(self.wm, action), filename)
+
+    def answered(self, call: Callable[..., Any], *arguments: Any) -> Answer:
+        """Makes a call that may be refused; no elements are added by it."""
         try:
-            getattr(self.wm, action)(filename)
-        except WmException as error:
+            call(*arguments)
+        except SkirosError as error:
             raise Refused(str(error)) from error
+        return Answer([], [])
 
     def write(self, filename: str, content: bytes) -> None:
         path = self.workspace / filename
@@ -111,17 +122,7 @@ class InProcess(WorldModelMachine):
         if properties_only:
             patch.changes.added_relations, patch.changes.removed_relations = [], []
         write = self.wm.update_element_properties if properties_only else self.wm.update_element
-        culprit = self.culprit([patch])
-        try:
-            write(element)
-        except WmException as error:
-            assert culprit is not None, error
-            assert any(c in str(error) for c in (culprit, *patch.changes.properties)), f"{culprit!r} is not in: {error}"
-            return
-        assert culprit is None, culprit
-        self.scene = self.scene.after([patch])
-        self.snapshot_id = self.model.snapshot_id
-        assert thing_of(self.wm.get_element(eid)) == thing_of(element) or "nan" in repr(element._props)
+        self.send([patch], lambda operations: self.answered(write, element))
 
     @rule(data=st.data())
     def statements(self, data: st.DataObject) -> None:
@@ -133,14 +134,7 @@ class InProcess(WorldModelMachine):
         said = [(ends[0], relation, ends[1], value), (ends[0], "rdfs:label", f'"{changes.label}"', True)]
         said.append((ends[0], "rdf:type", "lab:Crate", True))
         operations = [Patch(ends[0], changes), Relate(ends[0], relation, ends[1], value)]
-        culprit = self.culprit(operations)
-        try:
-            self.model.modify(said, "tester", "scene")
-        except SkirosError as error:
-            assert culprit is not None and culprit in str(error), f"{culprit!r} is not in: {error}"
-        else:
-            self.scene = self.scene.after(operations)
-            self.snapshot_id = self.model.snapshot_id
+        self.send(operations, lambda operations: self.answered(self.model.modify, said, "tester", "scene"))
 
     @rule()
     def a_new_world_model_loads_what_was_saved(self) -> None:
@@ -203,6 +197,86 @@ class InProcess(WorldModelMachine):
         assert all(a.number < b.number for a, b in itertools.pairwise(self.told))
 
 
+class Inspector(DiscreteReasoner):
+    """Opens its elements, and rejects those that are called `rejected`."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, str] = {}
+        self.wrong: list[str] = []
+
+    def parse(self, element: Element, action: str) -> bool | None:
+        if (element.id in self.seen) == (action == "add"):
+            self.wrong.append(f"{action} of {element.id} with {sorted(self.seen)}")
+        if action == "remove":
+            self.seen.pop(element.id, None)
+            return None
+        self.seen[element.id] = element.label
+        element.setProperty("lab:open", bool)
+        element.setProperty("lab:open", True)
+        return element.label != "rejected"
+
+
+class Kept(InProcess):
+    """A world model with a journal, from which it goes on when it is killed, and with a reasoner."""
+
+    def open(self) -> None:
+        self.journal_file = Path(tempfile.mkdtemp()) / "wm.journal"
+        super().open()
+
+    def start(self, model: WorldModel) -> None:
+        self.journal = Journal(self.journal_file)
+        model = WorldModel(source_ontologies(), self.workspace, journal=self.journal)
+        self.inspector = Inspector()
+        model.add_reasoner(self.inspector)
+        super().start(model)
+
+    def state(self) -> tuple[str, SceneModel]:
+        snapshot_id, scene = super().state()
+        scene.is_inspected = True
+        return snapshot_id, scene
+
+    def teardown(self) -> None:
+        if hasattr(self, "journal"):
+            self.journal.close()
+        shutil.rmtree(self.journal_file.parent)
+        super().teardown()
+
+    def draw_element(self, data: st.DataObject, eid: str = "") -> Element:
+        element = super().draw_element(data, eid)
+        if data.draw(st.booleans(), "inspected"):
+            element._props["skiros:DiscreteReasoner"] = Property("skiros:DiscreteReasoner", "Inspector")
+            element.label = data.draw(st.sampled_from([element.label] * 4 + ["rejected"]))
+        return element
+
+    @rule()
+    def killed_and_back(self) -> None:
+        """It has the same scene under the same name, and the next change follows the last."""
+        self.journal.close(clean=False)
+        self.start(self.model)
+
+    @rule(data=st.data())
+    def request_that_cannot_be_kept(self, data: st.DataObject) -> None:
+        """What the journal cannot write is refused, and all is as it was."""
+        operations = [self.draw_operation(data, []) for _ in range(data.draw(st.integers(1, 3)))]
+        self.journal._file.writer.execute("PRAGMA query_only=1")
+        try:
+            self.transact(operations)
+        except Refused as refused:
+            named = [*self.culprits(operations), f"journal {self.journal_file} cannot be written"]
+            assert any(name in str(refused) for name in named), refused
+        else:
+            assert self.scene.after(operations).comparable() == self.scene.comparable()
+        finally:
+            self.journal._file.writer.execute("PRAGMA query_only=0")
+
+    @invariant()
+    def the_reasoner_has_seen_all(self) -> None:
+        if hasattr(self, "scene"):
+            assert not self.inspector.wrong
+            wanted = {eid: t.label for eid, t in self.scene.things.items() if "Inspector" in t.reasoners}
+            assert self.inspector.seen == wanted
+
+
 def _same(one: Property, other: Property) -> bool:
     return repr(one.values) == repr(other.values) and one.dataType() is other.dataType()
 
@@ -226,5 +300,9 @@ def content(scene: Scene) -> SceneModel:
     return SceneModel({node.id: thing_of(node) for node in scene}, set(scene.relations()))
 
 
-TestInProcess = InProcess.TestCase
-TestInProcess.settings = fuzz_settings(60, 30)
+def test_random_requests_do_what_a_plain_model_does() -> None:
+    run_state_machine_as_test(InProcess, settings=fuzz_settings(120, 30))
+
+
+def test_with_a_journal_and_a_reasoner_they_do_too_over_many_lives() -> None:
+    run_state_machine_as_test(Kept, settings=fuzz_settings(120, 30))

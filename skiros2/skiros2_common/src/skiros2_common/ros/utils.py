@@ -238,7 +238,7 @@ def element2msg(element: Element) -> Any:
         element.type,
         element.label,
         serializePropertyMap(element._props),
-        [relation2msg(r) for r in element._rels if r["state"]],
+        [relation2msg(r) for r in element._rels if r["state"] and not r["abstract"]],
     )
 
 

@@ -161,4 +161,4 @@ def _msg2patch(msg: Any) -> Patch:
 
 
 def _facts(relations: Sequence[Any]) -> list[Any]:
-    return [relation2msg(r) for r in relations if r["state"]]
+    return [relation2msg(r) for r in relations if r["state"] and not r["abstract"]]

@@ -14,10 +14,12 @@ from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
@@ -64,6 +66,15 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             nothing = msgs.WmElement(type="skiros:Scene", label="(none)")
             answer = self._get_service.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, _SCENE, nothing, "", ""))
             self._replica.reach(answer.snapshot_id)
+
+    def load(self, filename: str = "", context: str = _SCENE) -> None:
+        """Replaces a context with what a file of the server's workspace says; what was loaded can be read then.
+
+        :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
+        :raises WmException: the file is refused; the present content stays.
+        """
+        super().load(filename, context)
+        self.catch_up()
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
         """`cb(message)` is called with each `WmMonitor`, in the thread of the subscription; None ends that."""
@@ -161,6 +172,11 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _template(self, name: str) -> Element:
         return self._get(srvs.WmGetRequest.GET_TEMPLATE, _SCENE, msgs.WmElement(label=name))[0]
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> None:
+        super()._modify(statements, context)
+        if context not in ("", ONTOLOGY):
+            self.catch_up()
 
     def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
         try:

@@ -42,6 +42,9 @@ class Housekeeping:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
+        """Starts the thread. It looks at once: what was killed has left its log."""
+        self.count_request()
+        self._wake.set()
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
         self._thread.start()
 

@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
-PARTS = ("launch", "ticks", "services", "planning", "world_model")
+PARTS = ("launch", "ticks", "services", "planning", "world_model", "journal")
 
 
 def main() -> int:
@@ -54,6 +54,10 @@ def _measure(part: str, folder: Path) -> Iterator[Measurement]:
         from benchmarks import planning
 
         return planning.measure(folder)
+    if part == "journal":
+        from benchmarks import journal
+
+        return journal.measure(folder)
     if part == "world_model":
         from benchmarks import world_model
 

@@ -91,6 +91,25 @@ def test_what_is_too_old_is_dropped_and_the_present_is_kept(start: Start, monkey
     assert element.id in wm.model.scene()
 
 
+def test_what_went_all_at_once_is_dropped_whole(start: Start, tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "wm.journal", max_bytes=1)
+    wm = LocalWorldModel("tester", WorldModel(None, tmp_path, journal=journal))
+    for _ in range(2):
+        elements = [Element("skiros:Part") for _ in range(3 * housekeeping._ROWS)]
+        for element in elements:
+            element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+        wm.add_elements(elements)
+    wm.save("cell.ttl")
+    wm.load("cell.ttl")
+    wm.load("cell.ttl")
+    journal._housekeeping.tidy()
+    db = journal._file.writer
+    begin = db.execute("SELECT value FROM meta WHERE key='begin'").fetchone()
+    for table in ("past_element", "past_relation"):
+        assert db.execute(f"SELECT count(*) FROM {table} WHERE until < ?", begin).fetchone()[0] == 0
+    journal.close()
+
+
 def test_without_bounds_nothing_is_dropped(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     wm, journal = start(days=0.0)
     element = Element("skiros:Part")

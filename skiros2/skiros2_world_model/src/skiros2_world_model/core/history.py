@@ -31,6 +31,8 @@ _Changes = dict[_Key, tuple[Any, Any]]
 
 _KEY_COLUMNS = {"element": "id", "relation": "src, pred, dst", "statement": "triple"}
 _CONTENT = {"element": "content", "relation": "''", "statement": "present"}
+#: Finds the rows of elements after a point without an index, as they are in that order.
+_IN_ORDER = " AND rowid>coalesce((SELECT past FROM request WHERE number<=:first ORDER BY number DESC LIMIT 1), 0)"
 _OF_ELEMENT = {"element": " AND id=:eid", "relation": " AND (src=:eid OR dst=:eid)"}
 
 
@@ -204,7 +206,8 @@ def _rows(
             continue
         which = f"context=:context AND since<=:last{_OF_ELEMENT[table] if eid else ''}"
         present = "" if standing else " AND since>:first"
-        for source, until, more in ((table, "NULL", present), (f"past_{table}", "until", " AND until>:first")):
+        past = " AND until>:first" + (_IN_ORDER if table == "element" and not eid else "")
+        for source, until, more in ((table, "NULL", present), (f"past_{table}", "until", past)):
             columns = f"since, {until}, {_CONTENT[table]}, {key}"
             for row in db.execute(f"SELECT {columns} FROM {source} WHERE {which}{more}", names):
                 yield (table, *row[3:]), row[0], row[1], row[2]

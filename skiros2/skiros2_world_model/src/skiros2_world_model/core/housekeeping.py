@@ -9,7 +9,7 @@ import threading
 import time
 from contextlib import closing
 
-from skiros2_world_model.core.journal_file import LOG_LIMIT, PAST_TABLES, JournalFile, read_note
+from skiros2_world_model.core.journal_file import LOG_LIMIT, JournalFile, read_note
 
 log = logging.getLogger(__name__)
 
@@ -23,6 +23,20 @@ _ROWS = 200
 _PAUSE = 0.01
 #: When there is too much, this part of the requests is forgotten, and so on until there is room.
 _PART = 10
+
+#: What is before the number of a request: table, order, which. Of past_element the last row stays, so that the numbers
+#: of its rows only ever grow.
+_OLD = (
+    (
+        "past_element",
+        "rowid",
+        "rowid < (SELECT max(rowid) FROM past_element)"
+        " AND rowid <= (SELECT past FROM request WHERE number < ? ORDER BY number DESC LIMIT 1)",
+    ),
+    ("past_relation", "until", "until < ?"),
+    ("past_statement", "until", "until < ?"),
+    ("request", "number", "number < ?"),
+)
 
 
 class Housekeeping:
@@ -93,15 +107,11 @@ class Housekeeping:
         """The history begins with the state after that request. What was before is dropped in small steps."""
         if read_note(beside, "begin") != begin:
             self._write("INSERT OR REPLACE INTO meta VALUES ('begin', ?)", begin)
-        for table in PAST_TABLES:
-            rows = f"SELECT rowid FROM {table} WHERE until < ? ORDER BY until LIMIT {_ROWS}"
-            self._drop(f"DELETE FROM {table} WHERE rowid IN ({rows})", begin)
-        rows = f"SELECT number FROM request WHERE number < ? ORDER BY number LIMIT {_ROWS}"
-        self._drop(f"DELETE FROM request WHERE number IN ({rows})", begin)
-
-    def _drop(self, step: str, begin: int) -> None:
-        while self._write(step, begin) == _ROWS and not self._stopped.wait(_PAUSE):
-            pass
+        for table, order, old in _OLD:
+            rows = f"SELECT rowid FROM {table} WHERE {old} ORDER BY {order} LIMIT {_ROWS}"
+            while self._write(f"DELETE FROM {table} WHERE rowid IN ({rows})", begin) == _ROWS:
+                if self._stopped.wait(_PAUSE):
+                    return
 
     def _write(self, statement: str, value: int) -> int:
         with self._file.writing:

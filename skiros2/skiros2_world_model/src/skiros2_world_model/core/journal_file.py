@@ -22,15 +22,16 @@ log = logging.getLogger(__name__)
 
 _SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value);
--- number: of the first change that the request made; last: of the last one
-CREATE TABLE request (number INTEGER PRIMARY KEY, last INTEGER, stamp REAL, author TEXT, action TEXT, context TEXT);
+-- number: of the first change that the request made; last: of the last one; past: the last row of past_element then
+CREATE TABLE request (number INTEGER PRIMARY KEY, last INTEGER, stamp REAL, author TEXT, action TEXT, context TEXT,
+    past INTEGER);
 -- next_number: for ids; all from it on are free
 CREATE TABLE context (name TEXT PRIMARY KEY, file TEXT, next_number INTEGER);
 -- made, stamp, author: the last change of the element or of a relation of it
 CREATE TABLE element (context TEXT, id TEXT, since INTEGER, made INTEGER, stamp REAL, author TEXT, content TEXT);
 CREATE UNIQUE INDEX element_id ON element (context, id);
+-- its rows are in the order of until, which `request.past` tells
 CREATE TABLE past_element (until INTEGER, context TEXT, id TEXT, since INTEGER, content TEXT);
-CREATE INDEX past_element_until ON past_element (until);
 CREATE INDEX past_element_id ON past_element (context, id);
 CREATE TABLE relation (context TEXT, src TEXT, pred TEXT, dst TEXT, since INTEGER);
 CREATE UNIQUE INDEX relation_ends ON relation (context, src, pred, dst);
@@ -43,7 +44,6 @@ CREATE UNIQUE INDEX statement_triple ON statement (context, triple);
 CREATE TABLE past_statement (until INTEGER, context TEXT, triple TEXT, present INTEGER, since INTEGER);
 CREATE INDEX past_statement_until ON past_statement (until);
 """
-PAST_TABLES = ("past_element", "past_relation", "past_statement")
 _APPLICATION = 0x534B5232  # "SKR2", in the head of the file
 _VERSION = 1
 

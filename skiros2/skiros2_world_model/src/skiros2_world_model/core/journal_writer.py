@@ -21,6 +21,7 @@ _END = {
     table: f"INSERT INTO past_{table} (until, {columns}) SELECT ?, {columns} FROM {table} "
     for table, columns in _TABLES.items()
 }
+_REQUEST = "INSERT INTO request VALUES (?,?,?,?,?,?, (SELECT max(rowid) FROM past_element))"
 _THE_ELEMENT = "WHERE context=? AND id=?"
 _THE_RELATION = "WHERE context=? AND src=? AND pred=? AND dst=?"
 _THE_STATEMENT = "WHERE context=? AND triple=?"
@@ -64,7 +65,7 @@ class JournalWriter(JournalTransaction):
                 self._next_numbers.clear()  # what the journal has is not known any more
 
     def _finish(self) -> None:
-        self.db.execute("INSERT INTO request VALUES (?,?,?,?,?,?)", self._row)
+        self.db.execute(_REQUEST, self._row)
         super()._finish()
 
     def clear(self, context: str = "") -> None:

@@ -47,7 +47,8 @@ class Transforms:
     def put(self, base: str, name: str, pose: Pose) -> None:
         """A frame of our own: from now on it is there at any time, until it is put elsewhere."""
         self._own.add(_legal(name))
-        self._set(transform_message(base, name, pose, rospy.Time(0)), True)
+        if _legal(base) and _legal(name):
+            self._set(transform_message(base, name, pose, rospy.Time(0)), True)
 
     def drop(self, name: str) -> None:
         """The frame is no longer our own: what tf says of it counts again."""
@@ -104,5 +105,5 @@ def messages(frames: Iterable[tuple[str, str, Pose]], stamp: Any) -> Any:
 
 
 def _legal(name: str) -> str:
-    """tf2 knows no leading slash."""
-    return name.lstrip("/")
+    """tf2 knows no leading slash, and fails at a zero character."""
+    return name.lstrip("/").replace("\0", "")

@@ -1,0 +1,195 @@
+"""The commands of `rosrun skiros2_world_model`: what they take from the command line, and how they end."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_world_model.command_line import past, reading, writing
+from skiros2_world_model.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
+from skiros2_world_model.command_line.connection import NotThere, connect
+from skiros2_world_model.command_line.layout import Screen
+from skiros2_world_model.command_line.values import finite
+
+Command = Callable[[Any, argparse.Namespace, Screen], Answer]
+
+_TIMES = "A TIME is 14:05, '2026-11-21 14:05', 10m (ago; s, m, h, d), or #NUMBER of a change."
+_VALUES = (
+    "Values are of the type that the ontologies declare; where they declare none, numbers, true and false are such, "
+    'and "7" in its quotes is text. Values that begin with - stand after --.'
+)
+
+
+def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs a command and ends the process with its status.
+
+    :param name: the command.
+    :param arguments: of the command line; None: of this process's.
+    """
+    given = [a for a in (sys.argv[1:] if arguments is None else arguments) if not _is_remapping(a)]
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
+    status = _run(name, given)
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # who reads has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(status)
+
+
+def _run(name: str, given: Sequence[str]) -> int:
+    command, parser = _parser(name)
+    parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may stand anywhere
+    arguments = parse(given)
+    try:
+        wm = None
+        if name != "diff" or past.needs_world_model(arguments):
+            wm = connect(arguments.wm, getattr(arguments, "author", "") or _user())
+        answer = command(wm, arguments, _screen())
+    except NotThere as error:
+        return _fail(parser.prog, error, NOT_THERE)
+    except SkirosError as error:
+        return _fail(parser.prog, error, USAGE if name == "diff" else REFUSED)
+    except KeyboardInterrupt:
+        return 130
+    lines = [json.dumps(finite(answer.data), ensure_ascii=False, indent=2)] if arguments.json else answer.lines
+    try:
+        sys.stdout.writelines(f"{line}\n" for line in lines)
+    except BrokenPipeError:
+        return 0
+    return answer.status
+
+
+def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
+    command, add_arguments, *epilog = _COMMANDS[name]
+    description = (command.__doc__ or "").partition("\n\n")[0]
+    parser = _Parser(prog=name, description=description, epilog=" ".join([*epilog, _statuses(name)]))
+    add_arguments(parser)
+    parser.add_argument(
+        "--context",
+        default="" if name == "query" else "scene",
+        metavar="NAME",
+        help="the context (default: %(default)s)" if name != "query" else "the context (default: all)",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
+    return command, parser
+
+
+def _statuses(name: str) -> str:
+    results = "0 no difference, 1 differences" if name == "diff" else "0 done, 1 refused or not found"
+    trouble = "2 trouble" if name == "diff" else "2 wrong usage"
+    return f"Exit status: {results}, {trouble}, {NOT_THERE} no master or no world model."
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Wrong usage, in one line."""
+        self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _fail(program: str, error: Exception, status: int) -> int:
+    sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
+    return status
+
+
+def _screen() -> Screen:
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    try:
+        "├".encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return Screen(width, fancy=False)
+    return Screen(width)
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "command line"
+
+
+def _is_remapping(argument: str) -> bool:
+    """What rosrun and roslaunch give to every node."""
+    return argument.startswith("__") and ":=" in argument
+
+
+def _view(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("id", nargs="?", default="", help="show this element and what is under it")
+    parser.add_argument("--all", action="store_true", help="all properties, relations and elements")
+
+
+def _get(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("id", help="the element")
+    parser.add_argument("property", nargs="?", help="only this property or relation, `label` or `type`: a value a line")
+
+
+def _set(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("id", help="the element")
+    parser.add_argument("name", help="a property, a relation, `label` or `type`")
+    parser.add_argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects")
+    parser.add_argument("--remove", action="store_true", help="take these values or relations away; without any, all")
+    _author(parser)
+
+
+def _query(parser: argparse.ArgumentParser) -> None:
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("sparql", nargs="?", help="the query; prefixes need not be declared")
+    what.add_argument("-f", "--file", help="a file that has it")
+
+
+def _load(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file",
+        nargs="?",
+        default="",
+        metavar="FILE",
+        help="in the workspace of the world model; without one: the context's own file anew",
+    )
+    _author(parser)
+
+
+def _save(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help="in the workspace of the world model")
+
+
+def _author(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--author", default=_user(), metavar="NAME", help="who changes it (default: %(default)s)")
+
+
+def _history(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("id", nargs="?", default="", help="only changes of this element")
+    parser.add_argument("--at", metavar="TIME", help="the scene, or the element, as it was")
+    parser.add_argument("--since", metavar="TIME", help="only changes after that")
+    parser.add_argument("--until", metavar="TIME", help="only changes up to that")
+    parser.add_argument("--author", default="", help="only changes that this author made")
+    parser.add_argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)")
+    parser.add_argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene")
+
+
+def _diff(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("old", metavar="OLD", help="a scene file, or @TIME")
+    parser.add_argument("new", nargs="?", default="", metavar="NEW", help="likewise (default: the scene as it is)")
+
+
+#: What each does, what it takes, and what is told at the end of its help.
+_COMMANDS: dict[str, tuple[Any, ...]] = {
+    "view": (reading.view, _view),
+    "get": (reading.get, _get),
+    "query": (reading.query, _query),
+    "set": (
+        writing.set_values,
+        _set,
+        _VALUES,
+    ),
+    "load": (writing.load, _load),
+    "save": (writing.save, _save),
+    "history": (past.history, _history, _TIMES),
+    "diff": (past.diff, _diff, _TIMES),
+}

@@ -1,0 +1,234 @@
+"""The commands that read the scene: view, get and query."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.property import from_text
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.command_line.answer import Answer
+from skiros2_world_model.command_line.layout import Branch, Screen, table, tree
+from skiros2_world_model.command_line.values import element_json, shown, shown_values, summary
+from skiros2_world_model.core.datatypes import PYTHON_TYPES
+from skiros2_world_model.core.prefixes import Prefixes
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
+
+CONTAINS = "skiros:contain"
+
+#: Terms as N3 writes them, or nothing.
+_TERM = re.compile(r'<[^>]*>|"(?:[^"\\]|\\.)*"(?:\^\^<[^>]*>|@[\w-]+)?|[^\s<"]\S*|')
+_LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"(?:\^\^<([^>]*)>|@[\w-]+)?', re.DOTALL)
+_ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
+
+
+def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """The scene as a tree along what contains what."""
+    elements = wm.resolve_elements(Element(""), arguments.context)
+    return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
+
+
+def predicates_of(wm: WorldModelPort, whole: bool) -> set[str]:
+    """The relations that lead down the tree of a scene: those of space, or all."""
+    relation = "skiros:sceneProperty" if whole else "skiros:spatiallyRelated"
+    return {relation, *wm.get_sub_properties(relation)}
+
+
+def scene_tree(
+    elements: Sequence[Element], predicates: Iterable[str], screen: Screen, root: str = "", whole: bool = False
+) -> Answer:
+    """Elements as a tree.
+
+    :param predicates: the relations that lead downwards.
+    :param root: only this element and what is under it; "" all.
+    :param whole: every property and relation, and the elements that are under none.
+    :raises WmException: there is no element `root`.
+    """
+    forest = _Forest(elements, frozenset(predicates), whole)
+    if root and root not in forest.elements:
+        raise WmException(f"there is no element {root!r}")
+    roots = [root] if root else forest.roots()
+    if not whole:
+        roots = [eid for eid in roots if eid in (root, ROOT) or forest.children(eid)]
+    lines = tree(screen, [forest.branch(eid) for eid in roots])
+    left = len(forest.elements) - len(forest.shown)
+    if left and not root:
+        lines += ["", screen.fitted(f"{left} more that nothing holds (skills, parameters, ...): --all")]
+    return Answer(lines, [element_json(forest.elements[eid]) for eid in forest.shown])
+
+
+class _Forest:
+    """Trees of elements. Each element is shown once, where it comes first."""
+
+    def __init__(self, elements: Iterable[Element], predicates: frozenset[str], whole: bool) -> None:
+        self.elements = {element.id: element for element in elements}
+        self.shown: dict[str, None] = {}
+        self._predicates = predicates
+        self._whole = whole
+
+    def roots(self) -> list[str]:
+        """The elements that are under none; of a circle of elements, the first."""
+        under = {child for eid in self.elements for _, child in self.children(eid)}
+        roots = [eid for eid in self.elements if eid not in under]
+        reached: set[str] = set()
+        for eid in [*roots, *self.elements]:
+            if eid not in reached:
+                roots += [eid] if eid in under else []
+                waiting = [eid]
+                while waiting:
+                    one = waiting.pop()
+                    if one not in reached:
+                        reached.add(one)
+                        waiting += [child for _, child in self.children(one)]
+        return roots
+
+    def children(self, eid: str) -> list[tuple[str, str]]:
+        """What is directly under an element: relations and ids."""
+        found = [
+            (r["type"], r["dst"])
+            for r in self.elements[eid]._rels
+            if r["src"] == "-1" and r["type"] in self._predicates and r["dst"] in self.elements
+        ]
+        return sorted(found, key=lambda pair: (pair[0] != CONTAINS, pair[0], _by_number(pair[1])))
+
+    def branch(self, root: str) -> Branch:
+        """An element with what is under it."""
+        top = Branch([root])
+        waiting = [(root, "", top)]
+        while waiting:
+            eid, relation, branch = waiting.pop()
+            name = eid if relation in ("", CONTAINS) else f"{local_name(relation)}: {eid}"
+            if eid in self.shown:
+                branch.cells = [f"{name} (see above)"]
+                continue
+            self.shown[eid] = None
+            element = self.elements[eid]
+            if self._whole:
+                branch.cells = [f'{name} "{element.label}"' if element.label else name]
+                branch.branches = [Branch([text]) for text in self._details(element)]
+            else:
+                branch.cells = [name, element.label, summary(element)]
+            below = [(child, kind, Branch([child])) for kind, child in self.children(eid)]
+            branch.branches += [child for _, _, child in below]
+            waiting += below[::-1]
+        return top
+
+    def _details(self, element: Element) -> list[str]:
+        """All properties, and the relations that do not lead down the tree."""
+        lines = [f"{key} = {shown_values(p.values)}" for key, p in sorted(element._props.items())]
+        below = set(self.children(element.id))
+        relations = [(r["type"], r["dst"]) for r in element._rels if r["src"] == "-1"]
+        return lines + [f"{kind} {dst}" for kind, dst in sorted(set(relations) - below)]
+
+
+def _by_number(eid: str) -> tuple[str, int, str]:
+    stem, _, number = eid.rpartition("-")
+    return stem, int(number) if number.isdecimal() else -1, eid
+
+
+def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """An element, or one property or relation of it."""
+    element = wm.get_element(arguments.id, arguments.context)
+    if arguments.property:
+        return _one_property(element, arguments.property)
+    return element_answer(element, screen)
+
+
+def element_answer(element: Element, screen: Screen) -> Answer:
+    """An element with its properties and relations."""
+    lines = [screen.fitted(f"{element.id}  {element.type}  {element.label}".rstrip()), ""]
+    properties = sorted(element._props.items())
+    lines += table(screen, [(key, p.dataType().__name__, shown_values(p.values)) for key, p in properties])
+    relations = sorted((r["src"], r["type"], r["dst"]) for r in element._rels)
+    if relations:
+        lines += ["", *table(screen, [[element.id if e == "-1" else e for e in row] for row in relations])]
+    return Answer(lines, element_json(element))
+
+
+def _one_property(element: Element, name: str) -> Answer:
+    """The values of a property, the objects of a relation, or the label or type: one on a line."""
+    values: list[Any]
+    if name in ("label", "rdfs:label"):
+        values = [element.label]
+    elif name in ("type", "rdf:type"):
+        values = [element.type]
+    elif element.hasProperty(name):
+        values = element.getProperty(name).values
+    else:
+        values = [r["dst"] for r in element.getRelations("-1", name)]
+        if not values:
+            known = sorted({*element.available_properties, *(r["type"] for r in element.getRelations("-1"))})
+            raise WmException(f"{element.id} has no {full_name(name)}; it has: {', '.join(known) or 'none'}")
+    return Answer([str(value) for value in values], values)
+
+
+def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """The rows of a SPARQL query."""
+    if arguments.file:
+        try:
+            text = Path(arguments.file).read_text()
+        except (OSError, ValueError) as error:
+            raise WmException(f"{arguments.file}: cannot be read: {getattr(error, 'strerror', error)}") from None
+    else:
+        text = arguments.sparql
+    prefixes = Prefixes()
+    answer = wm.query_ontology(text, False, arguments.context)
+    rows = [[_value(term, prefixes) for term in _terms(row)] for row in answer]
+    names = _variables(text)
+    if rows and len(names) != len(rows[0]):
+        names = []
+    lines = table(screen, [["" if v is None else shown(v) for v in row] for row in rows], names)
+    if names and not rows:
+        lines = ["no rows"]
+    return Answer(lines, [dict(zip(names, row, strict=True)) for row in rows] if names else rows)
+
+
+def _variables(sparql: str) -> list[str]:
+    """The names of a query's columns; none when they are not listed."""
+    text = re.sub(r"#[^\n]*(?=\n)|<[^>\s]*>", " ", sparql)
+    match = re.search(r"\bSELECT\b\s*(?:DISTINCT\b|REDUCED\b)?(.*?)(?:\bFROM\b|\bWHERE\b|\{)", text, re.S | re.I)
+    if match is None:
+        return []
+    columns = re.sub(r"\((?:[^()]|\([^()]*\))*\bAS\s+[?$](\w+)\s*\)", r" ?\1 ", match[1], flags=re.I)
+    return re.findall(r"[?$](\w+)", columns)
+
+
+def _terms(row: str) -> list[str]:
+    """The terms of a row, "" for what is not bound."""
+    terms = []
+    at = 0
+    while True:
+        match = _TERM.match(row, at)
+        assert match is not None
+        terms.append(match[0])
+        at = match.end() + 1
+        if at > len(row):
+            return terms
+
+
+def _value(term: str, prefixes: Prefixes) -> Any:
+    """A term in N3 as a name or a Python value; None for nothing."""
+    if not term:
+        return None
+    if term.startswith("<"):
+        return prefixes.name(term[1:-1])
+    literal = _LITERAL.fullmatch(term)
+    if literal is None:
+        return term
+    text = re.sub(r"\\u([0-9A-Fa-f]{4})|\\U([0-9A-Fa-f]{8})|\\(.)", _unescaped, literal[1], flags=re.S)
+    kind = PYTHON_TYPES.get(prefixes.name(literal[2] or ""), str)
+    try:
+        return from_text(text, kind)
+    except WrongValue:
+        return text
+
+
+def _unescaped(match: re.Match[str]) -> str:
+    digits = match[1] or match[2]
+    return chr(int(digits, 16)) if digits else _ESCAPES.get(match[3], match[3])

@@ -1,0 +1,129 @@
+"""What the world model holds, as text and as JSON."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import local_name
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.history_entry import HistoryEntry, Point
+
+_UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
+_TIME_FORMATS = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
+
+#: Left out of what is told of an element on one line.
+_MINOR = re.compile(
+    r"skiros:((Position|Size|Velocity)[XYZ]|Orientation[XYZW]|(Base|LinkedTo|PushTo)?FrameId|PushToFrameId"
+    r"|TfTimeStamp|PublishTf|DiscreteReasoner|Template)"
+)
+_POSITION = ("skiros:PositionX", "skiros:PositionY", "skiros:PositionZ")
+
+
+def shown(value: Any) -> str:
+    """A value: texts as they are, numbers in few digits."""
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def shown_values(values: Iterable[Any]) -> str:
+    return ", ".join(map(shown, values))
+
+
+def shown_element(element: Element) -> str:
+    """An element by its id and label."""
+    return f'{element.id} "{element.label}"' if element.label else element.id
+
+
+def summary(element: Element) -> str:
+    """The position and the main properties of an element on one line."""
+    parts = []
+    position = [element.value_of(key) for key in _POSITION]
+    if None not in position:
+        parts.append(f"at ({shown_values(position)})")
+    for key, prop in sorted(element._props.items()):
+        if prop.values and not _MINOR.fullmatch(key):
+            parts.append(f"{local_name(key)}={shown_values(prop.values)}")
+    return "  ".join(parts)
+
+
+def shown_relation(relation: RelationDict) -> str:
+    return f"{relation['src']} {relation['type']} {relation['dst']}"
+
+
+def element_json(element: Element) -> dict[str, Any]:
+    """An element: what it has, and its relations by both ids."""
+    return {
+        "id": element.id,
+        "type": element.type,
+        "label": element.label,
+        "properties": {key: p.values for key, p in sorted(element._props.items())},
+        "relations": [relation_json(r, element.id) for r in element._rels],
+    }
+
+
+def relation_json(relation: RelationDict, eid: str = "-1") -> dict[str, str]:
+    """A relation by both ids.
+
+    :param eid: what "-1" stands for.
+    """
+    return {part: eid if relation[part] == "-1" else relation[part] for part in ("src", "type", "dst")}
+
+
+def entry_json(entry: HistoryEntry) -> dict[str, Any]:
+    """An entry of the history."""
+    return {
+        "number": entry.number,
+        "stamp": entry.stamp,
+        "author": entry.author,
+        "action": entry.action,
+        "before": [element_json(e) for e in entry.before],
+        "after": [element_json(e) for e in entry.after],
+        "related": [relation_json(r) for r in entry.related],
+        "unrelated": [relation_json(r) for r in entry.unrelated],
+        "stated": entry.stated,
+        "unstated": entry.unstated,
+    }
+
+
+def point(text: str, now: float) -> Point:
+    """A point of the history, as users write it.
+
+    A time of today (`14:05`, `14:05:30`), a date and time (`2026-11-21 14:05`), some time ago (`90s`, `10m`, `2h`,
+    `3d`), s since the epoch with a decimal point, or the number of a change (`#1795243845958443`).
+
+    :param now: the present time (s since the epoch).
+    :raises WrongValue: it is none of these.
+    """
+    text = text.strip()
+    if match := re.fullmatch(r"#?(\d{1,18})", text):
+        return int(match[1])
+    if match := re.fullmatch(r"(\d+(?:\.\d+)?)([smhd])", text):
+        return now - float(match[1]) * _UNITS[match[2]]
+    if re.fullmatch(r"\d+\.\d*", text):
+        return float(text)
+    today = time.strftime("%Y-%m-%d ", time.localtime(now))
+    for candidate in (text, today + text):
+        for pattern in _TIME_FORMATS:
+            try:
+                return time.mktime(time.strptime(candidate, pattern))
+            except (ValueError, OverflowError):
+                continue
+    raise WrongValue(f"{text!r} is no time: expected 14:05, 2026-11-21 14:05, 10m (ago; s, m, h, d) or #NUMBER")
+
+
+def shown_time(stamp: float) -> str:
+    """A time (s since the epoch) as local date and time."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))
+
+
+def finite(data: Any) -> Any:
+    """The data with texts for infinite numbers and for what is no number, which JSON has not."""
+    if isinstance(data, dict):
+        return {key: finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [finite(value) for value in data]
+    return str(data) if isinstance(data, float) and not math.isfinite(data) else data

@@ -1,0 +1,125 @@
+"""The commands that change the scene, and those that load and save it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import full_name
+from skiros2_common.core.property import from_text
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.command_line.answer import Answer
+from skiros2_world_model.command_line.changes import changed_lines, difference
+from skiros2_world_model.command_line.layout import Screen
+from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
+
+
+def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Sets or removes a property, relations, the label or the type of an element, in one change."""
+    context = arguments.context
+    element = wm.get_element(arguments.id, context)
+    before = element.copy()
+    name, values = full_name(arguments.name), arguments.values
+    if not values and not arguments.remove:
+        raise WmException(f"{element.id} {name}: the value is missing (--remove takes the property away)")
+    if arguments.name in ("label", "rdfs:label"):
+        element.label = "" if arguments.remove else " ".join(values)
+    elif arguments.name in ("type", "rdf:type"):
+        element.type = full_name(values[0]) if len(values) == 1 and not arguments.remove else ""
+    elif _is_relation(wm, element, name, values, context):
+        _set_relations(element, name, values, arguments.remove)
+    elif arguments.remove:
+        _remove_property(element, name, values)
+    else:
+        element.removeProperty(name)
+        element.setProperty(name, [_typed(wm, before, name, value) for value in values])
+    wm.update_element(element, context)
+    lines = [screen.fitted(line) for line in changed_lines(difference([before], [element]))]
+    return Answer(lines or [f"{element.id} is so already"], element_json(element))
+
+
+def _is_relation(wm: WorldModelPort, element: Element, name: str, values: list[str], context: str) -> bool:
+    """Whether a name is that of a relation.
+
+    The ontologies say it; for a name that they do not know, what the element has, or that all values are elements.
+    """
+    try:
+        declared = wm.get_types(name)
+    except WmException:
+        declared = []
+    if "owl:ObjectProperty" in declared:
+        return True
+    if "owl:DatatypeProperty" in declared or element.hasProperty(name):
+        return False
+    if not values:
+        return bool(element.getRelations("-1", name))
+    return all(wm.find_element(value, context) is not None for value in values)
+
+
+def _set_relations(element: Element, name: str, objects: list[str], remove: bool) -> None:
+    if not remove:
+        for obj in objects:
+            element.addRelation("-1", name, obj)
+        return
+    for obj in objects or [""]:
+        if not element.getRelations("-1", name, obj):
+            raise WmException(f"there is no relation {element.id} {name} {obj}".rstrip())
+        element.removeRelation2("-1", name, obj)
+
+
+def _remove_property(element: Element, name: str, values: list[str]) -> None:
+    if not element.hasProperty(name):
+        known = ", ".join(sorted(element.available_properties)) or "none"
+        raise WmException(f"{element.id} has no property {name}; it has: {known}")
+    if not values:
+        element.removeProperty(name)
+        return
+    prop = element.getProperty(name)
+    for text in values:
+        found = next((v for v in prop.values if str(v) == text), None)
+        if found is None:
+            raise WmException(f"{element.id} {name} has no value {text}; it has: {', '.join(prop.getValuesStr())}")
+        prop.removeValue(found)
+
+
+def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
+    """The value that a text writes, of the type that the property has.
+
+    For a new one: what the ontologies declare, as which the server reads the text; where they say nothing, the number,
+    bool or quoted text that JSON reads, or the text as it is.
+
+    :raises WrongValue: the text is no such value.
+    """
+    prop = element._props.get(name)
+    if prop is not None and prop.dataType() not in (list, dict):
+        try:
+            return from_text(text, prop.dataType())
+        except WrongValue as error:
+            raise WrongValue(f"{element.id} {name}: {error}") from None
+    if prop is None and (wm.get_datatype(name) != "xsd:string" or wm.get_triples(name, "rdfs:range")):
+        return text
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = None
+    return value if isinstance(value, prop.dataType() if prop else (str, bool, int, float)) else text
+
+
+def load(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Replaces a context with what a file says."""
+    wm.load(arguments.file, arguments.context)
+    file = arguments.file or "its file"
+    return Answer([f"loaded {file} into context {arguments.context}"], _said(arguments))
+
+
+def save(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Writes a context to a file."""
+    wm.save(arguments.file, arguments.context)
+    return Answer([f"saved context {arguments.context} to {arguments.file}"], _said(arguments))
+
+
+def _said(arguments: argparse.Namespace) -> dict[str, str]:
+    return {"file": arguments.file, "context": arguments.context}

@@ -41,6 +41,25 @@ def test_elements_of_any_class_are_found_by_their_label(world, wm):
     assert ids(wm.resolve_elements(Element("Unknown", "same"))) == [part.id, tray.id]
 
 
+def test_text_that_cannot_be_written_is_refused_wherever_it_stands(world, wm):
+    part, half = world.add("skiros:Part", "part"), "\ud800"
+    labelled, valued = Element("skiros:Part", half), Element("skiros:Part")
+    valued.setProperty("skiros:anything", half)
+    for act in (
+        lambda: wm.add_element(labelled),
+        lambda: wm.add_element(valued),
+        lambda: wm.add_element(Element(half)),
+        lambda: wm.set_relation(part, half, SCENE),
+        lambda: wm.set_relation(part, "skiros:at", half),
+        lambda: wm.query_ontology(f"ASK {{ ?x rdfs:label '{half}' }}"),
+        lambda: wm.load(half),
+        lambda: wm.save(half),
+    ):
+        with pytest.raises(WmException):
+            act()
+    assert ids(wm.get_scene()) == [SCENE, part.id]
+
+
 # -- values --------------------------------------------------------------------------------------------------------
 
 

@@ -555,6 +555,16 @@ def test_two_writers_that_change_different_properties_of_one_element_lose_nothin
         assert [found.value_of(key) for key in keys] == [100, 100]
 
 
+def test_the_properties_of_a_reasoner_are_written_alone(ros: Ros, start):
+    start(init_scene="scenes/lab.ttl", reasoners_pkgs=["skiros2_std_reasoners"])
+    services = Services(ros)
+    tray = message("skiros:LargeBox-80", "skiros:LargeBox", "renamed", SizeX=0.7, SizeY=0.8, Weight=1.5)
+    (answer,) = services.modify("update_properties", tray, type_filter="AauSpatialReasoner")
+    assert answer.label == "tray"
+    assert values(answer) == {"skiros:SizeX": [0.7], "skiros:SizeY": [0.8]}
+    assert len(answer.relations) == 2
+
+
 # -- tf ------------------------------------------------------------------------------------------------------------
 
 

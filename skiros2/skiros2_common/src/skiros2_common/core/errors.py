@@ -5,9 +5,11 @@
     ├── WrongType           also TypeError     a value of another type than declared
     ├── WrongValue          also ValueError    a value of the right type that cannot be used
     ├── Refused             also RuntimeError  a request that the present state does not allow
+    │   └── Conflict                           a request on something that has been changed meanwhile
     ├── TimedOut            also TimeoutError  no answer within the time given
     ├── ConfigurationError  also ValueError    a mistake in parameters or files that no restart mends
     └── WmException                            what the world model answers (skiros2_world_model)
+        └── WmConflict                         likewise, when it is a conflict
 
 The text of each names what was asked, where, and what was expected.
 """
@@ -35,6 +37,16 @@ class WrongValue(SkirosError, ValueError):
 
 class Refused(SkirosError, RuntimeError):
     """A request that the present state does not allow."""
+
+
+class Conflict(Refused):
+    """A request that was based on something that has been changed meanwhile. The text begins with `MARK`."""
+
+    #: How the error is known again where only its text arrives.
+    MARK = "conflict: "
+
+    def __str__(self) -> str:
+        return self.MARK + super().__str__()
 
 
 class TimedOut(SkirosError, TimeoutError):

@@ -86,7 +86,18 @@ class Relate:
     value: bool = True
 
 
-Operation = Add | Instantiate | Update | Patch | Remove | Relate
+@dataclass
+class Expect:
+    """Changes nothing: refuses the request if an element was changed after a version of it was read.
+
+    :param version: `Element.version` of what was read: the number of a change or state, no less than the element's own.
+    """
+
+    id: str
+    version: int
+
+
+Operation = Add | Instantiate | Update | Patch | Remove | Relate | Expect
 
 
 @dataclass(frozen=True, eq=False)

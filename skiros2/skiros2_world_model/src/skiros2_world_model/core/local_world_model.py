@@ -13,7 +13,7 @@ from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 
@@ -149,4 +149,4 @@ def _wm_errors() -> Iterator[None]:
     except WmException:
         raise
     except SkirosError as error:
-        raise WmException(str(error)) from error
+        raise refusal(str(error)) from error

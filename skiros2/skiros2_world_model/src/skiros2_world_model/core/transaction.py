@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.errors import Conflict, Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_world_model.core.changes import (
     SPATIAL,
     Add,
+    Expect,
     Instantiate,
     Operation,
     Patch,
@@ -62,6 +64,10 @@ class Transaction:
 
         :raises SkirosError: one of them is refused; the caller rolls the scene back.
         """
+        operations = list(operations)
+        for operation in operations:
+            if isinstance(operation, Expect):
+                self._check_unchanged(operation)
         expanded: list[tuple[int, Operation]] = []
         for index, operation in enumerate(operations):
             if isinstance(operation, Instantiate):
@@ -91,9 +97,20 @@ class Transaction:
         """Likewise, the relations that are gone."""
         return [relation_dict(*r) for r, before in self._loose.items() if before and not self._scene.related(*r)]
 
+    def _check_unchanged(self, expected: Expect) -> None:
+        made = self._node(expected.id).made
+        if made.version > expected.version:
+            when = time.strftime("%H:%M:%S", time.localtime(made.stamp))
+            raise Conflict(
+                f"{self._author}: {expected.id} was changed by {made.author or 'somebody'} at {when} (change "
+                f"{made.version}), after it was read (version {expected.version})"
+            )
+
     def _apply(self, operation: Operation, links: list[tuple[str, RelationDict]]) -> str:
         if isinstance(operation, Add):
             return self._add(operation, links)
+        if isinstance(operation, Expect):
+            return operation.id
         if isinstance(operation, Relate) and operation.value:
             return self._relate(operation)
         self._check_containment()  # what is removed from here on does not excuse what was added

@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from typing import Any, Protocol
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import Conflict, SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
 
 
 class WmException(SkirosError):
     """The world model does not answer, or refuses a request; the text says why. Nothing has changed then."""
+
+
+class WmConflict(WmException):
+    """A request was refused: an element that it is about was changed after it was read; the text says by whom."""
+
+
+def refusal(text: str) -> WmException:
+    """The error that stands for a refusal of the world model, from its text."""
+    return WmConflict(text) if text.startswith(Conflict.MARK) else WmException(text)
 
 
 class OntologyPort(Protocol):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name, local_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
+from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.reader import no_element
@@ -24,7 +25,7 @@ log = logging.getLogger(__name__)
 _SCENE = "scene"
 
 
-class WorldModelAbstractInterface(OntologyAbstractInterface):
+class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     """The calls on the world model, made of those that the adapters define. Safe to use from all threads.
 
     Every call may raise `WmException`: the world model does not answer, or refuses; nothing has changed then. Where a
@@ -45,14 +46,6 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
         """
 
     @abstractmethod
-    def add_listener(self, callback: Callable[[Any], None]) -> None:
-        """`callback(change)` is called after each change seen from here, in order; it must be quick."""
-
-    @abstractmethod
-    def remove_listener(self, callback: Callable[[Any], None]) -> None:
-        """The callback is called no more."""
-
-    @abstractmethod
     def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
         """The element as it is now, or None when there is none of that id."""
 
@@ -67,10 +60,6 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
     @abstractmethod
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         """The relations of the scene along a predicate and those under it; an empty part matches any."""
-
-    @abstractmethod
-    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
-        """Applies operations, all or none."""
 
     @abstractmethod
     def _template(self, name: str) -> Element:
@@ -160,12 +149,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
 
     def update_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
         """Writes some elements, as `update_element`, all or none in one change; returns their ids."""
-        given, operations = written(es, lambda eid: self.find_element(eid, context_id) is not None)
-        if operations:
-            self._refresh(given, self._transact(operations, context_id), context_id)
-        unchanged = [element for element in es if element not in given]
-        self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
-        return [element.id for element in es]
+        return self._write(es, context_id, ())
 
     def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = _SCENE) -> str:
         """Writes the properties of an element as `update_element` does, and leaves its relations; returns its id.
@@ -302,6 +286,16 @@ class WorldModelAbstractInterface(OntologyAbstractInterface):
         return {names: list(itertools.product(*choices))}
 
     # -- shared ------------------------------------------------------------------------------------------------
+
+    def _write(self, elements: Sequence[Element], context_id: str, before: Sequence[Operation]) -> list[str]:
+        given, operations = written(elements, lambda eid: self.find_element(eid, context_id) is not None)
+        operations = [*before, *operations]
+        if operations:
+            outcome = self._transact(operations, context_id)
+            self._refresh(given, Outcome(outcome.ids[len(before) :], outcome.changes), context_id)
+        unchanged = [element for element in elements if element not in given]
+        self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
+        return [element.id for element in elements]
 
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
         """Whether a relation of the scene, or one under it, holds."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import rospy
 
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 
 _ANSWERED = re.compile(r"^service \[.*?\] responded with an error: (.*)$", re.DOTALL)
 #: How often a server that is not there is looked for (s).
@@ -46,10 +46,10 @@ class ServicePool:
             try:
                 response = proxy.call(request)
             except rospy.ServiceException as error:
-                refusal = _refusal(str(error))
-                if refusal is not None:
+                text = _refusal(str(error))
+                if text is not None:
                     self._put_back(proxy)
-                    raise WmException(refusal) from None
+                    raise refusal(text) from None
                 was_sent = proxy.transport is not None
                 proxy.close()
                 if was_sent and not repeatable:
@@ -60,7 +60,7 @@ class ServicePool:
             except rospy.exceptions.TransportException as error:
                 proxy.close()  # the request was not sent whole
                 self._wait(give_up, error)
-            except (rospy.ROSInterruptException, rospy.ROSSerializationException) as error:
+            except (rospy.ROSInterruptException, rospy.ROSSerializationException, UnicodeEncodeError) as error:
                 proxy.close()
                 raise WmException(f"service {self._name} was not called: {error}") from error
             else:

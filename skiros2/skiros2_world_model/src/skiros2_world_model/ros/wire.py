@@ -15,6 +15,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_world_model.core.changes import (
     Add,
     Change,
+    Expect,
     Instantiate,
     Operation,
     Patch,
@@ -94,6 +95,8 @@ def operation2msg(operation: Operation) -> Any:
         relation = msgs.Relation(operation.src, operation.pred, operation.dst)
         element = msgs.WmElement(relations=[relation])
         return _OP(action=_OP.RELATE if operation.value else _OP.UNRELATE, element=element)
+    if isinstance(operation, Expect):
+        return _OP(action=_OP.EXPECT, element=msgs.WmElement(id=operation.id), version=operation.version)
     relations = [msgs.Relation(r["src"], r["type"], r["dst"]) for r in operation.relations]
     return _OP(
         action=_OP.INSTANTIATE,
@@ -118,6 +121,8 @@ def msg2operation(msg: Any) -> Operation:
         return _msg2patch(msg)
     if msg.action == _OP.REMOVE:
         return Remove(msg.element.id, msg.recursive, msg.relation_filter, msg.type_filter)
+    if msg.action == _OP.EXPECT:
+        return Expect(msg.element.id, msg.version)
     relations = [msg2relation(r) for r in msg.element.relations]
     if msg.action == _OP.INSTANTIATE:
         known = frozenset(msg.relation_filter.split())
@@ -127,7 +132,7 @@ def msg2operation(msg: Any) -> Operation:
             raise WrongValue(f"operation {msg.action!r}: expected one relation in its element, got {len(relations)}")
         relation = relations[0]
         return Relate(relation["src"], relation["type"], relation["dst"], msg.action == _OP.RELATE)
-    known_actions = (_OP.ADD, _OP.INSTANTIATE, _OP.UPDATE, _OP.PATCH, _OP.REMOVE, _OP.RELATE, _OP.UNRELATE)
+    known_actions = (_OP.ADD, _OP.INSTANTIATE, _OP.UPDATE, _OP.PATCH, _OP.REMOVE, _OP.RELATE, _OP.UNRELATE, _OP.EXPECT)
     raise WrongValue(f"unknown operation {msg.action!r}; known: {', '.join(known_actions)}")
 
 

@@ -6,6 +6,8 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import rospy
+
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
@@ -20,7 +22,7 @@ from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.statement import Statement
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
@@ -28,7 +30,7 @@ from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
 from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
 
-__all__ = ["Element", "WmException", "WorldModelInterface"]
+__all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
 
 log = logging.getLogger(__name__)
 
@@ -191,6 +193,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return outcome
 
     # -- the monitor -------------------------------------------------------------------------------------------
+
+    def _is_over(self) -> bool:
+        return bool(rospy.is_shutdown())
 
     def _follow(self) -> None:
         super()._follow()

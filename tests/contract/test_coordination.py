@@ -1,0 +1,188 @@
+"""Several programs on one world model: changes that depend on what was read, requests of several changes, waiting."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.changes import Add, Expect, Patch, Relate, Remove
+from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
+
+SCENE = "skiros:Scene-0"
+
+
+@pytest.fixture
+def part(world):
+    return world.add("skiros:Part", "part", State="new")
+
+
+@pytest.fixture
+def other(world):
+    return world.connect("other")
+
+
+# -- compare and set -----------------------------------------------------------------------------------------------
+
+
+def test_an_element_that_nobody_changed_is_written(wm, part):
+    mine = wm.get_element(part.id)
+    mine.setProperty("skiros:State", "mine")
+    assert wm.update_element_if_unchanged(mine) == part.id
+    mine.setProperty("skiros:State", "mine again")
+    wm.update_element_if_unchanged(mine)
+    assert wm.get_element(part.id).value_of("skiros:State") == "mine again"
+
+
+def test_an_element_that_somebody_changed_meanwhile_is_not_written_and_the_error_names_him(wm, other, part):
+    mine, theirs = wm.get_element(part.id), other.get_element(part.id)
+    theirs.setProperty("skiros:Weight", 2.0)
+    other.update_element(theirs)
+    mine.setProperty("skiros:State", "mine")
+    with pytest.raises(WmConflict, match=f"{part.id} was changed by /?other") as refused:
+        wm.update_element_if_unchanged(mine)
+    assert isinstance(refused.value, WmException)
+    now = other.get_element(part.id)
+    assert (now.value_of("skiros:State"), now.value_of("skiros:Weight")) == ("new", 2.0)
+
+
+def test_a_relation_of_somebody_else_is_a_change_too(world, wm, other, part):
+    mine = wm.get_element(part.id)
+    box = world.add("skiros:LargeBox", "box")
+    other.set_relation(part.id, "skiros:at", box.id)
+    mine.setProperty("skiros:State", "mine")
+    other.set_relation(box.id, "skiros:contain", part.id)
+    with pytest.raises(WmConflict):
+        wm.update_element_if_unchanged(mine)
+
+
+def test_what_was_not_read_cannot_be_compared(wm, part):
+    by_hand = Element("skiros:Part", "part", part.id)
+    with pytest.raises(WmException, match="was not read"):
+        wm.update_element_if_unchanged(by_hand)
+
+
+def test_of_several_clients_that_take_something_at_once_one_gets_it(world, wm, part):
+    clients = [world.connect(f"client_{i}") for i in range(4)]
+    ready, winners = threading.Barrier(len(clients)), []
+
+    def take(client, name):
+        mine = client.get_element(part.id)
+        mine.setProperty("skiros:State", name)
+        ready.wait(30.0)
+        try:
+            client.update_element_if_unchanged(mine)
+        except WmConflict:
+            return
+        winners.append(name)
+
+    threads = [threading.Thread(target=take, args=(c, str(i))) for i, c in enumerate(clients)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert len(winners) == 1
+    assert clients[0].get_element(part.id).value_of("skiros:State") == winners[0]
+
+
+# -- several changes in one request --------------------------------------------------------------------------------
+
+
+def test_several_elements_and_relations_are_changed_as_one(world, wm, part):
+    box = world.add("skiros:LargeBox", "box")
+    old = world.add("skiros:Part", "old")
+    outcome = wm.transact(
+        [
+            Add(Element("skiros:Part", "new"), reference="new"),
+            Relate(box.id, "skiros:contain", part.id),
+            Patch(part.id, ElementChanges({"skiros:State": Property("skiros:State", "boxed")})),
+            Remove(old.id),
+        ]
+    )
+    assert wm.get_element(outcome.ids[0]).label == "new"
+    assert wm.get_element(part.id).value_of("skiros:State") == "boxed"
+    assert wm.get_relations(box.id, "skiros:contain", part.id)
+    assert not wm.is_scene_element(old.id)
+
+
+def test_one_wrong_part_refuses_all(wm, other, part):
+    version = wm.get_element(part.id).version
+    changed = other.get_element(part.id)
+    changed.setProperty("skiros:Weight", 1.0)
+    other.update_element(changed)
+    before = sorted(e.id for e in other.get_scene())
+    add, gone = Add(Element("skiros:Part", "new")), "skiros:Part-99999"
+    for wrong in (Expect(part.id, version), Expect(gone, 0), Relate(part.id, "skiros:at", gone)):
+        with pytest.raises(WmException):
+            wm.transact([add, wrong])
+    assert sorted(e.id for e in other.get_scene()) == before
+
+
+def test_an_expectation_alone_changes_nothing(wm, part):
+    version = wm.get_element(part.id).version
+    assert wm.transact([Expect(part.id, version)]).changes == []
+    assert wm.get_element(part.id).version >= part.version
+
+
+# -- waiting -------------------------------------------------------------------------------------------------------
+
+
+def test_what_holds_is_not_waited_for(wm, part):
+    assert wm.wait_for_relation(SCENE, "skiros:contain", part.id, timeout=0.0)
+    assert wm.wait_for_relation(part.id, "skiros:contain", SCENE, state=False, timeout=0.0)
+
+
+def test_what_does_not_come_ends_with_the_time(wm, part):
+    assert not wm.wait_for_relation(part.id, "skiros:contain", SCENE, timeout=0.05)
+
+
+def test_a_relation_that_somebody_else_makes_ends_the_waiting(world, wm, other, part):
+    box = world.add("skiros:LargeBox", "box")
+    answers = []
+    waiting = threading.Thread(
+        target=lambda: answers.append(
+            wm.wait_for_relation(Element("skiros:LargeBox"), "skiros:spatiallyRelated", part.id, timeout=60.0)
+        )
+    )
+    waiting.start()
+    other.set_relation(box.id, "skiros:contain", part.id)
+    waiting.join(60.0)
+    assert answers == [True]
+
+
+def test_a_property_can_be_waited_for(wm, other, part):
+    answers = []
+    waiting = threading.Thread(
+        target=lambda: answers.append(
+            wm.wait_until(lambda: wm.get_element(part.id).value_of("skiros:State") == "done", timeout=60.0)
+        )
+    )
+    waiting.start()
+    for state in ("started", "done"):
+        theirs = other.get_element(part.id)
+        theirs.setProperty("skiros:State", state)
+        other.update_element(theirs)
+    waiting.join(60.0)
+    assert answers == [True]
+
+
+def test_waiting_leaves_no_listener_behind(wm, part):
+    calls = []
+
+    def check():
+        calls.append(time.monotonic())
+        return False
+
+    assert not wm.wait_until(check, timeout=0.01)
+    seen = len(calls)
+    wm.set_relation(SCENE, "skiros:hasA", part.id)
+    assert len(calls) == seen
+
+
+def test_a_time_that_is_no_number_is_refused(wm):
+    with pytest.raises(ValueError, match="not a number"):
+        wm.wait_until(lambda: False, timeout=float("nan"))

@@ -24,10 +24,15 @@ def read_scene_file(path: Path) -> list[Element]:
     :raises WrongType: a value is not of its property's type.
     """
     triples = read_triples(path)
-    logging.getLogger("skiros2_world_model.core").setLevel(logging.ERROR)  # who compares does not check
-    base = OntologyBase(_ontologies())
-    checks = Checks(base.index, base.prefixes, str(path))
-    content = read_scene(triples, base.index, base.prefixes, checks, str(path), Provenance())
+    core = logging.getLogger("skiros2_world_model.core")
+    level = core.level
+    core.setLevel(logging.ERROR)  # who compares does not check
+    try:
+        base = OntologyBase(_ontologies())
+        checks = Checks(base.index, base.prefixes, str(path))
+        content = read_scene(triples, base.index, base.prefixes, checks, str(path), Provenance())
+    finally:
+        core.setLevel(level)
     outgoing: dict[str, list[dict[str, object]]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))

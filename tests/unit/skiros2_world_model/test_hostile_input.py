@@ -290,3 +290,13 @@ def test_values_that_another_class_does_not_allow_are_refused_with_the_change_of
         wm.model.transact([Update(as_part, False, frozenset(["lab:note"]))], "tester")
     wm.save("all.ttl")
     wm.load("all.ttl")
+
+
+def test_an_unknown_name_is_warned_of_once_for_each_author(caplog):
+    model = WorldModel(source_ontologies())
+    for author in ("one", "one", "other"):
+        element = Element("skiros:Part")
+        element.setProperty("skiros:Unheard", 1)
+        LocalWorldModel(author, model).add_element(element)
+    told = [record.getMessage() for record in caplog.records if "skiros:Unheard" in record.getMessage()]
+    assert [line.partition(":")[0] for line in told] == ["one", "other"]

@@ -24,6 +24,8 @@ _PLAIN_NAME = re.compile(r"([a-z]([a-z0-9_.-]*[a-z0-9_-])?)?:?\w[\w.-]*", re.ASC
 _MOST_NESTED = 50
 #: How long a whole number may be; Python itself writes none of much more than 10 000 bits.
 _MOST_BITS = 4096
+#: So many unknown names are remembered as told.
+_TOLD_AT_MOST = 10_000
 
 
 class Checks:
@@ -32,13 +34,22 @@ class Checks:
     Names that the ontologies do not know are noted, and warned of at the end; with `strict` they are refused.
 
     :param origin: who or what brings the names: an author, or a file.
+    :param told: what was warned of before (origin, kind, name) and is not repeated; None: everything is told.
     """
 
-    def __init__(self, ontology: Ontology, prefixes: Prefixes, origin: str, strict: bool = False) -> None:
+    def __init__(
+        self,
+        ontology: Ontology,
+        prefixes: Prefixes,
+        origin: str,
+        strict: bool = False,
+        told: set[tuple[str, str, str]] | None = None,
+    ) -> None:
         self._ontology = ontology
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
+        self._told = told
         self._known: dict[str, str] = {}  # properties in full, by their names as given
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
@@ -119,18 +130,23 @@ class Checks:
         return text
 
     def finish(self) -> None:
-        """Warns of the unknown names, once for each.
+        """Warns of the unknown names, once for each, if they were not told before.
 
         :raises UnknownName: there are some, and the checks are strict.
         """
-        lines = []
+        lines = {}
         for (kind, name), users in self._unknown.items():
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
-            lines.append(f"{self._origin}: unknown {kind} {name} ({users[0]}{others})")
+            lines[self._origin, kind, name] = f"{self._origin}: unknown {kind} {name} ({users[0]}{others})"
         if lines and self._strict:
-            raise UnknownName("; ".join(lines))
-        for line in lines:
-            log.warning("%s", line)
+            raise UnknownName("; ".join(lines.values()))
+        for what, line in lines.items():
+            if self._told is None or what not in self._told:
+                log.warning("%s", line)
+        if self._told is not None:
+            if len(self._told) > _TOLD_AT_MOST:
+                self._told.clear()
+            self._told.update(lines)
 
     def name(self, name: Any, kind: str, who: str) -> str:
         """A name in full, known or not.

@@ -58,6 +58,7 @@ class WorldModel:
         self._workspace = workspace
         self._strict = strict
         self._contexts = {SCENE: Context(SCENE, self.base)}
+        self._told: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
         self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
         self._journal: Journal | None = None
@@ -155,7 +156,7 @@ class WorldModel:
             made = context not in self._contexts
             target = self._context(context, make=True)
             scene = target.scene
-            checks = Checks(self.ontology, self.base.prefixes, author, self._strict)
+            checks = Checks(self.ontology, self.base.prefixes, author, self._strict, self._told)
             transaction = Transaction(scene, self.ontology, checks, author, self._exists)
             scene.begin()
             try:

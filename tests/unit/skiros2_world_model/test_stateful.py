@@ -16,7 +16,7 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges
-from skiros2_world_model.core.changes import ADD, Change, Operation, Patch, Relate
+from skiros2_world_model.core.changes import ADD, Change, Expect, Operation, Patch, Relate
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.replica import Replica, Snapshot
@@ -44,6 +44,7 @@ class InProcess(WorldModelMachine):
         (self.workspace / "lab.owl").write_text(LAB)
         self.told: list[Change] = []
         self.held: list[Element] = []
+        self.noted: list[tuple[Element, Any, int]] = []
         self.start(WorldModel(source_ontologies(), self.workspace))
 
     def start(self, model: WorldModel) -> None:
@@ -123,6 +124,34 @@ class InProcess(WorldModelMachine):
             patch.changes.added_relations, patch.changes.removed_relations = [], []
         write = self.wm.update_element_properties if properties_only else self.wm.update_element
         self.send([patch], lambda operations: self.answered(write, element))
+
+    @rule(data=st.data())
+    def note_an_element(self, data: st.DataObject) -> None:
+        """An element on which a change is based later."""
+        eid = self.draw_id(data)
+        self.noted.append((self.wm.get_element(eid), self.seen_of(eid), self.model.number))
+
+    @rule(data=st.data())
+    def change_what_was_noted(self, data: st.DataObject) -> None:
+        """It is refused when the element is another one than it was, and not when nothing has changed at all."""
+        if not self.noted:
+            return
+        element, seen, number = data.draw(st.sampled_from(self.noted))
+        change = Patch(element.id, ElementChanges(label=f"based on {element.version}"))
+        try:
+            answer = self.transact([Expect(element.id, element.version), change])
+        except Refused as refused:
+            assert element.id in str(refused)
+            assert self.model.number != number
+            assert element.id not in self.scene.things or "conflict" in str(refused)
+        else:
+            assert answer.ids == [element.id] * 2
+            assert self.seen_of(element.id) == seen
+            self.scene = self.scene.after([change])
+            self.snapshot_id = self.model.snapshot_id
+
+    def seen_of(self, eid: str) -> Any:
+        return repr(self.scene.things.get(eid)), {r for r in self.scene.relations if eid == r[2]}
 
     @rule(data=st.data())
     def statements(self, data: st.DataObject) -> None:

@@ -1,0 +1,152 @@
+"""The history: what was, what was changed, when and by whom."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.history import History
+from skiros2_world_model.core.journal import Journal
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+
+SCENE = "skiros:Scene-0"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Iterator[WorldModel]:
+    journal = Journal(tmp_path / "wm.journal")
+    yield WorldModel(None, tmp_path, journal=journal)
+    journal.close()
+
+
+@pytest.fixture
+def mary(model: WorldModel) -> LocalWorldModel:
+    return LocalWorldModel("mary", model)
+
+
+@pytest.fixture
+def paul(model: WorldModel) -> LocalWorldModel:
+    return LocalWorldModel("paul", model)
+
+
+def box(wm: LocalWorldModel, **properties: object) -> Element:
+    element = Element("skiros:LargeBox")
+    for key, value in properties.items():
+        element.setProperty(key, value)
+    wm.add_element(element)
+    return element
+
+
+def test_the_last_change_of_an_element_a_property_and_a_relation(mary: LocalWorldModel, paul: LocalWorldModel) -> None:
+    tray = box(mary, Weight=1.0, Color="red")
+    paul.set_relation(SCENE, "skiros:contain", tray)
+    tray = paul.get_element(tray.id)
+    tray.setProperty("Weight", 2.0)
+    paul.update_element(tray)
+    history = mary.model.history
+    last = [history.last_change(tray.id, *which) for which in ((), ("Weight",), ("Color",), ("contain",))]
+    assert [entry and entry.author for entry in last] == ["paul", "paul", "mary", "paul"]
+    assert last[0] and last[1] and last[0].number == last[1].number == tray.version
+    assert history.last_change(SCENE, "contain", tray.id) is not None
+    assert history.last_change(tray.id, "Size") is None
+    assert history.last_change(SCENE, "contain", "skiros:LargeBox-99") is None
+
+
+def test_an_element_that_is_gone_has_a_history(mary: LocalWorldModel, paul: LocalWorldModel) -> None:
+    tray = box(mary, Weight=1.0)
+    paul.remove_element(tray)
+    [made, removed] = mary.history(tray.id)
+    assert (made.author, made.before, [e.id for e in made.after]) == ("mary", [], [tray.id])
+    assert (removed.author, [e.id for e in removed.before], removed.after) == ("paul", [tray.id], [])
+
+
+def test_a_request_is_one_entry_with_all_that_it_changed(mary: LocalWorldModel) -> None:
+    number = mary.model.number
+    child, parent = Element("skiros:Starter"), Element("skiros:LargeBox")
+    parent.addRelation("-1", "skiros:contain", child)
+    mary.add_element(parent)
+    [entry] = mary.history(since=number)
+    assert {e.type for e in entry.after} == {"skiros:Starter", "skiros:LargeBox"}
+    assert [(r["src"], r["type"]) for r in entry.related] == [(parent.id, "skiros:contain")]
+
+
+def test_a_load_is_told_with_its_file_and_what_is_other(mary: LocalWorldModel) -> None:
+    kept, removed = box(mary, Weight=1.0), box(mary)
+    mary.save("cell.ttl")
+    mary.remove_element(removed)
+    added = box(mary)
+    number = mary.model.number
+    mary.load("cell.ttl")
+    [entry] = mary.history(since=number)
+    assert entry.action == "load cell.ttl"
+    assert [e.id for e in entry.before] == [added.id]
+    assert [e.id for e in entry.after] == [removed.id]
+    assert kept.id in {e.id for e in mary.model.history.scene_at().after}
+
+
+def test_contexts_have_histories_of_their_own(mary: LocalWorldModel) -> None:
+    mary.add_element(Element("skiros:LargeBox"), "memory")
+    [entry] = mary.history(context_id="memory")
+    assert [e.type for e in entry.after] == ["skiros:LargeBox"]
+    assert "skiros:LargeBox-1" not in {e.id for entry in mary.history() for e in entry.after}
+
+
+def test_statements_of_the_ontologies_have_a_history(mary: LocalWorldModel, paul: LocalWorldModel) -> None:
+    number = mary.model.number
+    mary.add_class("skiros:NewBox", "skiros:LargeBox")
+    paul.model.modify([("skiros:NewBox", "rdfs:subClassOf", "skiros:LargeBox", False)], "paul")
+    entries = mary.history(since=number, context_id="ontology")
+    assert [entry.author for entry in entries] == ["mary", "paul"]
+    assert any("subClassOf" in triple for triple in entries[0].stated)
+    [gone] = entries[1].unstated
+    assert "subClassOf" in gone
+    difference = mary.difference(number, context_id="ontology")
+    assert difference.stated and all("subClassOf" not in triple for triple in difference.stated)
+
+
+def test_the_difference_of_two_points_has_no_steps_between(mary: LocalWorldModel) -> None:
+    tray = box(mary, Weight=1.0)
+    number, then = mary.model.number, time.time()
+    for weight in (2.0, 3.0):
+        tray.setProperty("Weight", weight)
+        mary.update_element(tray)
+    passing = box(mary)
+    mary.set_relation(SCENE, "skiros:contain", passing)
+    mary.remove_element(passing)
+    for point in (number, then):
+        difference = mary.difference(point)
+        [(was, now)] = difference.pairs()
+        assert was and now and (was.value_of("Weight"), now.value_of("Weight")) == (1.0, 3.0)
+        assert not difference.related and not difference.unrelated
+    tray.setProperty("Weight", 1.0)
+    mary.update_element(tray)
+    assert not mary.difference(number)
+
+
+def test_what_is_not_known_is_named(mary: LocalWorldModel, tmp_path: Path) -> None:
+    history = mary.model.history
+    with pytest.raises(UnknownName, match="no element 'skiros:Box-1' in context 'scene'"):
+        history.changes("skiros:Box-1")
+    with pytest.raises(UnknownName, match="no context 'nowhere'; it has: scene"):
+        history.scene_at(context="nowhere")
+    with pytest.raises(WrongValue, match="the journal begins with change"):
+        history.scene_at(0.0)
+    with pytest.raises(WrongValue, match=f"the last one is {mary.model.number}"):
+        history.difference(mary.model.number + 1)
+    assert history.scene_at(time.time() + 1000.0).number  # the future is not other yet
+    with pytest.raises(Refused, match=r"journal .*none\.journal cannot be read"):
+        History(tmp_path / "none.journal").changes()
+
+
+def test_the_journal_of_a_world_model_that_does_not_run_can_be_asked(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "other.journal")
+    wm = LocalWorldModel("mary", WorldModel(None, tmp_path, journal=journal))
+    tray = box(wm)
+    journal.close()
+    assert [entry.author for entry in History(tmp_path / "other.journal").changes(tray.id)] == ["mary"]

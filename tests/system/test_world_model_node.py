@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import rospy
+import tf2_ros
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
@@ -275,7 +276,9 @@ def test_the_lock_of_a_node_that_died_is_free(ros: Ros, wm):
 
 def test_every_change_is_published_in_a_chain(ros: Ros, wm):
     monitor = ros.messages("/shared/wm/monitor", msgs.WmMonitor)
-    monitor.wait_for()  # the latched one
+    before = wm.get(element=message(SCENE)).snapshot_id
+    monitor.wait_for(lambda m: m.snapshot_id == before)  # the latched one
+    monitor.clear()
     (part,) = wm.modify("add", message(etype="skiros:Part", label="part"))
     wm.modify("update_properties", message(part.id, "skiros:Part", "part", SizeX=1.0))
     relation = msgs.Relation(SCENE, "skiros:contain", part.id)
@@ -283,8 +286,8 @@ def test_every_change_is_published_in_a_chain(ros: Ros, wm):
     wm.call("scene/set_relation", srvs.WmSetRelation, "field", relation, False)
     wm.modify("remove", message(part.id))
     wm.call("load_and_save", srvs.WoLoadAndSave, "load", "lab.ttl", "scene")
-    monitor.wait_for(lambda m: m.action == "reset" and m.prev_snapshot_id != m.snapshot_id)
-    told = monitor.all[-6:]
+    monitor.wait_for(lambda m: m.action == "reset")
+    told = monitor.all
     assert [m.action for m in told] == ["add", "update", "add", "remove", "remove", "reset"]
     assert [m.author for m in told[:5]] == ["field"] * 5
     assert all(a.snapshot_id == b.prev_snapshot_id for a, b in itertools.pairwise(told))
@@ -589,6 +592,45 @@ def test_elements_are_published_on_tf_at_25_hz_under_the_frame_above_them(ros: R
     count = [m for m in tf.all if m.transforms and begin <= m.transforms[0].header.stamp.to_sec()]
     rate = (len(count) - 1) / (last.transforms[0].header.stamp.to_sec() - begin)
     assert 22.0 < rate < 28.0
+
+
+def test_tf_is_known_at_any_time_also_of_what_begins_to_move_is_moved_and_removed(ros: Ros, start):
+    start(reasoners_pkgs=["skiros2_std_reasoners"])
+    wm = WorldModelInterface("tester", make_cache=True)
+    buffer = tf2_ros.Buffer()
+    tf2_ros.TransformListener(buffer)
+    still, belt = Element("skiros:LargeBox", "still"), Element("skiros:LargeBox", "belt")
+    for element in (still, belt):
+        element.setData(":Pose", ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]))
+        element.addRelation(SCENE, "skiros:contain", "-1")
+    wm.add_elements([still, belt])
+
+    def position(element, at=rospy.Time(0)):  # noqa: B008 - the latest
+        return buffer.lookup_transform("map", element.id, at, rospy.Duration(5.0)).transform.translation
+
+    for element in (still, belt):
+        assert position(element).x == 1.0
+        assert position(element, rospy.Time.now()).x == 1.0, "and now, a moment later"
+    begin = rospy.Time.now()
+    belt.setProperty("skiros:VelocityX", 1.0, "xsd:float")
+    wm.update_element(belt)
+    told = wait_until(lambda: (x := position(belt).x) > 1.2 and x, what="movement")
+    assert told == pytest.approx(1.0 + (rospy.Time.now() - begin).to_sec(), abs=0.5)
+    wait_until(lambda: wm.get_element(belt.id).getData(":Position")[0] > 1.2, what="the movement in the scene")
+    assert position(belt, begin + rospy.Duration(0.2)).x < position(belt, begin + rospy.Duration(0.4)).x
+    belt = wm.get_element(belt.id)
+    belt.setProperty("skiros:VelocityX", 0.0, "xsd:float")
+    belt.setData(":Position", [9.0, 2.0, 3.0])
+    wm.update_element(belt)
+    wait_until(lambda: position(belt, rospy.Time.now()).x == 9.0, what="the new place")
+    late = tf2_ros.Buffer()
+    tf2_ros.TransformListener(late)
+    late.lookup_transform("map", still.id, rospy.Time.now(), rospy.Duration(5.0))
+    assert late.lookup_transform("map", belt.id, rospy.Time(0), rospy.Duration(5.0)).transform.translation.x == 9.0
+    wm.remove_element(belt)
+    tf = ros.messages("/tf", TFMessage)
+    gone = tf.wait_for(lambda m: all(t.child_frame_id != belt.id for t in m.transforms))
+    assert [t.child_frame_id for t in gone.transforms] == [still.id]
 
 
 def test_poses_are_rebased_with_transforms_that_others_publish(ros: Ros, start):

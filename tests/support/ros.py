@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import socket
 import subprocess
 import threading
@@ -29,7 +30,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from support.programs import Program
+from support.programs import ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]
 INSTALL = ROOT / "install"
@@ -101,6 +102,14 @@ class RosMaster:
         if self._roscore is not None:
             self._roscore.stop()
 
+    def kill(self) -> None:
+        """Kills it, with its rosout. `start` then starts another one under the same URI."""
+        assert self._roscore is not None
+        for process in descendants(self._roscore.pid):
+            process.kill()
+        self._roscore.signal(signal.SIGKILL)
+        self._roscore.wait()
+
     def __enter__(self) -> RosMaster:
         self.start()
         return self
@@ -113,6 +122,12 @@ class RosMaster:
     def nodes(self) -> set[str]:
         """The names of all nodes that are registered."""
         return {node for kind in self._state() for _, nodes in kind for node in nodes}
+
+    def registrations(self, nodes: set[str]) -> set[tuple[str, str, str]]:
+        """What these nodes have registered, each a kind, a topic or service, and the node."""
+        kinds = zip(("publishes", "subscribes", "serves"), self._state(), strict=True)
+        found = {(kind, name, node) for kind, known in kinds for name, who in known for node in who}
+        return {entry for entry in found if entry[2] in nodes}
 
     def services(self) -> set[str]:
         return {name for name, _ in self._state()[2]}
@@ -233,6 +248,12 @@ class Ros:
         wait_until(lambda: name not in self.master.nodes(), timeout, f"no node {name} any more")
 
     # -- the end --------------------------------------------------------------------------------------------------
+
+    def kill_node(self, name: str) -> None:
+        """Kills the process of a node, and waits for its end."""
+        process = ProcessId(self.master.node_pid(name))
+        process.kill()
+        wait_until(lambda: not process.running, what=f"the end of {name}")
 
     def stop(self) -> None:
         for messages in self._subscriptions:

@@ -11,6 +11,7 @@ import rosgraph
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.master_watch import watch_master
 
 #: Exit status of a node whose parameters or files are wrong, so that no restart can help (EX_CONFIG of sysexits.h).
 EXIT_CONFIGURATION = 78
@@ -54,7 +55,7 @@ def bridge_logging(verbose: bool = False) -> None:
 
 
 def run_node(name: str, main: Callable[[], None], **init_options: object) -> None:
-    """Runs a node program: registers the node, calls `main`, and ends the process.
+    """Runs a node program: registers the node (again with each new master), calls `main`, and ends the process.
 
     :param name: the node's default name.
     :param main: does the node's work and returns at shutdown. A `ConfigurationError` it raises ends the process
@@ -68,6 +69,7 @@ def run_node(name: str, main: Callable[[], None], **init_options: object) -> Non
     except rospy.ROSInitException as error:
         _die(f"{name}: {error}", 1)
     bridge_logging(bool(rospy.get_param("~verbose", False)))
+    watch_master()
     try:
         main()
     except ConfigurationError as error:

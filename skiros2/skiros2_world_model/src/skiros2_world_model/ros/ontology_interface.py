@@ -10,6 +10,7 @@ from typing import Any
 import rospy
 from std_srvs.srv import SetBool, SetBoolRequest
 
+from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.utils import makeStatementMsg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -32,7 +33,7 @@ _WAITING_MESSAGE_PERIOD = 5.0
 class OntologyInterface(OntologyAbstractInterface):
     """The ontologies, and all contexts as RDF, of the world model node `wm` in this node's namespace.
 
-    Making one waits until the server is there.
+    Making one waits until the server is there. From then on it goes on with each new server and each new ROS master.
 
     :param author_name: who makes the changes.
     """
@@ -41,6 +42,7 @@ class OntologyInterface(OntologyAbstractInterface):
     _server = SERVER
 
     def __init__(self, author_name: str = "test") -> None:
+        watch_master()
         super().__init__()
         self._author_name = author_name
         self._query_service = ServicePool(f"{self._server}/ontology/query", srvs.WoQuery)

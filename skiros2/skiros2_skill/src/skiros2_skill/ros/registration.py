@@ -31,6 +31,7 @@ class Registration:
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
         self.robot_id = ""
+        self._skills: dict[str, tuple[str, str]] = {}  # what was added: class and label by id
 
     @property
     def robot(self) -> Element:
@@ -55,11 +56,21 @@ class Registration:
     def register_skills(self, implementations: Iterable[Implementation]) -> None:
         """Adds the skills in the place of what an earlier life of the manager left."""
         self.remove_skills()
+        self._skills = {}
         for implementation in implementations:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
+            self._skills[element.id] = (element.type, element.label)
+
+    def stands(self) -> bool:
+        """Whether the world model has the robot, as this manager's, with all the skills that were added."""
+        robot = self._wmi.find_element(self.robot_id)
+        if robot is None or not robot.hasProperty("skiros:SkillMgr", self._manager):
+            return False
+        found = (self._wmi.find_element(r["dst"]) for r in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""))
+        return {e.id: (e.type, e.label) for e in found if e is not None} == self._skills
 
     def remove_skills(self) -> None:
         """Takes away all skills of the robot, with their parameters and conditions."""

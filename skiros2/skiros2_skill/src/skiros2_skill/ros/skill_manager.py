@@ -58,6 +58,7 @@ class SkillManager(DiscoverableNode):
         self._registering = threading.Lock()
         self._ticker: Ticker | None = None
         self._connections: list[Any] = []
+        self._world_state = ""  # the last change's snapshot id
 
     @property
     def library(self) -> SkillLibrary:
@@ -199,17 +200,22 @@ class SkillManager(DiscoverableNode):
     # -- the world model ---------------------------------------------------------------------------------------
 
     def _on_world_change(self, change: Any) -> None:
-        if change.action == msgs.WmMonitor.RESET:
-            # A new scene has neither the robot nor its skills. Not in this thread: it is the one that brings changes.
+        known, self._world_state = self._world_state, change.snapshot_id
+        if change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
+            # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the
+            # last change only. Not in this thread: it is the one that brings changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()
 
     def _register_again(self) -> None:
+        """Registers the robot and its skills if the world model has not got them any more."""
         with self._registering:
             if self._ticker is None:
                 return
             try:
+                if self._registration.stands():
+                    return
                 self._registration.register_robot()
                 self._registration.register_skills(self._library.implementations())
-                log.info("the scene was loaded anew: %s is registered again", self._registration.robot_id)
+                log.info("the world model has another scene: %s is registered again", self._registration.robot_id)
             except SkirosError as error:
-                log.error("the scene was loaded anew, and the robot cannot be registered: %s", error)
+                log.error("the world model has another scene, and the robot cannot be registered: %s", error)

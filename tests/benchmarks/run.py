@@ -7,7 +7,8 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -16,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
-PARTS = ("launch", "ticks", "services", "planning", "world_model", "journal")
+PARTS = ("launch", "ticks", "services", "updates", "tf", "planning", "world_model", "journal")
 
 
 def main() -> int:
@@ -29,10 +30,11 @@ def main() -> int:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are: {', '.join(PARTS)}")
 
     done: list[Measurement] = []
-    with tempfile.TemporaryDirectory(prefix="skiros2-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="skiros2-bench-") as folder, ExitStack() as stack:
+        node = _Node(Path(folder), stack)
         for part in arguments.parts:
             print(f"measuring {part} ...", file=sys.stderr, flush=True)
-            for measurement in _measure(part, Path(folder)):
+            for measurement in _measure(part, Path(folder), node):
                 print(f"    {measurement.name}: ratio {measurement.ratio:.2f}", file=sys.stderr, flush=True)
                 done.append(measurement)
     print(table(done))
@@ -41,7 +43,7 @@ def main() -> int:
     return 0
 
 
-def _measure(part: str, folder: Path) -> Iterator[Measurement]:
+def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
     if part == "launch":
         from benchmarks import launch
 
@@ -62,23 +64,40 @@ def _measure(part: str, folder: Path) -> Iterator[Measurement]:
         from benchmarks import world_model
 
         return world_model.measure(folder)
-    return _services(folder)
+    if part == "tf":
+        from benchmarks import tf
+
+        return node.measure(tf.measure)
+    if part == "updates":
+        from benchmarks import updates
+
+        return node.measure(updates.measure)
+    from benchmarks import services
+
+    return node.measure(services.measure)
 
 
-def _services(folder: Path) -> Iterator[Measurement]:
-    with RosMaster(folder) as master:
-        os.environ.update(master.env)
+class _Node:
+    """A master and a node in this process, for the parts that measure nodes; started for the first of them."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._folder = folder
+        self._stack = stack
+        self._master: RosMaster | None = None
+
+    def measure(self, part: Callable[[Ros, Path], Iterator[Measurement]]) -> Iterator[Measurement]:
         import rospy
 
-        from benchmarks import services
-
-        rospy.init_node("bench", anonymous=True, disable_signals=True)
-        ros = Ros(master)
+        if self._master is None:
+            self._master = self._stack.enter_context(RosMaster(self._folder))
+            os.environ.update(self._master.env)
+            rospy.init_node("bench", anonymous=True, disable_signals=True)
+            self._stack.callback(rospy.signal_shutdown, "measured")
+        ros = Ros(self._master)
         try:
-            yield from services.measure(ros, folder)
+            yield from part(ros, self._folder)
         finally:
             ros.stop()
-            rospy.signal_shutdown("measured")
 
 
 if __name__ == "__main__":

@@ -625,6 +625,7 @@ def test_tf_is_known_at_any_time_also_of_what_begins_to_move_is_moved_and_remove
     wait_until(lambda: position(belt, rospy.Time.now()).x == 9.0, what="the new place")
     late = tf2_ros.Buffer()
     tf2_ros.TransformListener(late)
+    late.lookup_transform("map", still.id, rospy.Time(0), rospy.Duration(5.0))
     late.lookup_transform("map", still.id, rospy.Time.now(), rospy.Duration(5.0))
     assert late.lookup_transform("map", belt.id, rospy.Time(0), rospy.Duration(5.0)).transform.translation.x == 9.0
     wm.remove_element(belt)

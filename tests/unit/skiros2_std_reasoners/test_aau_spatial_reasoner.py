@@ -1,6 +1,7 @@
 """Poses, sizes and spatial relations of elements; what the reasoner does with changes, without a ROS master."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -19,9 +20,24 @@ NO_TURN = [0.0, 0.0, 0.0, 1.0]
 QUARTER = [0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]
 
 
+class Clock:
+    """A time (s) that tests set."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
 @pytest.fixture
-def reasoner():
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def reasoner(clock):
     reasoner = AauSpatialReasoner()
+    reasoner._keeper._clock = clock
     reasoners.add(reasoner)
     return reasoner
 
@@ -257,13 +273,65 @@ def test_when_the_holder_changes_the_place_in_the_world_stays(wm, reasoner):
     assert [*after[0], *after[1]] == pytest.approx([*before[0], *before[1]])
 
 
+@pytest.fixture
+def shelf_between(wm):
+    """Two tables, a shelf without a place of its own on the first, and a cup on the shelf."""
+    tables = added(wm, position=(1, 0, 0)), added(wm, position=(0, 5, 1))
+    shelf = Element("skiros:LargeBox", "no place of its own")
+    shelf.addRelation(tables[0].id, "skiros:contain", "-1")
+    wm.add_element(shelf)
+    return *tables, shelf, added(wm, shelf, position=(2, 0, 0))
+
+
+@pytest.mark.parametrize("call", ["set_relation", "update_element"])
+def test_also_when_what_lies_between_is_moved(wm, reasoner, shelf_between, call):
+    table, other, shelf, cup = shelf_between
+    wm.add_listener(reasoner._keeper.on_change)
+    if call == "set_relation":
+        wm.set_relation(table, "skiros:contain", shelf, False)
+        wm.set_relation(other, "skiros:contain", shelf)
+    else:
+        shelf.removeRelation2(table.id, "skiros:contain", "-1")
+        shelf.addRelation(other.id, "skiros:contain", "-1")
+        wm.update_element(shelf)
+    reasoner._keeper.write()
+    cup = wm.get_element(cup.id)
+    assert cup.value_of("skiros:BaseFrameId") == other.id
+    assert cup.getData(":Position") == pytest.approx([3.0, -5.0, -1.0])
+
+
+def test_also_when_what_lies_between_gets_and_loses_a_place(wm, reasoner, shelf_between):
+    table, _, shelf, cup = shelf_between
+    shelf.setData(":Pose", ((0, 0, 1), NO_TURN))
+    shelf.setProperty("skiros:BaseFrameId", table.id)
+    wm.update_element(shelf)
+    reasoner._keeper.write()
+    assert wm.get_element(cup.id).value_of("skiros:BaseFrameId") == shelf.id
+    assert wm.get_element(cup.id).getData(":Position") == pytest.approx([2.0, 0.0, -1.0])
+    reasoner.removeProperties(shelf)
+    wm.update_element(shelf)
+    reasoner._keeper.write()
+    assert wm.get_element(cup.id).value_of("skiros:BaseFrameId") == shelf.id, "where that was is not known any more"
+
+
+def test_also_when_the_frame_above_gets_another_name(wm, reasoner):
+    table = added(wm, position=(1, 0, 0), orientation=QUARTER)
+    cup = added(wm, table, position=(2, 0, 0))
+    table.setProperty("skiros:FrameId", "kitchen_table")
+    wm.update_element(table)
+    reasoner._keeper.write()
+    cup = wm.get_element(cup.id)
+    assert cup.value_of("skiros:BaseFrameId") == "kitchen_table"
+    assert cup.getData(":Position") == pytest.approx([2.0, 0.0, 0.0])
+
+
 def test_a_pose_waits_for_the_transform_if_it_is_not_known_yet(wm, reasoner):
     cup = placed(position=(1, 0, 0), base="camera")
     cup.addRelation(SCENE, "skiros:contain", "-1")
     wm.add_element(cup)
     assert cup.value_of("skiros:BaseFrameId") == "camera"
     reasoner._transforms.put("map", "camera", _pose((0, 0, 2)))
-    reasoner._write_moved(0.04)
+    reasoner._keeper.write()
     cup = wm.get_element(cup.id)
     assert cup.value_of("skiros:BaseFrameId") == "map"
     assert cup.getData(":Position") == pytest.approx([1.0, 0.0, 2.0])
@@ -277,20 +345,105 @@ def test_a_linked_element_follows_its_frame(wm, reasoner):
     wm.add_element(hand)
     for x in (1.0, 2.0):
         reasoner._transforms.put("map", "gripper", _pose((x, 0, 0)))
-        reasoner._write_moved(0.04)
+        reasoner._keeper.write()
         assert wm.get_element(hand.id).getData(":Position") == pytest.approx([x, 0.0, 0.0])
     version = wm.version
-    reasoner._write_moved(0.04)
+    reasoner._keeper.write()
     assert wm.version == version, "nothing has moved: nothing is written"
 
 
-def test_an_element_with_a_velocity_moves(wm, reasoner):
-    belt = added(wm, position=(1, 0, 0))
-    belt.setProperty("skiros:VelocityX", 0.5)
-    wm.update_element(belt)
-    for _ in range(4):
-        reasoner._write_moved(0.25)
+def test_an_element_with_a_velocity_moves(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    for clock.now in (0.25, 0.5, 0.75, 1.0):
+        reasoner._keeper.write()
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([1.5, 0.0, 0.0])
+
+
+def test_where_a_moving_element_is_now_is_known_between_the_writes(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    cup = added(wm, belt, position=(0, 1, 0))
+    clock.now = 2.0
+    assert wm.get_element(belt.id).getData(":Position") == [1.0, 0.0, 0.0]
+    assert reasoner.get_transform("map", cup.id)[0] == pytest.approx((2.0, 1.0, 0.0))
+    assert reasoner.get_transform(belt.id, "map")[0] == pytest.approx((-2.0, 0.0, 0.0))
+
+
+def test_another_change_of_a_moving_element_does_not_take_it_back(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    clock.now = 2.0
+    belt.label = "renamed"
+    wm.update_element(belt)
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((2.0, 0.0, 0.0))
+    belt.setProperty("skiros:VelocityX", 1.0)
+    wm.update_element(belt)
+    clock.now = 3.0
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((3.0, 0.0, 0.0))
+    belt.setProperty("skiros:VelocityX", 0.0)
+    wm.update_element(belt)
+    clock.now = 9.0
+    reasoner._keeper.write()
+    assert wm.get_element(belt.id).getData(":Position") == pytest.approx([3.0, 0.0, 0.0])
+    assert not reasoner._keeper.tracker.busy()
+
+
+def test_a_moving_element_that_is_put_somewhere_goes_on_from_there(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    clock.now = 2.0
+    belt.setData(":Position", [10, 0, 0])
+    wm.update_element(belt)
+    clock.now = 4.0
+    reasoner._keeper.write()
+    assert wm.get_element(belt.id).getData(":Position") == pytest.approx([11.0, 0.0, 0.0])
+
+
+def test_what_is_computed_does_not_overwrite_what_was_written_meanwhile(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    clock.now = 2.0
+
+    def put_elsewhere():
+        element = wm.get_element(belt.id)
+        element.setData(":Position", [10, 0, 0])
+        wm.update_element(element)
+
+    class Late:
+        """The world model, in which somebody is faster."""
+
+        def __getattr__(self, name):
+            return getattr(wm, name)
+
+        def update_elements(self, elements):
+            thread = threading.Thread(target=put_elsewhere)
+            thread.start()
+            thread.join()
+            wm.update_elements(elements)
+
+    reasoner._keeper.wmi = Late()
+    reasoner._keeper.write()
+    assert wm.get_element(belt.id).getData(":Position") == [10.0, 0.0, 0.0]
+    clock.now = 3.0
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((10.5, 0.0, 0.0))
+
+
+def test_a_moving_element_that_changes_hands_stays_where_it_is(wm, reasoner, clock):
+    belt, shelf = moving(wm, 0.5), added(wm, position=(0, 5, 0))
+    clock.now = 2.0
+    belt.removeRelation2(SCENE, "skiros:contain", "-1")
+    belt.addRelation(shelf.id, "skiros:contain", "-1")
+    wm.update_element(belt)
+    assert belt.getData(":Position") == pytest.approx([2.0, -5.0, 0.0])
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((2.0, 0.0, 0.0))
+
+
+def test_when_simulated_time_begins_anew_what_moves_goes_on_from_where_it_is(wm, reasoner, clock):
+    clock.now = 100.0
+    belt = moving(wm, 0.5)
+    reasoner._keeper.write()
+    clock.now = 102.0
+    reasoner._keeper.write()
+    clock.now = 0.0
+    reasoner._keeper.write()
+    clock.now = 2.0
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((3.0, 0.0, 0.0))
 
 
 def test_transform_expresses_a_pose_in_another_frame_in_place(wm, reasoner):
@@ -311,8 +464,10 @@ def test_a_transform_that_is_not_known_is_none_twice(wm, reasoner):
 
 def test_a_removed_element_is_forgotten(wm, reasoner):
     cup = added(wm, position=(1, 0, 0))
+    assert reasoner.get_transform("map", cup.id)[0] == (1.0, 0.0, 0.0)
     wm.remove_element(cup)
-    assert reasoner._tracker.get(cup.id) is None
+    assert reasoner._keeper.tracker.get(cup.id) is None
+    assert reasoner.get_transform("map", cup.id) == (None, None)
 
 
 def test_a_refused_change_leaves_the_frames_as_they_were(wm, reasoner):
@@ -323,6 +478,14 @@ def test_a_refused_change_leaves_the_frames_as_they_were(wm, reasoner):
     with pytest.raises(SkirosError):
         wm.update_elements([moved, bad])
     assert reasoner.get_transform("map", cup.id)[0] == pytest.approx((1.0, 0.0, 0.0))
+
+
+def moving(wm, velocity):
+    """An element at x = 1 m that moves along x."""
+    belt = added(wm, position=(1, 0, 0))
+    belt.setProperty("skiros:VelocityX", velocity)
+    wm.update_element(belt)
+    return belt
 
 
 def _pose(position):

@@ -7,28 +7,27 @@ import time
 from typing import Any
 
 import rospy
-from tf2_msgs.msg import TFMessage
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
-from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, frame_of
+from skiros2_std_reasoners.core.pose_keeper import PoseKeeper
 from skiros2_std_reasoners.core.relations import ALL, relations_between
 from skiros2_std_reasoners.ros.codes import CODES, Code
-from skiros2_std_reasoners.ros.transforms import Transforms, messages
+from skiros2_std_reasoners.ros.frame_publisher import FramePublisher
+from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)
 
-#: Frames are published, and what follows or moves is written, this often (Hz).
+#: Frames are published this often, and what follows or moves is written at most as often (Hz).
 RATE = 25.0
 
-#: A linked pose is written when it has changed by more (m, and in parts of a quaternion).
-_NOTICEABLE = 1e-4
+#: Writing takes this part of the time at most; with many elements that move, it is done less often.
+_WRITING = 0.05
 
 _NAME = "AauSpatialReasoner"
-_SPATIAL = "skiros:spatiallyRelated"
 
 
 class AauSpatialReasoner(DiscreteReasoner):
@@ -40,8 +39,12 @@ class AauSpatialReasoner(DiscreteReasoner):
     """
 
     def __init__(self) -> None:
-        self._tracker = PoseTracker()
-        self._transforms = Transforms()
+        self._transforms = Transforms(lambda name: self._keeper.moving(name))
+        self._keeper = PoseKeeper(_NAME, self._transforms, _now)
+
+    def init(self, wmi: Any) -> None:
+        super().init(wmi)
+        self._keeper.wmi = wmi
 
     # -- the server's side -------------------------------------------------------------------------------------
 
@@ -50,54 +53,32 @@ class AauSpatialReasoner(DiscreteReasoner):
 
         :param action: `add`, `update` or `remove`.
         """
-        before = self._tracker.get(element.id)
-        if action == "remove":
-            self._tracker.drop(element.id)
-            if before is not None:
-                self._transforms.drop(before.name)
-            return None
-        if not space.text(element, space.FRAME):
-            space.set_text(element, space.FRAME, element.id)
-        parent = self._parent_frame(element)
-        base = space.text(element, space.BASE_FRAME)
-        if parent and parent != base and not space.text(element, space.LINKED_TO):
-            self._rebase(element, base, parent)
-        frame = frame_of(element, parent)
-        self._tracker.put(frame)
-        if frame.is_own and (before is None or not _same_place(before, frame)):
-            assert frame.pose is not None
-            self._transforms.put(frame.base, frame.name, frame.pose)
+        self._keeper.parse(element, action)
         return None
 
     def run(self) -> None:
-        """Publishes the frames, and writes what follows or moves, at 25 Hz of wall time until it is asked to end."""
-        publisher = rospy.Publisher("/tf", TFMessage, queue_size=10)
+        """Publishes the frames, and writes what follows or moves, until it is asked to end."""
+        publisher = FramePublisher(self._keeper.tracker, self._transforms, _now)
         self._transforms.listen()
+        self._wmi.add_listener(self._keeper.on_change)
         period = 1.0 / RATE
-        before = next_time = time.monotonic()
+        next_time = next_write = time.monotonic()
         while not self._stop_event.wait(max(0.0, next_time - time.monotonic())) and not rospy.is_shutdown():
-            now = time.monotonic()
-            next_time = max(next_time + period, now)
+            begin = time.monotonic()
+            next_time = max(next_time + period, begin)
+            if begin >= next_write:
+                try:
+                    self._keeper.write()
+                except SkirosError as error:
+                    log.error("poses could not be written: %s", error)
+                next_write = begin + (time.monotonic() - begin) / _WRITING
             try:
-                self._write_moved(now - before)
-            except SkirosError as error:
-                log.error("poses could not be written: %s", error)
-            before = now
-            try:
-                self._publish(publisher)
+                publisher.publish()
             except rospy.ROSException:
                 if not rospy.core.is_shutdown_requested():
                     raise
-        publisher.unregister()
-
-    def _publish(self, publisher: Any) -> None:
-        """Tells tf, in one message, where all frames are."""
-        stamp = rospy.Time.now()
-        known = [(f, f.pose) for f in self._tracker.all() if f.pose is not None and f.is_known]
-        told = [(f.base, f.name, pose) for f, pose in known if f.published and f.is_own]
-        told += [(f.base, f.pushed_to, pose) for f, pose in known if f.pushed_to]
-        if told and stamp != rospy.Time(0):  # simulated time may not have begun
-            publisher.publish(messages(told, stamp))
+        self._wmi.remove_listener(self._keeper.on_change)
+        publisher.close()
 
     # -- transforms --------------------------------------------------------------------------------------------
 
@@ -224,73 +205,12 @@ class AauSpatialReasoner(DiscreteReasoner):
             other = composed(between, other)
         return composed(inverted(own), other)
 
-    def _parent_frame(self, element: Element) -> str:
-        """The frame of the nearest element above that has one, "" when there is none."""
-        relations = [_SPATIAL, *self._wmi.get_sub_properties(_SPATIAL)]
-        seen = {element.id}
-        waiting = [r["src"] for r in element.getRelations("", relations, "-1")]
-        while waiting:
-            eid = waiting.pop(0)
-            above = self._wmi.find_element(eid) if eid not in seen else None
-            seen.add(eid)
-            if above is not None:
-                if above.hasProperty("skiros:DiscreteReasoner", _NAME):
-                    return space.text(above, space.FRAME) or str(above.id)
-                waiting += [r["src"] for r in above.getRelations("", relations, "-1")]
-        return ""
-
-    def _rebase(self, element: Element, base: str, parent: str) -> bool:
-        """Expresses the pose in the parent's frame; False when the transform is not known yet."""
-        pose = space.pose_of(element)
-        if pose is not None and base:
-            between = self._transforms.find(parent, base)
-            if between is None:
-                return False
-            space.set_pose(element, composed(between, pose))
-        space.set_text(element, space.BASE_FRAME, parent)
-        return True
-
-    def _write_moved(self, seconds: float) -> None:
-        """Writes, in one change, the poses that follow a frame, move, or waited for a transform."""
-        changed: list[Element] = []
-        for frame in self._tracker.all():
-            if not (frame.linked_to or frame.moves or frame.waits):
-                continue
-            pose = self._new_pose(frame, seconds)
-            element = self._wmi.find_element(frame.id) if pose is not None else None
-            if element is not None and pose is not None:
-                space.set_pose(element, pose[1])
-                space.set_text(element, space.BASE_FRAME, pose[0])
-                changed.append(element)
-        if changed:
-            self._wmi.update_elements(changed)
-
-    def _new_pose(self, frame: Frame, seconds: float) -> tuple[str, Pose] | None:
-        """The base and pose that a frame has got; None when there is nothing new."""
-        if frame.linked_to:
-            base = frame.parent or frame.base
-            found = self._transforms.find(base, frame.linked_to) if base else None
-            if found is None or (frame.base == base and frame.pose is not None and _close(found, frame.pose)):
-                return None
-            return base, found
-        if frame.waits:
-            assert frame.pose is not None
-            between = self._transforms.find(frame.parent, frame.base)
-            return None if between is None else (frame.parent, composed(between, frame.pose))
-        moved = frame.moved(seconds)
-        assert moved.pose is not None
-        return frame.base, moved.pose
-
     def _code(self, code: str) -> Code:
         if code not in CODES:
             raise UnknownName(f"{_NAME} has no code {code!r}; it has: {', '.join(CODES)}")
         return CODES[code]
 
 
-def _same_place(one: Frame, other: Frame) -> bool:
-    return (one.base, one.name, one.pose) == (other.base, other.name, other.pose)
-
-
-def _close(one: Pose, other: Pose) -> bool:
-    pairs = zip((*one.position, *one.orientation), (*other.position, *other.orientation), strict=True)
-    return all(abs(a - b) <= _NOTICEABLE for a, b in pairs)
+def _now() -> float:
+    """The time of ROS, which may be simulated; in a process that is no node, the clock's (s)."""
+    return float(rospy.get_time()) if rospy.core.is_initialized() else time.time()

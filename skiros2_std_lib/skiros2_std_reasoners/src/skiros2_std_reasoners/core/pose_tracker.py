@@ -7,18 +7,20 @@ from dataclasses import dataclass, replace
 
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as data
-from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 
 @dataclass(frozen=True)
 class Frame:
     """The frame of an element.
 
-    :param pose: in the frame `base`; None: not known.
+    :param pose: in the frame `base`, at the time `since`; None: not known.
+    :param written: the pose that the element's properties say; an older one, while it moves.
     :param parent: the frame that the pose is to be in; differs from `base` while the transform is not known.
     :param linked_to: the tf frame that it follows, "" for none.
     :param pushed_to: a further name under which it is published, "" for none.
     :param velocity: in the frame `base` (m/s).
+    :param since: (s).
     """
 
     id: str
@@ -26,10 +28,12 @@ class Frame:
     base: str
     parent: str
     pose: Pose | None
+    written: Pose | None
     published: bool
     linked_to: str
     pushed_to: str
-    velocity: tuple[float, float, float]
+    velocity: Vector
+    since: float
 
     @property
     def is_known(self) -> bool:
@@ -48,32 +52,56 @@ class Frame:
 
     @property
     def moves(self) -> bool:
-        return any(self.velocity) and self.pose is not None
+        return any(self.velocity) and self.pose is not None and not self.linked_to
 
-    def moved(self, seconds: float) -> Frame:
-        """Where it is some time later, at its velocity."""
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is to be written: it follows a frame, waits, moves, or has moved."""
+        return bool(self.linked_to) or self.waits or self.moves or self.pose != self.written
+
+    def at(self, now: float) -> Pose:
+        """Where it is at a time (s); it is known."""
         assert self.pose is not None
+        seconds = now - self.since
+        if not self.moves or seconds <= 0.0:
+            return self.pose
         x, y, z = (p + v * seconds for p, v in zip(self.pose.position, self.velocity, strict=True))
-        return replace(self, pose=Pose((x, y, z), self.pose.orientation))
+        return Pose((x, y, z), self.pose.orientation)
 
 
-def frame_of(element: Element, parent: str) -> Frame:
+def frame_of(element: Element, parent: str, now: float) -> Frame:
     """The frame that an element's properties describe.
 
     :param parent: the frame of its nearest spatial parent, "" when it has none.
+    :param now: when it is so (s).
     """
     vx, vy, vz = (v or 0.0 for v in data.numbers(element, data.VELOCITY))
+    pose = data.pose_of(element)
     return Frame(
         element.id,
         data.text(element, data.FRAME) or element.id,
         data.text(element, data.BASE_FRAME),
         parent,
-        data.pose_of(element),
+        pose,
+        pose,
         data.is_true(element, data.PUBLISH),
         data.text(element, data.LINKED_TO),
         data.text(element, data.PUSH_TO),
         (vx, vy, vz),
+        now,
     )
+
+
+def gone_on(frame: Frame, before: Frame) -> Frame:
+    """A frame that has been moving since an earlier state of it, whose properties tell the old pose still.
+
+    What is written of an element that moves is older than where it is; another change of it must not take it back.
+    """
+    if before.pose is None or (frame.written, frame.base) != (before.written, before.base):
+        return frame
+    if frame.velocity == before.velocity:
+        return replace(frame, pose=before.pose, since=before.since)
+    return replace(frame, pose=before.at(frame.since))
 
 
 class PoseTracker:
@@ -82,19 +110,64 @@ class PoseTracker:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._frames: dict[str, Frame] = {}
+        self._ids: dict[str, str] = {}  # by the names of frames
+        self._busy: set[str] = set()
+        self._changed: set[str] = set()
 
     def put(self, frame: Frame) -> None:
         with self._lock:
-            self._frames[frame.id] = frame
+            self._put(frame)
 
     def drop(self, eid: str) -> None:
         with self._lock:
+            self._forget_name(eid)
             self._frames.pop(eid, None)
+            self._busy.discard(eid)
+            self._changed.add(eid)
+
+    def exchange(self, old: Frame, new: Frame) -> bool:
+        """Puts a frame in the place of another one; False when that has been replaced meanwhile."""
+        with self._lock:
+            is_there = self._frames.get(old.id) is old
+            if is_there:
+                self._put(new)
+            return is_there
 
     def get(self, eid: str) -> Frame | None:
         with self._lock:
             return self._frames.get(eid)
 
+    def named(self, name: str) -> Frame | None:
+        """The frame of that name; a leading slash counts for nothing."""
+        with self._lock:
+            return self._frames.get(self._ids.get(name.lstrip("/"), ""))
+
     def all(self) -> list[Frame]:
         with self._lock:
             return list(self._frames.values())
+
+    def busy(self) -> list[Frame]:
+        """Those of which something is to be written."""
+        with self._lock:
+            return [self._frames[eid] for eid in self._busy]
+
+    def take_changed(self) -> dict[str, Frame | None]:
+        """The frames, by element, that were put or dropped since this was asked last; None: dropped."""
+        with self._lock:
+            changed, self._changed = self._changed, set()
+            return {eid: self._frames.get(eid) for eid in changed}
+
+    def _forget_name(self, eid: str) -> None:
+        frame = self._frames.get(eid)
+        if frame is not None and self._ids.get(frame.name.lstrip("/")) == eid:
+            del self._ids[frame.name.lstrip("/")]
+
+    def _put(self, frame: Frame) -> None:
+        self._forget_name(frame.id)
+        self._ids[frame.name.lstrip("/")] = frame.id
+        self._frames[frame.id] = frame
+        self._changed.add(frame.id)
+        if frame.is_busy:
+            self._busy.add(frame.id)
+        else:
+            self._busy.discard(frame.id)

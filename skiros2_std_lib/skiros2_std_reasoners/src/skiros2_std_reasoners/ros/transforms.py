@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import rospy
 import tf2_py
 from geometry_msgs.msg import TransformStamped
-from tf2_msgs.msg import TFMessage
 
-from skiros2_std_reasoners.core.geometry import Pose, normalized
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, normalized
+from skiros2_std_reasoners.ros.packed_transforms import IncomingMessage, PackedMessage
 
 #: How long a look-up waits when this process has only begun to listen to tf (s).
 _FIRST_WAIT = 1.0
+
+#: So many of our own messages are recognised when they come back.
+_OWN_MESSAGES = 10
 
 #: How often a look-up that waits looks again (s).
 _POLL_PERIOD = 0.01
@@ -25,13 +29,18 @@ class Transforms:
     """All transforms known here: what comes over tf, and frames of our own, known at once. Safe in all threads.
 
     Listening begins with the first look-up, or with `listen`.
+
+    :param moving: tells where a frame of our own is now that moves: (base, pose); None for others.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, moving: Callable[[str], tuple[str, Pose] | None] = lambda name: None) -> None:
         self._buffer = tf2_py.BufferCore(rospy.Duration(10.0))
         self._lock = threading.Lock()
+        self._moving = moving
         self._subscribers: list[Any] = []
         self._own: set[str] = set()
+        self._gone: set[str] = set()
+        self._sent: deque[bytes] = deque(maxlen=_OWN_MESSAGES)
 
     def listen(self) -> bool:
         """Begins to listen to tf; False when that was so already, or this process is no node."""
@@ -39,10 +48,14 @@ class Transforms:
             if self._subscribers or not rospy.core.is_initialized():
                 return False
             self._subscribers = [
-                rospy.Subscriber("/tf", TFMessage, self._on_tf, False, queue_size=100),
-                rospy.Subscriber("/tf_static", TFMessage, self._on_tf, True, queue_size=100),
+                rospy.Subscriber("/tf", IncomingMessage, self._on_tf, False, queue_size=100),
+                rospy.Subscriber("/tf_static", IncomingMessage, self._on_tf, True, queue_size=100),
             ]
             return True
+
+    def sent(self, message: PackedMessage) -> None:
+        """A message of our own frames that is about to be published; it need not be read when it comes back."""
+        self._sent.append(message.content)
 
     def put(self, base: str, name: str, pose: Pose) -> None:
         """A frame of our own: from now on it is there at any time, until it is put elsewhere."""
@@ -51,33 +64,50 @@ class Transforms:
             self._set(transform_message(base, name, pose, rospy.Time(0)), True)
 
     def drop(self, name: str) -> None:
-        """The frame is no longer our own: what tf says of it counts again."""
+        """The frame is no longer our own: it is not known until tf tells of it."""
         self._own.discard(_legal(name))
+        self._gone.add(_legal(name))
 
     def find(self, base: str, target: str, duration: float = 0.0) -> Pose | None:
         """Where a frame is in another one, as far as known; None when it is not.
 
         :param duration: how long to wait for it (s).
         """
+        base, target = _legal(base), _legal(target)
         if base == target:
-            return Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            return IDENTITY
         if self.listen():
             duration = max(duration, _FIRST_WAIT)
         give_up = time.monotonic() + duration
         while True:
-            try:
-                found = self._buffer.lookup_transform_core(_legal(base), _legal(target), rospy.Time(0)).transform
-            except tf2_py.TransformException:
-                if time.monotonic() >= give_up:
-                    return None
-                time.sleep(_POLL_PERIOD)
-                continue
-            t, r = found.translation, found.rotation
-            return Pose((t.x, t.y, t.z), normalized((r.x, r.y, r.z, r.w)))
+            found = self._look_up(base, target)
+            if found is not None or time.monotonic() >= give_up:
+                return found
+            time.sleep(_POLL_PERIOD)
+
+    def _look_up(self, base: str, target: str) -> Pose | None:
+        latest = rospy.Time(0)
+        try:
+            chain = self._buffer._chain(base, latest, target, latest, base)
+            if not self._gone.isdisjoint(chain):
+                return None
+            for name in chain:
+                moved = self._moving(name) if name in self._own else None
+                if moved is not None:
+                    self._set(transform_message(moved[0], name, moved[1], latest), True)
+            found = self._buffer.lookup_transform_core(base, target, latest).transform
+        except tf2_py.TransformException:
+            return None
+        t, r = found.translation, found.rotation
+        return Pose((t.x, t.y, t.z), normalized((r.x, r.y, r.z, r.w)))
 
     def _on_tf(self, message: Any, static: bool) -> None:
+        if getattr(message, "content", None) in self._sent:
+            return
         for transform in message.transforms:
-            if _legal(transform.child_frame_id) not in self._own:
+            name = _legal(transform.child_frame_id)
+            if name not in self._own:
+                self._gone.discard(name)
                 self._set(transform, static)
 
     def _set(self, transform: Any, static: bool) -> None:
@@ -97,11 +127,6 @@ def transform_message(base: str, name: str, pose: Pose, stamp: Any) -> Any:
     rotation = message.transform.rotation
     rotation.x, rotation.y, rotation.z, rotation.w = pose.orientation
     return message
-
-
-def messages(frames: Iterable[tuple[str, str, Pose]], stamp: Any) -> Any:
-    """One message for some frames: (base, name, pose)."""
-    return TFMessage([transform_message(*frame, stamp) for frame in frames])
 
 
 def _legal(name: str) -> str:

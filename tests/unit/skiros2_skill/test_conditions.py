@@ -167,6 +167,30 @@ def test_generate_makes_and_removes_elements(params, bench):
     assert bench.wmi.get_relations(bench.tray.id, "skiros:contain", bench.product.id)
 
 
+def test_a_removed_element_comes_back_with_what_was_in_it(params, bench):
+    label = bench.add("skiros:Part", "label", bench.product, CadModel="a.stl")
+    bench.wmi.set_relation(bench.product.id, "skiros:at", bench.other_tray.id)
+    before = scene_of(bench.wmi)
+    params["Object"].value = bench.tray
+    removed = make.getGenerateCond("C", "Object", False)
+    assert removed.setTrue(params, bench.wmi)
+    assert not any(bench.wmi.is_scene_element(e.id) for e in (bench.tray, bench.product, label))
+    removed.revert(params, bench.wmi)
+    assert scene_of(bench.wmi) == before
+
+
+def scene_of(wmi):
+    return {
+        e.id: (
+            e.type,
+            e.label,
+            sorted((p.key, p.values) for p in e.properties),
+            sorted((r["src"], r["type"], r["dst"]) for r in e.getRelations()),
+        )
+        for e in wmi.resolve_elements(Element())
+    }
+
+
 @pytest.mark.parametrize(
     ("wanted", "answer"), [("skiros:Product", True), ("sumo:Object", True), ("skiros:Part", False)]
 )

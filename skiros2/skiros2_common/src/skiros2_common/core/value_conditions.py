@@ -62,9 +62,10 @@ class ConditionGenerate(ConditionIsSpecified):
             param.assign(made)
             self._undo.append(lambda: wmi.remove_element(made))
         else:
-            gone = wmi.get_element(param.value.id)
-            wmi.remove_element(gone)
-            self._undo.append(lambda: wmi.add_element(_as_new(gone)))
+            branch = wmi.get_branch(param.value.id)
+            wmi.remove_element(branch[0])
+            gone = [e for e in branch if not wmi.is_scene_element(e.id)]  # what something else holds has stayed
+            self._undo.append(lambda: wmi.add_elements([_as_new(e) for e in gone]))
         self._undo.append(lambda: param.assign(before))
         return self.evaluate(ph, wmi)
 

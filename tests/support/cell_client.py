@@ -6,6 +6,7 @@ It prints `ready`, and answers each line of input with a line of JSON:
     parts          the labels of all parts, as its replica has them
     skills         the labels of the skills of each manager that runs
     count          runs the skill `counter` of the first manager to its end; the state it ended with
+    lock, unlock   takes or gives back the world model's advisory lock; true
     changes        how many changes it was told of, and how many of them twice
 """
 
@@ -43,6 +44,9 @@ class CellClient:
             return {name: sorted(agent.get_skill_list(update=True)) for name, agent in self._layer.agents.items()}
         if command == "count":
             return self._count()
+        if command in ("lock", "unlock"):
+            getattr(self._wmi, command)()
+            return True
         if command == "changes":
             return [len(self._told), len(self._told) - len(set(self._told))]
         raise ValueError(line)

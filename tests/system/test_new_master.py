@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import select
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,11 +61,21 @@ class Client:
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"
 
-    def ask(self, command: str) -> object:
-        assert self._process.stdin is not None and self._process.stdout is not None
+    def ask(self, command: str) -> Any:
+        self.send(command)
+        return self.answer()
+
+    def send(self, command: str) -> None:
+        assert self._process.stdin is not None
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()
+
+    def answer(self) -> Any:
+        assert self._process.stdout is not None
         return json.loads(self._process.stdout.readline())
+
+    def has_answered(self, timeout: float) -> bool:
+        return bool(select.select([self._process.stdout], [], [], timeout)[0])
 
     def close(self) -> None:
         self._process.kill()
@@ -110,3 +122,19 @@ def test_a_world_model_that_is_killed_after_a_new_master_came_is_found_again(
     assert "first life" in client.ask("parts")
     wait_until(lambda: client.ask("skills") == {ROBOT: ["counter"]}, what="the skills")
     assert client.ask("count") == SkillProgress.SUCCESS
+
+
+def test_a_lock_is_kept_while_the_master_is_away(cell: Ros, client: Client) -> None:
+    other = Client(cell.master, "other")
+    try:
+        assert other.ask("lock") and other.ask("unlock")  # its connection is open from here on
+        assert client.ask("lock")
+        other.send("lock")
+        cell.master.kill()
+        assert not other.has_answered(3.0)  # the lock is looked at each second
+        cell.master.start()
+        assert not other.has_answered(3.0)
+        client.ask("unlock")
+        assert other.answer()
+    finally:
+        other.close()

@@ -58,17 +58,22 @@ class OntologyServices:
         return srvs.WoModifyResponse(True)
 
     def _on_lock(self, request: Any) -> Any:
-        """Takes the lock, waiting for it, or gives it back. A node that has died has given it back."""
+        """Takes the lock, waiting for it, or gives it back. A node that has died has given it back.
+
+        The owner is a node's name and its URI: the name alone may be another life of it, and a master that is away, or
+        new, does not know who lives.
+        """
         if not request.data:
             done = self._lock.give_back()
             return SetBoolResponse(done, "" if done else "it is not locked")
-        owner = request._connection_header.get("callerid", "unknown")
+        name = request._connection_header.get("callerid", "unknown")
+        owner = f"{name} {_uri_of(name)}"
         while not self._lock.take(owner, _OWNER_CHECK_PERIOD):
             holder = self._lock.owner
             if rospy.is_shutdown():
                 return SetBoolResponse(False, "the node is shutting down")
             if holder is not None and not _is_alive(holder) and self._lock.give_back(holder):
-                log.warning("%s had the lock and is gone: it is free", holder)
+                log.warning("%s had the lock and is gone: it is free", holder.partition(" ")[0])
         return SetBoolResponse(True, "")
 
 
@@ -82,12 +87,21 @@ def serve_ontologies() -> None:
     rospy.spin()
 
 
-def _is_alive(node: str) -> bool:
-    """Whether a node still listens to others."""
+def _uri_of(node: str) -> str:
+    """Where a node listens to others; "" when the master does not tell."""
     try:
-        uri = rosgraph.Master(rospy.get_name()).lookupNode(node)
-        host, port = rosgraph.network.parse_http_host_and_port(uri)
-        with socket.create_connection((host, port), 1.0):
+        return str(rosgraph.Master(rospy.get_name()).lookupNode(node))
+    except (rosgraph.MasterException, OSError):
+        return ""
+
+
+def _is_alive(owner: str) -> bool:
+    """Whether a lock's owner still listens to others, as far as that is known."""
+    _, _, uri = owner.partition(" ")
+    if not uri:
+        return True
+    try:
+        with socket.create_connection(rosgraph.network.parse_http_host_and_port(uri), 1.0):
             return True
-    except (rosgraph.MasterException, OSError, ValueError):
+    except OSError:
         return False

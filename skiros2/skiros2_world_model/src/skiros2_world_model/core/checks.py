@@ -9,7 +9,7 @@ from typing import Any
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property, as_type, shown
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
@@ -128,6 +128,15 @@ class Checks:
         except WrongValue as error:
             raise WrongValue(f"{self._origin}: {who}: {error}") from None
         return text
+
+    def refuse(self, who: str, what: str, error: SkirosError) -> None:
+        """Something in a file is refused, and so is the file.
+
+        :param who: the element, "" for the file as a whole.
+        :param what: its property or relation, "" for the element as a whole.
+        :raises SkirosError: the error.
+        """
+        raise error
 
     def finish(self) -> None:
         """Warns of the unknown names, once for each, if they were not told before.

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
+from itertools import chain
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import SPATIAL
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
 from skiros2_world_model.core.journal_state import ContextState
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.queries import containment_cycle, told
 from skiros2_world_model.core.rdf_files import parse_n_triples
 from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import Mirror, read_scene, scene_turtle
+from skiros2_world_model.core.scene_rdf import Mirror, element_triples, read_scene, relation_triple, scene_turtle
 from skiros2_world_model.core.templates import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
@@ -26,9 +28,12 @@ class Context:
     """One context of a world model. Used under the world model's lock.
 
     :param file: the file it was last loaded from or saved to, "" when with none.
+    :raises WrongValue: it cannot have that name.
     """
 
     def __init__(self, name: str, base: OntologyBase) -> None:
+        if not re.fullmatch(r"[\w.~-]+", name) or name == ONTOLOGY:
+            raise WrongValue(f"{name!r} cannot be the name of a context with elements")
         self.name = name
         self.file = ""
         self.scene = Scene()
@@ -41,6 +46,13 @@ class Context:
     def flush(self) -> None:
         """Brings the store up to date with the scene."""
         self._mirror.flush(self.scene, self.extras, self._base.index, self._base.prefixes)
+
+    def triples(self) -> Iterator[ox.Triple]:
+        """All of it as it is now. The triples are made while they are read, which needs no lock."""
+        ontology, prefixes = self._base.index, self._base.prefixes
+        nodes, relations, extras = list(self.scene), list(self.scene.relations()), list(self.extras)
+        elements = (triple for node in nodes for triple in element_triples(node, ontology, prefixes))
+        return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
 
     def turtle(self) -> bytes:
         """All of it as sorted Turtle."""
@@ -62,12 +74,15 @@ class Context:
         if self.name == SCENE and ROOT not in scene:
             self._add_root(scene)
         for src, pred, dst in content.relations:
-            if dst not in scene:
-                checks.individual(dst, f"{src} {pred} {dst}")
+            try:
+                if dst not in scene:
+                    checks.individual(dst, f"{src} {pred} {dst}")
+            except SkirosError as error:
+                checks.refuse(src, pred, error)
             scene.relate(src, pred, dst)
         cycle = containment_cycle(scene, base.index.subproperties(SPATIAL), (node.id for node in scene))
         if cycle:
-            raise WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}")
+            checks.refuse(cycle[0], "", WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}"))
         checks.finish()
         return scene, content.extras
 

@@ -16,6 +16,7 @@ from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
 from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.shapes import is_shapes_file, shape_files
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
 from skiros2_world_model.core.triple_store import TripleStore
@@ -25,12 +26,16 @@ log = logging.getLogger(__name__)
 _ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
 _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
 
+#: Files of the workspace with this in their name are ontologies.
+_ONTOLOGY_MARK = ".owl"
+
 
 class OntologyBase:
     """The triples of all contexts, those of the ontologies among them, with an index over the ontologies.
 
     :param ontologies: folder of the package's own ontologies (its `.ttl` files).
-    :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded.
+    :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded. In both,
+        files whose names contain `.shapes.` hold shapes instead.
     :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
     """
 
@@ -39,7 +44,11 @@ class OntologyBase:
         self.store = TripleStore()
         self.lock = threading.RLock()
         self._index: Ontology | None = None
-        self._load(_ontology_files(ontologies, workspace))
+        #: The files with the shapes that scenes are validated with.
+        self.shapes = shape_files(ontologies, workspace)
+        files = _ontology_files(ontologies, workspace)
+        self._files = frozenset(path.resolve() for path in files)
+        self._load(files)
 
     @property
     def index(self) -> Ontology:
@@ -49,6 +58,14 @@ class OntologyBase:
             with self.lock:
                 index = self._index = Ontology(self._named(t) for t in self.store.triples(ONTOLOGY))
         return index
+
+    def reads(self, path: Path) -> bool:
+        """Whether a file is read as an ontology or as shapes, now or at the next start: no scene is written to it."""
+        return path.resolve() in self._files or _ONTOLOGY_MARK in path.name or is_shapes_file(path.name)
+
+    def triples(self) -> list[ox.Triple]:
+        """All triples of the ontologies."""
+        return self.store.triples(ONTOLOGY)
 
     def update(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> bool:
         """Removes triples from the ontologies and adds others. False when they were so already."""
@@ -175,13 +192,14 @@ class OntologyBase:
 def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Path]:
     files: list[Path] = []
     if ontologies is not None:
-        files += sorted(_folder(ontologies, "ontologies").glob("*.ttl"))
+        found = [path for path in _folder(ontologies, "ontologies").glob("*.ttl") if not is_shapes_file(path.name)]
+        files += sorted(found)
     if workspace is not None:
         found = [
             Path(folder, name)
             for folder, _, names in os.walk(_folder(workspace, "workspace"))
             for name in names
-            if ".owl" in name
+            if _ONTOLOGY_MARK in name and not is_shapes_file(name)
         ]
         files += sorted(found)
     return files

@@ -8,7 +8,7 @@ from itertools import chain
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.checks import Checks
@@ -62,7 +62,11 @@ def read_scene(
         else:
             content.extras.append(triple)
     for iri, statements in described.items():
-        reader.read(prefixes.name(iri), statements)
+        eid = prefixes.name(iri)
+        try:
+            reader.read(eid, statements)
+        except SkirosError as error:
+            checks.refuse(eid, "", error)
     return content
 
 
@@ -112,7 +116,12 @@ class _Reader:
                 labels.append(obj.value)
             else:
                 values.setdefault(self._name(predicate), []).append(obj)
-        properties = {key: self._property(eid, etype, key, values[key]) for key in sorted(values)}
+        properties: dict[str, Property] = {}
+        for key in sorted(values):
+            try:
+                properties[key] = self._property(eid, etype, key, values[key])
+            except SkirosError as error:
+                self._checks.refuse(eid, key, error)
         self._content.nodes.append(Node(eid, etype, min(labels, default=""), properties, self._made))
 
     def _property(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+import pyoxigraph as ox
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
@@ -22,14 +23,17 @@ from skiros2_world_model.core.journal_state import JournalState
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.rdf_files import parse_n_triples, read_triples, write_file
+from skiros2_world_model.core.rdf_files import parse_n_triples, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
+from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.templates import template_element
 from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.validation import scene_file_triples, shape_findings, validate
+from skiros2_world_model.core.workspace import workspace_file
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +60,8 @@ class WorldModel:
         self.lock = self.base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
-        self._strict = strict
+        self.strict = strict
+        self.loaded: dict[str, Path] = {}  #: by context, the file that was loaded last
         self._contexts = {SCENE: Context(SCENE, self.base)}
         self._told: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
@@ -144,6 +149,21 @@ class WorldModel:
                     self._context(name).flush()
         return self.base.query(query, context, cut_prefix)
 
+    def validate(self, context: str = SCENE) -> Report:
+        """What is not as the ontologies and shapes want it in a context as it is now.
+
+        It takes about 1 ms for each element, without the lock; a `Validator` does it in another process.
+
+        :raises UnknownName: there is no such context.
+        :raises WrongValue: a file of shapes makes no sense.
+        """
+        return validate(self.triples(context), f"context {context}", self.base, context, self.strict)
+
+    def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
+        """All that a context holds now; the triples are made while they are read, which needs no lock."""
+        with self.lock:
+            return self._context(context).triples()
+
     # -- changes -----------------------------------------------------------------------------------------------
 
     def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
@@ -156,7 +176,7 @@ class WorldModel:
             made = context not in self._contexts
             target = self._context(context, make=True)
             scene = target.scene
-            checks = Checks(self.ontology, self.base.prefixes, author, self._strict, self._told)
+            checks = Checks(self.ontology, self.base.prefixes, author, self.strict, self._told)
             transaction = Transaction(scene, self.ontology, checks, author, self._exists)
             scene.begin()
             try:
@@ -211,12 +231,13 @@ class WorldModel:
         :raises SkirosError: the file is outside the workspace, not there, does not parse, or is refused.
         """
         with self.lock:
-            self._check_name(context)
             target = self._contexts.get(context) or Context(context, self.base)
-            path = self._path(filename or target.file)
-            checks = Checks(self.ontology, self.base.prefixes, str(path), self._strict)
+            path = workspace_file(self._workspace, filename or target.file)
+            checks = Checks(self.ontology, self.base.prefixes, str(path), self.strict)
             made = self._announcer.next(author)
-            scene, extras = target.read(read_triples(path), checks, str(path), made)
+            scene, extras = target.read(scene_file_triples(path), checks, str(path), made)
+            if self.strict:
+                Report(str(path), shape_findings(scene, extras, self.base, str(path))).refuse_violations()
             before = target.scene, target.extras
             target.replace(scene, extras)
             file = filename or target.file
@@ -233,6 +254,7 @@ class WorldModel:
                 raise
             target.file = file
             self._contexts[context] = target
+            self.loaded[context] = path
             return self._announcer.tell(RESET if context == SCENE else UPDATE, made, context)
 
     def load_initial(self, filename: str, context: str = SCENE) -> None:
@@ -253,7 +275,9 @@ class WorldModel:
         """
         with self.lock:
             target = self._context(context)
-            path = self._path(filename or target.file)
+            path = workspace_file(self._workspace, filename or target.file)
+            if self.base.reads(path):
+                raise WrongValue(f"{path}: is read as an ontology or shapes; expected the name of a scene file")
             content = target.turtle()
             write_file(path, content)
             if self._journal is not None:
@@ -302,13 +326,8 @@ class WorldModel:
             if not make:
                 known = ", ".join(sorted(self._contexts))
                 raise UnknownName(f"there is no context {name!r}; there are: {known}")
-            self._check_name(name)
             found = self._contexts[name] = Context(name, self.base)
         return found
-
-    def _check_name(self, context: str) -> None:
-        if not re.fullmatch(r"[\w.~-]+", context) or context == ONTOLOGY:
-            raise WrongValue(f"{context!r} cannot be the name of a context with elements")
 
     def _go_on_from(self, state: JournalState) -> None:
         self.base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
@@ -318,17 +337,3 @@ class WorldModel:
 
     def _exists(self, eid: str) -> bool:
         return any(eid in context.scene for context in self._contexts.values())
-
-    def _path(self, filename: str) -> Path:
-        if not filename:
-            raise WrongValue("the name of the file is missing")
-        if "\0" in filename or any("\ud800" <= c <= "\udfff" for c in filename):
-            raise WrongValue(f"{filename!r} cannot be the name of a file")
-        if self._workspace is None:
-            raise WrongValue(f"{filename}: there is no workspace to find it in")
-        folder = self._workspace.absolute()
-        path = Path(folder, filename)
-        parts = path.parts[len(folder.parts) :]
-        if not path.is_relative_to(folder) or ".." in parts or not parts:
-            raise WrongValue(f"{filename}: expected a file in the workspace {folder}")
-        return path

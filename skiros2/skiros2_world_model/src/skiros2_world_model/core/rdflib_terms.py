@@ -1,0 +1,46 @@
+"""RDF terms of the store as those of rdflib and back, for the libraries that work on rdflib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import pyoxigraph as ox
+from rdflib import BNode, Literal, URIRef
+
+
+def rdflib_triples(triples: Iterable[ox.Triple]) -> Iterator[tuple[Any, Any, Any]]:
+    """The same triples in the terms of rdflib; equal terms are one object."""
+    made: dict[Any, Any] = {}
+    for triple in triples:
+        terms = []
+        for term in (triple.subject, triple.predicate, triple.object):
+            known = made.get(term)
+            if known is None:
+                known = made[term] = rdflib_term(term)
+            terms.append(known)
+        yield terms[0], terms[1], terms[2]
+
+
+def rdflib_term(term: Any) -> Any:
+    """A term of the store as rdflib's."""
+    if isinstance(term, ox.NamedNode):
+        return URIRef(term.value)
+    if isinstance(term, ox.BlankNode):
+        return BNode(term.value)
+    if term.language:
+        return Literal(term.value, lang=term.language)
+    return Literal(term.value, datatype=URIRef(term.datatype.value))
+
+
+def store_term(term: Any) -> Any:
+    """A term of rdflib as the store's; None stays None."""
+    if isinstance(term, URIRef):
+        return ox.NamedNode(str(term))
+    if isinstance(term, BNode):
+        return ox.BlankNode(str(term))
+    if isinstance(term, Literal):
+        if term.language:
+            return ox.Literal(str(term), language=term.language)
+        return ox.Literal(str(term), datatype=ox.NamedNode(str(term.datatype)) if term.datatype else None)
+    return None

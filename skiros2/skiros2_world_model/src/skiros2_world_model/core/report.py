@@ -1,0 +1,71 @@
+"""What a validation found. Plain data, also for clients on Debian's Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from skiros2_common.core.errors import WrongValue
+
+VIOLATION = "violation"
+WARNING = "warning"
+INFO = "info"
+
+_SEVERITIES = (VIOLATION, WARNING, INFO)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is not as the ontologies and the shapes want it.
+
+    :param severity: `VIOLATION` (a strict world model refuses it), `WARNING` or `INFO`.
+    :param file: the file, or the context, that was validated.
+    :param element: "" when it is about the file as a whole.
+    :param property: the property or relation; "" when it is about the element as a whole.
+    """
+
+    severity: str
+    file: str
+    element: str
+    property: str
+    text: str
+
+    def __str__(self) -> str:
+        what = " ".join(part for part in (self.element, self.property) if part)
+        return f"{self.severity}: {what}: {self.text}" if what else f"{self.severity}: {self.text}"
+
+
+class Report:
+    """The findings of a validation, violations first; each once."""
+
+    def __init__(self, origin: str, findings: Iterable[Finding] = ()) -> None:
+        self.origin = origin  #: the file or context that was validated
+        self.findings = sorted(set(findings), key=_order)
+
+    def count(self, severity: str) -> int:
+        """How many findings have that severity."""
+        return sum(finding.severity == severity for finding in self.findings)
+
+    @property
+    def summary(self) -> str:
+        """Such as "2 violations, 1 warning"."""
+        counts = [(self.count(severity), severity) for severity in _SEVERITIES]
+        told = [f"{count} {severity}{'s' if count > 1 else ''}" for count, severity in counts if count]
+        return ", ".join(told) or "nothing found"
+
+    def lines(self, most: int) -> list[str]:
+        """The first findings as texts, and how many more there are."""
+        told = [str(finding) for finding in self.findings[:most]]
+        more = len(self.findings) - most
+        return [*told, f"and {more} more"] if more > 0 else told
+
+    def refuse_violations(self) -> None:
+        """:raises WrongValue: there are violations; the text has the first of them."""
+        count = self.count(VIOLATION)
+        if count:
+            told = "; ".join(Report(self.origin, self.findings[:count]).lines(3))
+            raise WrongValue(f"{self.origin}: {told}")
+
+
+def _order(finding: Finding) -> tuple[int, str, str, str]:
+    return _SEVERITIES.index(finding.severity), finding.element, finding.property, finding.text

@@ -1,0 +1,108 @@
+"""SHACL shapes: the files that hold them, and what pySHACL finds with them in a scene.
+
+pySHACL works on rdflib's graphs, so the scene is copied into one, together with the ontologies, whose classes the
+shapes name. It takes about 0.5 ms for each element; whoever has no time for that asks a `Validator`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_world_model.core.prefixes import Prefixes
+from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.report import INFO, VIOLATION, WARNING, Finding
+
+if TYPE_CHECKING:
+    import rdflib
+
+_SHACL = "http://www.w3.org/ns/shacl#"
+_SEVERITIES = {_SHACL + "Violation": VIOLATION, _SHACL + "Warning": WARNING, _SHACL + "Info": INFO}
+
+
+def is_shapes_file(name: str) -> bool:
+    """Whether a file of that name holds shapes: neither an ontology nor a scene."""
+    return ".shapes." in name
+
+
+def shape_files(*folders: Path | None) -> list[Path]:
+    """The files with shapes in some folders and below, each once.
+
+    :raises ConfigurationError: one does not parse.
+    """
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        for place, _, names in os.walk(folder) if folder is not None else ():
+            for name in filter(is_shapes_file, names):
+                path = Path(place, name)
+                found.setdefault(path.resolve(), path)
+    files = sorted(found.values())
+    for path in files:
+        try:
+            read_triples(path)
+        except WrongValue as error:
+            raise ConfigurationError(f"shapes {error}") from None
+    return files
+
+
+def shacl_findings(
+    scene: Iterable[ox.Triple],
+    ontologies: Iterable[ox.Triple],
+    files: Sequence[Path],
+    prefixes: Prefixes,
+    origin: str,
+) -> list[Finding]:
+    """What the shapes of some files find in a scene. Nothing is inferred but that a class counts with those under it.
+
+    :param scene: its triples; only what they describe is told of.
+    :param origin: the file or context, for the findings.
+    :raises WrongValue: a file of shapes cannot be read, or its shapes make no sense.
+    """
+    import pyshacl  # with rdflib it takes long to import, and most world models do not need it
+
+    from skiros2_world_model.core.rdflib_terms import rdflib_term
+
+    shapes = _graph(triple for path in files for triple in read_triples(path))
+    scene = list(scene)
+    described = {rdflib_term(triple.subject) for triple in scene}
+    data = _graph(chain(scene, ontologies))
+    try:
+        _, results, text = pyshacl.validate(data, shacl_graph=shapes, inplace=True)
+    except pyshacl.errors.ReportableRuntimeError as error:
+        raise WrongValue(f"shapes {', '.join(map(str, files))}: {error}") from None
+    if isinstance(results, Exception):  # what pySHACL gives back instead of a report, when a shape fails
+        raise WrongValue(f"shapes {', '.join(map(str, files))}: {text}")
+    return [finding for node, finding in _findings(results, prefixes, origin) if node in described]
+
+
+def _findings(results: Any, prefixes: Prefixes, origin: str) -> Iterator[tuple[Any, Finding]]:
+    """The findings in a report of pySHACL, each with the node that it is about."""
+    from rdflib import RDF, SH, URIRef
+
+    def name(node: Any) -> str:
+        return prefixes.name(str(node)) if isinstance(node, URIRef) else ""
+
+    for result in results.subjects(RDF.type, SH.ValidationResult):
+        focus, value = results.value(result, SH.focusNode), results.value(result, SH.value)
+        text = "; ".join(sorted(map(str, results.objects(result, SH.resultMessage))))
+        if value is not None and value != focus:
+            text += f", not {name(value) or value}"
+        severity = _SEVERITIES.get(str(results.value(result, SH.resultSeverity)), VIOLATION)
+        yield focus, Finding(severity, origin, name(focus), name(results.value(result, SH.resultPath)), text)
+
+
+def _graph(triples: Iterable[ox.Triple]) -> rdflib.Graph:
+    from rdflib import Graph
+
+    from skiros2_world_model.core.rdflib_terms import rdflib_triples
+
+    graph = Graph()
+    for triple in rdflib_triples(triples):
+        graph.add(triple)
+    return graph

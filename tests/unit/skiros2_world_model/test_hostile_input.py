@@ -300,3 +300,15 @@ def test_an_unknown_name_is_warned_of_once_for_each_author(caplog):
         LocalWorldModel(author, model).add_element(element)
     told = [record.getMessage() for record in caplog.records if "skiros:Unheard" in record.getMessage()]
     assert [line.partition(":")[0] for line in told] == ["one", "other"]
+
+
+@pytest.mark.parametrize("name", ["skiros.ttl", "new.owl", "cell.owl.ttl", "cell.shapes.ttl"])
+def test_no_scene_is_written_over_an_ontology_or_to_where_one_is_read_from(tmp_path, name):
+    for file in source_ontologies().glob("*.ttl"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    before = (tmp_path / "skiros.ttl").read_bytes()
+    wm = LocalWorldModel("test", WorldModel(tmp_path, tmp_path))
+    with pytest.raises(WmException, match=f"{name}: is read as"):
+        wm.save(name)
+    wm.save("scene.ttl")
+    assert (tmp_path / "skiros.ttl").read_bytes() == before

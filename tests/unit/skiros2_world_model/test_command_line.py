@@ -280,6 +280,7 @@ def test_history_tells_who_changed_what(run) -> None:
     assert "skiros:Weight  float  1" in then
     assert "skiros:LargeBox-80" in run("history", "--at", f"#{number}").out
     assert run("history", "--since", "0s").out == "no changes\n"
+    assert run("history", "skiros:Part-90", "--since", "400d").out.splitlines() == out, "all that the journal has"
 
 
 def test_history_of_large_requests_is_cut(run, model: WorldModel) -> None:
@@ -293,7 +294,7 @@ def test_history_of_large_requests_is_cut(run, model: WorldModel) -> None:
 
 
 def test_history_names_what_it_does_not_know(run) -> None:
-    for arguments in (["skiros:Part-7"], ["--since", "400d"], ["--at", "sometime"], ["--at", "1m", "skiros:Part-7"]):
+    for arguments in (["skiros:Part-7"], ["--since", "#5"], ["--at", "sometime"], ["--at", "1m", "skiros:Part-7"]):
         refused = run("history", *arguments)
         assert (refused.status, refused.out, refused.err.count("\n")) == (1, "", 1), arguments
 

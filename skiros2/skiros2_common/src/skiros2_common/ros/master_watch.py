@@ -29,12 +29,13 @@ _watch: MasterWatch | None = None
 def watch_master() -> None:
     """Registers the publishers, subscribers and services of this process with each new master, until shutdown.
 
-    To be called after `rospy.init_node`, from any thread; calls after the first do nothing. Connections that are open
-    stay so, and nothing is published twice. Parameters are lost with the old master and are not set again.
+    To be called after `rospy.init_node`, from any thread; calls after the first do nothing, nor do those of a process
+    that is no node. Connections that are open stay so, and nothing is published twice. Parameters are lost with the
+    old master and are not set again.
     """
     global _watch
     with _lock:
-        if _watch is None:
+        if _watch is None and rospy.core.is_initialized():
             _watch = MasterWatch()
             _watch.start()
             rospy.on_shutdown(_watch.stop)

@@ -44,7 +44,14 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> A
         return _at(wm, arguments, point(arguments.at, now), screen)
     since, until = (point(text, now) if text else None for text in (arguments.since, arguments.until))
     limit, context = arguments.limit, arguments.context
-    entries = wm.history(arguments.id, since, until, arguments.author, limit, context)
+    asked = (until, arguments.author, limit, context)
+    try:
+        entries = wm.history(arguments.id, since, *asked)
+    except WmException:
+        if not isinstance(since, float):
+            raise
+        # the journal may begin later than that time
+        entries = [entry for entry in wm.history(arguments.id, None, *asked) if entry.stamp > since]
     lines: list[str] = []
     for entry in entries:
         what = "" if entry.action == "change" else f"  {entry.action}"

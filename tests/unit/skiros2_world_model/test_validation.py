@@ -267,7 +267,8 @@ def test_the_present_scene_is_validated(wm, caplog):
 
 
 def test_a_report_counts_sorts_and_shortens():
-    findings = [Finding(WARNING, "f", f"e{i}", "", "odd") for i in range(3)] + [Finding(VIOLATION, "f", "z", "p", "bad")]
+    findings = [Finding(WARNING, "f", f"e{i}", "", "odd") for i in range(3)]
+    findings.append(Finding(VIOLATION, "f", "z", "p", "bad"))
     report = Report("f", findings + findings)
     assert report.summary == "1 violation, 3 warnings"
     assert report.lines(2) == ["violation: z p: bad", "warning: e0: odd", "and 2 more"]

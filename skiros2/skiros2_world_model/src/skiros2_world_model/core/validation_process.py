@@ -1,0 +1,49 @@
+"""The program that validates beside a world model: `python3 -m skiros2_world_model.core.validation_process`.
+
+It reads a request from its input and writes the report, both JSON; see `Validator`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.rdf_files import parse_n_triples
+from skiros2_world_model.core.report import Report
+from skiros2_world_model.core.validation import validate, validate_file
+
+#: Whoever runs robots goes first.
+_NICENESS = 10
+
+
+def answer(request: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a request: the findings, or why there are none."""
+    base = OntologyBase()
+    for namespace in request["namespaces"]:
+        base.prefixes.add_namespace(namespace)
+    base.update((), parse_n_triples(request["ontologies"]))
+    base.shapes = [Path(file) for file in request["shapes"]]
+    try:
+        return {"findings": [astuple(finding) for finding in _report(request, base).findings]}
+    except SkirosError as error:
+        return {"error": str(error)}
+
+
+def _report(request: dict[str, Any], base: OntologyBase) -> Report:
+    origin, context, strict = request["origin"], request["context"], request["strict"]
+    if request["triples"] is None:
+        return validate_file(Path(origin), base, context, strict)
+    return validate(parse_n_triples(request["triples"]), origin, base, context, strict)
+
+
+if __name__ == "__main__":
+    os.nice(_NICENESS)
+    logging.disable()  # all there is to say is in the report
+    json.dump(answer(json.load(sys.stdin)), sys.stdout)

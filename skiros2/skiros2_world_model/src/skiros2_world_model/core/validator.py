@@ -1,0 +1,147 @@
+"""Validation beside a world model, which goes on meanwhile."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
+from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.report import Finding, Report
+from skiros2_world_model.core.world_model import WorldModel
+
+log = logging.getLogger(__name__)
+
+_PROGRAM = "skiros2_world_model.core.validation_process"
+
+_ENDED = "the validation has ended"
+
+#: So many findings of a file are logged.
+_TOLD_AT_MOST = 10
+
+
+class Validator:
+    """Validates files and contexts of a world model, one after the other, in a process of its own.
+
+    Safe to use from all threads.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+        self._pool = ThreadPoolExecutor(1, "validation")
+        self._files: dict[str, Future[Report]] = {}  # by context, of what was loaded last
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+        self._lock = threading.Lock()
+
+    def file_loaded(self, context: str) -> None:
+        """A file was loaded into a context: it is validated, and what is found is logged when it is ready."""
+        with self._lock:
+            before = self._files.get(context)
+            if before is not None:
+                before.cancel()  # when it has not begun
+            self._files[context] = self._submit(self._validate_file, context)
+
+    def loaded(self, context: str = SCENE) -> Report:
+        """The report on the file that was last loaded into a context. Waits until it is ready.
+
+        :raises UnknownName: none was.
+        :raises Refused: it could not be validated.
+        """
+        if context not in self._model.loaded:
+            raise UnknownName(f"no file was loaded into the context {context!r}")
+        while True:
+            with self._lock:
+                future = self._files.get(context)
+            if future is None:
+                self.file_loaded(context)
+                continue
+            try:
+                return future.result()
+            except CancelledError:
+                self._check_running()  # else another file was loaded meanwhile
+
+    def present(self, context: str = SCENE) -> Report:
+        """The report on a context as it is now. Waits for it.
+
+        :raises UnknownName: there is no such context.
+        :raises Refused: it could not be validated.
+        """
+        triples = self._model.triples(context)
+        with self._lock:
+            future = self._submit(self._validate, f"context {context}", context, triples)
+        try:
+            return future.result()
+        except CancelledError:
+            raise Refused(_ENDED) from None
+
+    def stop(self) -> None:
+        """Ends what is running; from now on everything is refused. Returns at once."""
+        with self._lock:
+            self._stopped = True
+            if self._process is not None:
+                self._process.kill()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _submit(self, task: Callable[..., Report], *arguments: object) -> Future[Report]:
+        self._check_running()
+        return self._pool.submit(task, *arguments)
+
+    def _check_running(self) -> None:
+        if self._stopped:
+            raise Refused(_ENDED)
+
+    def _validate_file(self, context: str) -> Report:
+        path = self._model.loaded[context]
+        try:
+            report = self._validate(str(path), context, None)
+        except SkirosError as error:
+            if not self._stopped:
+                log.warning("%s", error)
+            raise
+        told = [f for f in report.findings if not f.text.startswith("unknown ")]  # of those loading has warned
+        if told:
+            lines = Report(report.origin, told).lines(_TOLD_AT_MOST)
+            log.warning("\n    ".join([f"{path}: {report.summary}", *lines]))
+        return report
+
+    def _validate(self, origin: str, context: str, triples: Iterable[ox.Triple] | None) -> Report:
+        base = self._model.base
+        request = {
+            "origin": origin,
+            "context": context,
+            "strict": self._model.strict,
+            "triples": None if triples is None else list(map(str, triples)),
+            "namespaces": list(base.prefixes.namespaces().values()),
+            "ontologies": list(map(str, base.triples())),
+            "shapes": list(map(str, base.shapes)),
+        }
+        answer = json.loads(self._ask(json.dumps(request).encode()))
+        if "error" in answer:
+            raise WrongValue(answer["error"])
+        return Report(origin, (Finding(*finding) for finding in answer["findings"]))
+
+    def _ask(self, request: bytes) -> bytes:
+        """What the program answers."""
+        with self._lock:
+            self._check_running()
+            process = self._process = subprocess.Popen(
+                [sys.executable, "-m", _PROGRAM],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+        out, err = process.communicate(request)
+        if process.returncode != 0:
+            last = err.decode(errors="replace").strip().rpartition("\n")[2]
+            raise Refused(f"the validation ended with status {process.returncode}: {last}")
+        return out

@@ -1,0 +1,148 @@
+"""Validation beside a world model: in a process of its own, one after the other."""
+
+import logging
+import os
+import threading
+
+import pytest
+
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.report import VIOLATION, WARNING
+from skiros2_world_model.core.validator import Validator
+from support.ros import wait_until
+
+SCENE = """@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .
+skiros:Scene-0 a skiros:Scene ; skiros:contain skiros:LargeBox-1 .
+skiros:LargeBox-1 a skiros:LargeBox ; skiros:SizeX {size} ; skiros:colour "red" .
+"""
+
+
+@pytest.fixture
+def validator(model):
+    validator = Validator(model)
+    yield validator
+    validator.stop()
+
+
+@pytest.fixture
+def load(model, workspace):
+    def load(size, context="scene"):
+        path = workspace / f"{context}.ttl"
+        path.write_text(SCENE.format(size=size))
+        model.load(path.name, "test", context)
+
+    return load
+
+
+def told(report):
+    return {(f.severity, f.element, f.property) for f in report.findings}
+
+
+def test_a_file_is_validated_and_what_is_found_is_logged_and_kept(validator, load, caplog):
+    load("-1")
+    with caplog.at_level(logging.WARNING):
+        validator.file_loaded("scene")
+        report = validator.loaded("scene")
+    assert told(report) == {
+        (VIOLATION, "skiros:LargeBox-1", "skiros:SizeX"), (WARNING, "skiros:LargeBox-1", "skiros:colour")
+    }  # fmt: skip
+    assert report.origin.endswith("workspace/scene.ttl")
+    logged = [m for m in caplog.messages if "skiros:SizeX: a size is" in m]
+    assert len(logged) == 1 and "scene.ttl: 1 violation, 1 warning" in logged[0] and "colour" not in logged[0]
+    assert validator.loaded("scene") is report
+
+
+def test_the_file_that_was_loaded_last_counts(validator, load):
+    for size in ("-1", "-2", "-3", "1"):
+        load(size)
+        validator.file_loaded("scene")
+    assert told(validator.loaded()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
+
+
+def test_who_waits_for_a_file_gets_the_later_one_s_report(validator, load):
+    load("-1")
+    validator.file_loaded("scene")
+    validator.file_loaded("scene")  # this one waits, and is cancelled
+    reports = []
+    waiting = threading.Thread(target=lambda: reports.append(validator.loaded()))
+    waiting.start()
+    load("1")
+    validator.file_loaded("scene")
+    waiting.join()
+    assert len(reports) == 1
+    assert told(validator.loaded()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
+
+
+def test_a_file_of_another_context_is_validated_when_asked_for(validator, load):
+    load("-1", "memory")
+    assert validator.loaded("memory").origin.endswith("memory.ttl")
+    with pytest.raises(UnknownName, match="no file was loaded into the context 'scene'"):
+        validator.loaded()
+
+
+def test_the_present_scene_is_validated_with_the_classes_that_were_declared_meanwhile(validator, model, wm):
+    model.modify([("skiros:Crate", "rdfs:subClassOf", "skiros:LargeBox", True)], "test")
+    crate = Element("skiros:Crate", "one")
+    crate.setProperty("skiros:Weight", -1.0)
+    eid = wm.add_element(crate)
+    assert told(validator.present()) == {(VIOLATION, eid, "skiros:Weight"), (WARNING, eid, "")}
+    assert told(validator.present()) == told(model.validate())
+    with pytest.raises(UnknownName, match="there is no context 'other'"):
+        validator.present("other")
+
+
+def test_a_file_that_is_gone_is_told(validator, load, workspace, caplog):
+    load("1")
+    (workspace / "scene.ttl").unlink()
+    with pytest.raises(WrongValue, match=r"scene\.ttl: cannot be read"):
+        validator.loaded()
+    assert any("scene.ttl: cannot be read" in m for m in caplog.messages)
+
+
+def test_shapes_that_make_no_sense_are_told(validator, model, load, workspace):
+    load("1")
+    broken = workspace / "cell.shapes.ttl"
+    broken.write_text("@prefix sh: <http://www.w3.org/ns/shacl#> . <urn:S> a sh:PropertyShape ; "
+                      "sh:targetNode <urn:x> ; sh:minCount 1 .")  # fmt: skip
+    model.base.shapes = [broken]
+    with pytest.raises(WrongValue, match=r"cell\.shapes\.ttl"):
+        validator.loaded()
+
+
+def test_one_that_is_stopped_ends_what_is_running(validator, model, load, workspace):
+    pipe = workspace / "cell.shapes.ttl"
+    os.mkfifo(pipe)  # nobody writes to it: who reads it waits for ever
+    load("1")
+    model.base.shapes = [pipe]
+    validator.file_loaded("scene")
+    wait_until(lambda: validator._process is not None)
+    validator.stop()
+    with pytest.raises(Refused):
+        validator.loaded()
+    for refused in (validator.present, lambda: validator.file_loaded("scene")):
+        with pytest.raises(Refused, match="has ended"):
+            refused()
+
+
+def test_what_waits_ends_with_it(validator, model, load, workspace):
+    pipe = workspace / "cell.shapes.ttl"
+    os.mkfifo(pipe)
+    load("1")
+    model.base.shapes = [pipe]
+    validator.file_loaded("scene")
+    validator.file_loaded("memory")  # waits for the first
+    errors = []
+
+    def ask():
+        try:
+            validator.present()
+        except Refused as error:
+            errors.append(error)
+
+    waiting = threading.Thread(target=ask)
+    waiting.start()
+    wait_until(lambda: validator._process is not None)
+    validator.stop()
+    waiting.join()
+    assert len(errors) == 1

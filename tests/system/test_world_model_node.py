@@ -493,6 +493,30 @@ def test_a_client_goes_on_with_a_server_that_was_killed_and_is_back(ros: Ros, st
     assert client.get_element("skiros:Starter-81").label == "starter"
 
 
+@pytest.mark.parametrize("make_cache", [False, True])
+def test_a_client_that_missed_a_change_of_the_ontologies_asks_anew(ros: Ros, start, make_cache):
+    start()
+    client, other = (WorldModelInterface(name, make_cache) for name in ("tester", "other"))
+    assert not client.is_subclass("skiros:OddPart", "skiros:Part")
+    client._monitor.unregister()
+    other.add_class("skiros:OddPart", "skiros:Part")
+    other.add_element(Element("skiros:OddPart", "odd"))
+    client._follow()
+    wait_until(lambda: client.is_subclass("skiros:OddPart", "skiros:Part"), 10.0)
+    assert client.resolve_element(Element("skiros:Part")).label == "odd"
+
+
+def test_a_replica_and_the_ontologies_that_it_is_read_with_are_of_the_same_time(ros: Ros, start):
+    start()
+    client, other = WorldModelInterface("tester", make_cache=True), WorldModelInterface("other")
+    assert not client.is_subclass("skiros:OddPart", "skiros:Part")
+    client._monitor.unregister()
+    other.add_class("skiros:OddPart", "skiros:Part")
+    other.add_element(Element("skiros:OddPart", "odd"))
+    client.catch_up()
+    assert client.resolve_element(Element("skiros:Part")).label == "odd"
+
+
 def test_without_a_server_a_call_says_so(ros: Ros, start):
     node = start()
     client = WorldModelInterface("tester")

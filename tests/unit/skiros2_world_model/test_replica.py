@@ -84,6 +84,42 @@ def test_a_change_that_was_missed_is_noticed_at_the_next_one(server, replica):
     assert server.fetched == 2
 
 
+def test_changes_between_the_snapshot_and_the_first_that_it_hears_are_noticed(server, replica):
+    for label in "ab":
+        server.add(label)
+    replica.follow(server.published[1])  # as of a topic that keeps the last message for those who come late
+    assert same(replica, server)
+    assert server.fetched == 2
+
+
+def test_changes_before_those_that_come_during_the_fetch_are_noticed(server):
+    def fetch():
+        snapshot = server.snapshot()
+        if server.fetched == 1:
+            for label in "ab":
+                server.add(label)
+            replica.follow(server.published[1])
+        return snapshot
+
+    replica = Replica(fetch, patience=0.05)
+    replica.refresh()
+    assert same(replica, server)
+    assert server.fetched == 2
+
+
+def test_a_gap_before_the_snapshot_does_no_harm(server, replica):
+    for label in "abc":
+        server.add(label)
+    replica.follow(server.published[0])
+    replica.follow(server.published[2])
+    replica.refresh()
+    replica.follow(server.published[2])
+    server.add("d")
+    replica.follow(server.published[3])
+    assert same(replica, server)
+    assert server.fetched == 2
+
+
 def test_a_change_that_comes_twice_counts_once(server, replica):
     server.add("a")
     server.add("b")

@@ -38,7 +38,6 @@ class Replica:
         self._scene = Scene()
         self._snapshot_id: str | None = None
         self._number = 0
-        self._published: str | None = None
         self._waiting: dict[str, Change] = {}
         self._version = 0
         self._progress = threading.Condition(self.lock)
@@ -74,15 +73,9 @@ class Replica:
     def follow(self, change: Change) -> None:
         """Takes a change that the server has published. Called in the order in which they come."""
         with self.lock:
-            first = self._published is None
-            repeated = self._published == change.snapshot_id
-            continues = self._published == change.prev_snapshot_id
-            self._published = change.snapshot_id
-            if repeated:
-                return
-            if not (first or continues):
-                self._forget()
             self._take(change)
+            if self._snapshot_id is not None and self._number < change.number:
+                self._forget()  # those before it will not come any more
 
     def include(self, changes: Sequence[Change]) -> None:
         """Takes the changes that a request of this client has made; afterwards they can be read here."""
@@ -164,6 +157,8 @@ class Replica:
                 if _session(change) == session and change.number > snapshot.number
             }
             self._catch_up()
+            if self._waiting:
+                self._forget()  # some were published before this client heard the server
 
     def _apply(self, change: Change) -> None:
         scene = self._scene

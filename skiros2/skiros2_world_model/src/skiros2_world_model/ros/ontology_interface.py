@@ -52,6 +52,7 @@ class OntologyInterface(OntologyAbstractInterface):
         self._index: Ontology | None = None
         self._index_lock = threading.Lock()
         self._ontology_changes = 0
+        self._heard = ""  # the last change's snapshot id
         self._wait_for_server()
         self._follow()
 
@@ -117,7 +118,9 @@ class OntologyInterface(OntologyAbstractInterface):
 
     def _on_monitor(self, message: Any) -> None:
         """Something has changed in the world model; called in the thread of the subscription."""
-        if message.action == message.RESET or not (message.elements or message.relation):
+        is_next = message.prev_snapshot_id == self._heard  # else one was missed, which may have been of the ontologies
+        self._heard = message.snapshot_id
+        if message.action == message.RESET or not (is_next and (message.elements or message.relation)):
             self._forget_ontology()
 
     def _forget_ontology(self) -> None:

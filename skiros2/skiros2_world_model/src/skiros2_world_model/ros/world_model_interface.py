@@ -228,6 +228,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _fetch_scene(self) -> Snapshot:
         answer = self._snapshot_service.call(srvs.WmSnapshotRequest(_SCENE))
+        self._forget_ontology()  # that of this scene may be newer
         number = snapshot_number(answer.snapshot_id)
         return Snapshot(answer.snapshot_id, number, [msg2given_element(m, number) for m in answer.elements])
 

@@ -1,4 +1,4 @@
-"""Updates of one property through `WorldModelInterface`, journal on, beside a bare rospy service, and from four programs.
+"""Updates of one property through `WorldModelInterface`, journal on: beside a bare rospy service, from four programs.
 
 The peer's messages have the size of ours: a patch, and the change that it led to.
 """
@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import rospy
 
@@ -49,25 +48,20 @@ def measure(ros: Ros, folder: Path) -> Iterator[Measurement]:
             element.setProperty("skiros:Weight", float(next(numbers)))
             wmi.update_element(element)
 
-        request, answer = _messages(wmi, element)
-        name = f"update of a property, {size} elements, journal on"
-        yield paired(
-            name,
-            lambda call=update: 1e3 * seconds_per_call(call, CALLS),  # type: ignore[misc]
-            "a bare rospy service, same sizes, new connections",
-            lambda echo=_echo(bare, request, answer): 1e3 * seconds_per_call(echo, CALLS),  # type: ignore[misc]
-            unit="ms",
-            runs=RUNS,
-            target=0.5,
-        )
-        yield paired(
-            name,
-            lambda call=update: 1e3 * seconds_per_call(call, CALLS),  # type: ignore[misc]
-            "the limit: likewise, the connection kept",
-            lambda echo=_echo(kept, request, answer): 1e3 * seconds_per_call(echo, CALLS),  # type: ignore[misc]
-            unit="ms",
-            runs=RUNS,
-        )
+        sizes = _messages(element)
+        for what, peer, target in (
+            ("a bare rospy service, same sizes, new connections", _echo(bare, *sizes), 0.5),
+            ("the limit: likewise, the connection kept", _echo(kept, *sizes), None),
+        ):
+            yield paired(
+                f"update of a property, {size} elements, journal on",
+                lambda call=update: 1e3 * seconds_per_call(call, CALLS),  # type: ignore[misc]
+                what,
+                lambda call=peer: 1e3 * seconds_per_call(call, CALLS),  # type: ignore[misc]
+                unit="ms",
+                runs=RUNS,
+                target=target,
+            )
     yield paired(
         f"time for an update, {CLIENTS} programs at once",
         lambda: _time_for_one(ros, folder, CLIENTS),
@@ -88,7 +82,7 @@ def _element(number: int) -> Element:
     return element
 
 
-def _messages(wmi: Any, element: Element) -> tuple[int, int]:
+def _messages(element: Element) -> tuple[int, int]:
     """The sizes of an update's request and answer."""
     patch = Patch(element.id, ElementChanges({"skiros:Weight": Property("skiros:Weight", 0.25)}))
     request = srvs.WmTransactionRequest("bench", "scene", [operation2msg(patch)])
@@ -96,7 +90,7 @@ def _messages(wmi: Any, element: Element) -> tuple[int, int]:
     return _size(request), _size(answer)
 
 
-PROGRAM = '''"""Updates an element of its own for some seconds; prints how often, and whether the last update is there."""
+PROGRAM = '''"""Updates an element of its own for some seconds; prints how often. The last update has to be there."""
 import sys, time
 import rospy
 from skiros2_common.core.world_element import Element

@@ -62,6 +62,18 @@ def test_restrictions_of_the_class_limit_values(shipped):
     assert shipped.value_limits("skiros:Skill", "skiros:FrameId") == ("", None)
 
 
+def test_a_functional_property_and_those_under_it_have_one_value():
+    ontology = made(
+        ("a:serial", "rdf:type", "owl:DatatypeProperty"),
+        ("a:serial", "rdf:type", "owl:FunctionalProperty"),
+        ("a:short_serial", "rdfs:subPropertyOf", "a:serial"),
+        ("a:colour", "rdf:type", "owl:DatatypeProperty"),
+    )
+    assert ontology.value_limits("a:Part", "a:serial") == ("", 1)
+    assert ontology.value_limits("a:Part", "a:short_serial") == ("", 1)
+    assert ontology.value_limits("a:Part", "a:colour") == ("", None)
+
+
 @pytest.mark.parametrize(
     ("subject", "relation", "obj", "allowed"),
     [

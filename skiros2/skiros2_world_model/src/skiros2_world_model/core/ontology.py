@@ -27,6 +27,7 @@ _RELATION_TYPES = (
     "owl:SymmetricProperty",
     "owl:InverseFunctionalProperty",
 )
+_FUNCTIONAL = "owl:FunctionalProperty"
 _DATA_TYPES = ("owl:DatatypeProperty",)
 _FILLERS = ("owl:someValuesFrom", "owl:allValuesFrom", "owl:onClass", "owl:hasValue", "owl:onDataRange")
 _EXACT = ("owl:qualifiedCardinality", "owl:cardinality")
@@ -155,7 +156,8 @@ class Ontology:
         key = (etype, prop)
         limits = self._limits.get(key)
         if limits is None:
-            most: int | None = None
+            functional = any(_FUNCTIONAL in self._types.get(name, ()) for name in self.superproperties(prop))
+            most: int | None = 1 if functional else None
             datatype = self.datatype(prop)
             for restriction in self.restrictions(etype):
                 if restriction.property == prop:

@@ -294,7 +294,7 @@ def test_also_when_what_lies_between_is_moved(wm, reasoner, shelf_between, call)
         shelf.removeRelation2(table.id, "skiros:contain", "-1")
         shelf.addRelation(other.id, "skiros:contain", "-1")
         wm.update_element(shelf)
-    reasoner._keeper.write()
+    write(reasoner)
     cup = wm.get_element(cup.id)
     assert cup.value_of("skiros:BaseFrameId") == other.id
     assert cup.getData(":Position") == pytest.approx([3.0, -5.0, -1.0])
@@ -305,12 +305,12 @@ def test_also_when_what_lies_between_gets_and_loses_a_place(wm, reasoner, shelf_
     shelf.setData(":Pose", ((0, 0, 1), NO_TURN))
     shelf.setProperty("skiros:BaseFrameId", table.id)
     wm.update_element(shelf)
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.get_element(cup.id).value_of("skiros:BaseFrameId") == shelf.id
     assert wm.get_element(cup.id).getData(":Position") == pytest.approx([2.0, 0.0, -1.0])
     reasoner.removeProperties(shelf)
     wm.update_element(shelf)
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.get_element(cup.id).value_of("skiros:BaseFrameId") == shelf.id, "where that was is not known any more"
 
 
@@ -319,7 +319,7 @@ def test_also_when_the_frame_above_gets_another_name(wm, reasoner):
     cup = added(wm, table, position=(2, 0, 0))
     table.setProperty("skiros:FrameId", "kitchen_table")
     wm.update_element(table)
-    reasoner._keeper.write()
+    write(reasoner)
     cup = wm.get_element(cup.id)
     assert cup.value_of("skiros:BaseFrameId") == "kitchen_table"
     assert cup.getData(":Position") == pytest.approx([2.0, 0.0, 0.0])
@@ -331,7 +331,7 @@ def test_a_pose_waits_for_the_transform_if_it_is_not_known_yet(wm, reasoner):
     wm.add_element(cup)
     assert cup.value_of("skiros:BaseFrameId") == "camera"
     reasoner._transforms.put("map", "camera", _pose((0, 0, 2)))
-    reasoner._keeper.write()
+    write(reasoner)
     cup = wm.get_element(cup.id)
     assert cup.value_of("skiros:BaseFrameId") == "map"
     assert cup.getData(":Position") == pytest.approx([1.0, 0.0, 2.0])
@@ -345,17 +345,17 @@ def test_a_linked_element_follows_its_frame(wm, reasoner):
     wm.add_element(hand)
     for x in (1.0, 2.0):
         reasoner._transforms.put("map", "gripper", _pose((x, 0, 0)))
-        reasoner._keeper.write()
+        write(reasoner)
         assert wm.get_element(hand.id).getData(":Position") == pytest.approx([x, 0.0, 0.0])
     version = wm.version
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.version == version, "nothing has moved: nothing is written"
 
 
 def test_an_element_with_a_velocity_moves(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     for clock.now in (0.25, 0.5, 0.75, 1.0):
-        reasoner._keeper.write()
+        write(reasoner)
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([1.5, 0.0, 0.0])
 
 
@@ -381,7 +381,7 @@ def test_another_change_of_a_moving_element_does_not_take_it_back(wm, reasoner, 
     belt.setProperty("skiros:VelocityX", 0.0)
     wm.update_element(belt)
     clock.now = 9.0
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([3.0, 0.0, 0.0])
     assert not reasoner._keeper.tracker.busy()
 
@@ -392,7 +392,7 @@ def test_a_moving_element_that_is_put_somewhere_goes_on_from_there(wm, reasoner,
     belt.setData(":Position", [10, 0, 0])
     wm.update_element(belt)
     clock.now = 4.0
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([11.0, 0.0, 0.0])
 
 
@@ -418,7 +418,7 @@ def test_what_is_computed_does_not_overwrite_what_was_written_meanwhile(wm, reas
             wm.update_elements(elements)
 
     reasoner._keeper.wmi = Late()
-    reasoner._keeper.write()
+    write(reasoner)
     assert wm.get_element(belt.id).getData(":Position") == [10.0, 0.0, 0.0]
     clock.now = 3.0
     assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((10.5, 0.0, 0.0))
@@ -437,11 +437,11 @@ def test_a_moving_element_that_changes_hands_stays_where_it_is(wm, reasoner, clo
 def test_when_simulated_time_begins_anew_what_moves_goes_on_from_where_it_is(wm, reasoner, clock):
     clock.now = 100.0
     belt = moving(wm, 0.5)
-    reasoner._keeper.write()
+    write(reasoner)
     clock.now = 102.0
-    reasoner._keeper.write()
+    write(reasoner)
     clock.now = 0.0
-    reasoner._keeper.write()
+    write(reasoner)
     clock.now = 2.0
     assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((3.0, 0.0, 0.0))
 
@@ -462,6 +462,54 @@ def test_a_transform_that_is_not_known_is_none_twice(wm, reasoner):
     assert reasoner.get_transform("nowhere", "nowhere")[0] == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("properties", "told"),
+    [
+        ({}, {"id"}),
+        ({"skiros:FrameId": "cup"}, {"cup"}),
+        ({"skiros:PublishTf": False}, set()),
+        ({"skiros:PushToFrameId": "also"}, {"id", "also"}),
+        ({"skiros:PositionX": float("nan")}, set()),
+        ({"skiros:OrientationW": float("inf")}, set()),
+        ({"skiros:LinkedToFrameId": "gripper"}, {"id"}),
+        ({"skiros:LinkedToFrameId": "gripper", "skiros:FrameId": "gripper"}, set()),
+    ],
+)
+def test_elements_with_a_finite_pose_are_told_to_tf_under_their_names(wm, reasoner, properties, told):
+    cup = placed(base="map")
+    for key, value in properties.items():
+        cup.setProperty(key, value)
+    cup.addRelation(SCENE, "skiros:contain", "-1")
+    wm.add_element(cup)
+    frame = reasoner._keeper.tracker.get(cup.id)
+    assert set(frame.told.values()) == {cup.id if name == "id" else name for name in told}
+
+
+def test_a_part_is_in_the_frame_of_what_it_is_a_part_of(wm):
+    robot, arm = added(wm, position=(1, 0, 0)), placed(base="")
+    arm.addRelation(robot.id, "skiros:hasA", "-1")
+    wm.add_element(arm)
+    assert arm.value_of("skiros:BaseFrameId") == robot.id
+
+
+def test_a_look_up_waits_as_long_as_it_is_told_to(wm, reasoner):
+    later = threading.Timer(0.05, lambda: reasoner._transforms.put("map", "late", _pose((1, 2, 3))))
+    later.start()
+    assert reasoner.get_transform("map", "late") == (None, None)
+    position, orientation = reasoner.get_transform("map", "late", rospy.Duration(20.0))
+    later.join()
+    assert (position, orientation) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    cup = added(wm)
+    threading.Timer(0.05, lambda: reasoner._transforms.put("map", "later", _pose((1, 2, 3)))).start()
+    assert reasoner.transform(cup, "later", rospy.Duration(20.0))
+    assert cup.getData(":Position") == pytest.approx([-1.0, -2.0, -3.0])
+
+
+def test_the_reasoner_is_found_by_its_name_codes_and_relations(wm, reasoner):
+    for name in ("AauSpatialReasoner", ":Pose", ":pX", ":unknownT", "skiros:PositionX"):
+        assert wm.get_reasoner(name) is reasoner
+
+
 def test_a_removed_element_is_forgotten(wm, reasoner):
     cup = added(wm, position=(1, 0, 0))
     assert reasoner.get_transform("map", cup.id)[0] == (1.0, 0.0, 0.0)
@@ -478,6 +526,11 @@ def test_a_refused_change_leaves_the_frames_as_they_were(wm, reasoner):
     with pytest.raises(SkirosError):
         wm.update_elements([moved, bad])
     assert reasoner.get_transform("map", cup.id)[0] == pytest.approx((1.0, 0.0, 0.0))
+
+
+def write(reasoner):
+    reasoner._keeper.settle()
+    reasoner._keeper.follow()
 
 
 def moving(wm, velocity):

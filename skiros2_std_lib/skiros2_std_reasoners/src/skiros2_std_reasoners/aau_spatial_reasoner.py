@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 #: Frames are published this often, and what follows or moves is written at most as often (Hz).
 RATE = 25.0
 
-#: Writing takes this part of the time at most; with many elements that move, it is done less often.
-_WRITING = 0.05
+#: What follows or moves is written in this part of the time at most: with many such elements, less often.
+_FOLLOWING = 0.05
 
 _NAME = "AauSpatialReasoner"
 
@@ -61,17 +61,22 @@ class AauSpatialReasoner(DiscreteReasoner):
         publisher = FramePublisher(self._keeper.tracker, self._transforms, _now)
         self._transforms.listen()
         self._wmi.add_listener(self._keeper.on_change)
-        period = 1.0 / RATE
-        next_time = next_write = time.monotonic()
+        period, refusal = 1.0 / RATE, ""
+        next_time = next_follow = time.monotonic()
         while not self._stop_event.wait(max(0.0, next_time - time.monotonic())) and not rospy.is_shutdown():
             begin = time.monotonic()
             next_time = max(next_time + period, begin)
-            if begin >= next_write:
-                try:
-                    self._keeper.write()
-                except SkirosError as error:
+            try:
+                self._keeper.settle()
+                if begin >= next_follow:
+                    spent = time.thread_time()
+                    self._keeper.follow()
+                    next_follow = begin + (time.thread_time() - spent) / _FOLLOWING
+                refusal = ""
+            except SkirosError as error:
+                if str(error) != refusal:  # told once, not 25 times a second
                     log.error("poses could not be written: %s", error)
-                next_write = begin + (time.monotonic() - begin) / _WRITING
+                refusal = str(error)
             try:
                 publisher.publish()
             except rospy.ROSException:

@@ -1,7 +1,7 @@
 """Keeps the poses of elements right while the world changes: new parents, frames that are followed, velocities.
 
 The world model offers each change (`parse`); what comes of time and of other transforms is written now and then
-(`write`).
+(`settle`, `follow`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -42,8 +42,8 @@ class FrameTree(Protocol):
 class PoseKeeper:
     """The frames of the elements that name a reasoner.
 
-    `parse` and `on_change` are called in the threads of those who change the world model, under its lock; `write` in
-    the reasoner's.
+    `parse` and `on_change` are called in the threads of those who change the world model, under its lock; `settle` and
+    `follow` in the reasoner's.
 
     :param reasoner: its name, as elements have it in `skiros:DiscreteReasoner`.
     :param clock: the time of velocities (s).
@@ -56,7 +56,7 @@ class PoseKeeper:
         self._reasoner = reasoner
         self._frames = frames
         self._clock = clock
-        self._last_write = 0.0
+        self._followed_at = 0.0
         #: Elements below which others may have got another parent.
         self._restructured: queue.SimpleQueue[str] = queue.SimpleQueue()
         #: In the thread that writes: the frames that poses were computed from, and when they are so.
@@ -106,21 +106,31 @@ class PoseKeeper:
 
     # -- what time and transforms change -----------------------------------------------------------------------
 
-    def write(self) -> None:
-        """Writes, in one change, the poses that follow a frame, move or have moved, or waited for a transform.
+    def settle(self) -> None:
+        """Finds parents that have changed, and writes the poses that waited for a transform, or have come to rest.
 
         :raises SkirosError: the world model refuses.
         """
         self._find_parents()
+        self._write([f for f in self.tracker.busy() if f.waits or not (f.linked_to or f.moves)], self._clock())
+
+    def follow(self) -> None:
+        """Writes, in one change, the poses that follow a frame or move. With many it takes its time.
+
+        :raises SkirosError: the world model refuses.
+        """
         now = self._clock()
-        if now < self._last_write:  # simulated time begins anew
+        if now < self._followed_at:  # simulated time begins anew
             for frame in self.tracker.busy():
                 if frame.moves:
-                    self.tracker.exchange(frame, replace(frame, pose=frame.at(self._last_write), since=now))
-        self._last_write = now
+                    self.tracker.exchange(frame, replace(frame, pose=frame.at(self._followed_at), since=now))
+        self._followed_at = now
+        self._write([f for f in self.tracker.busy() if f.linked_to or f.moves], now)
+
+    def _write(self, frames: Iterable[Frame], now: float) -> None:
         changed: list[Element] = []
         computed: dict[str, tuple[Frame, float]] = {}
-        for frame in self.tracker.busy():
+        for frame in frames:
             pose = self._new_pose(frame, now)
             element = self.wmi.find_element(frame.id) if pose is not None else None
             if element is not None and pose is not None:
@@ -194,7 +204,7 @@ class PoseKeeper:
     # -- poses -------------------------------------------------------------------------------------------------
 
     def _time_of(self, element: Element, before: Frame | None) -> float:
-        """When an element is where its properties say: now, or when `write` has computed it.
+        """When an element is where its properties say: now, or when this thread has computed it.
 
         What somebody has changed since it was computed stands.
         """

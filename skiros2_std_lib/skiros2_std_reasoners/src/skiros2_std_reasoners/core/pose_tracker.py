@@ -46,6 +46,13 @@ class Frame:
         return self.is_known and self.name != self.linked_to
 
     @property
+    def told(self) -> dict[str, str]:
+        """The names under which it is told to tf, by kind."""
+        own = self.name if self.published and self.is_own else ""
+        pushed = self.pushed_to if self.is_known else ""
+        return {kind: name for kind, name in (("own", own), ("pushed", pushed)) if name}
+
+    @property
     def waits(self) -> bool:
         """Whether the pose is still to be expressed in the parent's frame."""
         return bool(self.parent) and self.parent != self.base and self.pose is not None and not self.linked_to

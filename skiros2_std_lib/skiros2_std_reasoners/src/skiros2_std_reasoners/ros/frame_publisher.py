@@ -29,16 +29,12 @@ class FramePublisher:
         self._packed = PackedTransforms()
         self._publisher = rospy.Publisher("/tf", TFMessage, queue_size=10)
         for frame in tracker.all():
-            self._put(frame)
+            self._put(frame.id, frame)
 
     def publish(self) -> None:
         """Tells tf where the frames are now."""
         for eid, frame in self._tracker.take_changed().items():
-            if frame is not None:
-                self._put(frame)
-            else:
-                self._packed.drop((eid, "own"))
-                self._packed.drop((eid, "pushed"))
+            self._put(eid, frame)
         stamp = rospy.Time.now()
         if len(self._packed) and stamp != rospy.Time(0):  # simulated time may not have begun
             message = self._packed.message(stamp, self._clock())
@@ -48,11 +44,11 @@ class FramePublisher:
     def close(self) -> None:
         self._publisher.unregister()
 
-    def _put(self, frame: Frame) -> None:
-        told = {"own": frame.name if frame.published and frame.is_own else "", "pushed": frame.pushed_to}
-        for kind, name in told.items():
-            if name and frame.is_known and frame.pose is not None:
-                velocity = frame.velocity if frame.moves else (0.0, 0.0, 0.0)
-                self._packed.put((frame.id, kind), frame.base, name, frame.pose, velocity, frame.since)
+    def _put(self, eid: str, frame: Frame | None) -> None:
+        told = frame.told if frame is not None else {}
+        for kind in ("own", "pushed"):
+            if frame is None or frame.pose is None or kind not in told:
+                self._packed.drop((eid, kind))
             else:
-                self._packed.drop((frame.id, kind))
+                velocity = frame.velocity if frame.moves else (0.0, 0.0, 0.0)
+                self._packed.put((eid, kind), frame.base, told[kind], frame.pose, velocity, frame.since)

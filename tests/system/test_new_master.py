@@ -87,10 +87,13 @@ def test_nodes_and_clients_go_on_with_a_new_master(cell: Ros, client: Client) ->
     wait_until(lambda: client.ask("skills") == {ROBOT: ["counter"]}, what="the manager's skills")
     registered = cell.master.registrations(NODES)
     assert {name for _, _, name in registered} == NODES
+    libraries = cell.master.parameter(f"{ROBOT}/libraries_list")
     cell.master.kill()
     client.ask("add without a master")
     cell.master.start()
     wait_until(lambda: cell.master.registrations(NODES) >= registered, what=f"all of {sorted(registered)}")
+
+    assert cell.master.parameter(f"{ROBOT}/libraries_list") == libraries
 
     client.ask("add after")
     newcomer = Client(cell.master, "newcomer")

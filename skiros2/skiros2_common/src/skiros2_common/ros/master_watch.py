@@ -30,8 +30,8 @@ def watch_master() -> None:
     """Registers the publishers, subscribers and services of this process with each new master, until shutdown.
 
     To be called after `rospy.init_node`, from any thread; calls after the first do nothing, nor do those of a process
-    that is no node. Connections that are open stay so, and nothing is published twice. Parameters are lost with the
-    old master and are not set again.
+    that is no node. Connections that are open stay so, and nothing is published twice. The private parameters that the
+    node has at the first call are set again where a new master has none; others are lost with the old one.
     """
     global _watch
     with _lock:
@@ -47,6 +47,7 @@ class MasterWatch(threading.Thread):
     def __init__(self) -> None:
         super().__init__(name="master watch", daemon=True)
         self._master = rosgraph.Master(rospy.get_name())
+        self._parameters: dict[str, Any] = {}
         self._ended = threading.Event()
         self._pid = 0
         self._is_away = False
@@ -75,11 +76,21 @@ class MasterWatch(threading.Thread):
         """
         pid = self._master.getPid()
         if self._pid in (0, pid) and self._knows_this_node():
+            if self._pid == 0:
+                self._parameters = rospy.get_param(rospy.get_name(), {})
             self._pid = pid
             return
+        self._restore_parameters()
         _register_all(self._master)
         self._pid = pid
         log.warning("a new ROS master is there; %s has registered with it", rospy.get_name())
+
+    def _restore_parameters(self) -> None:
+        """For the node's next life, and for others that read them."""
+        for key, value in self._parameters.items():
+            name = f"{rospy.get_name()}/{key}"
+            if not self._master.hasParam(name):
+                self._master.setParam(name, value)
 
     def _knows_this_node(self) -> bool:
         try:

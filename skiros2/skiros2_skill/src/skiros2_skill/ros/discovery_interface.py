@@ -9,6 +9,8 @@ from typing import Any
 import rospy
 from std_msgs.msg import Empty, String
 
+from skiros2_common.ros.master_watch import watch_master
+
 #: A node unseen for this many discovery periods counts as down.
 PERIODS_UNTIL_DOWN = 2
 
@@ -51,6 +53,7 @@ class DiscoveryInterface:
         :param on_inactive: called with the name of one that has gone.
         :param discovery_period: how often to ask.
         """
+        watch_master()
         self._on_active, self._on_inactive = on_active, on_inactive
         self._seen: dict[str, float] = {}
         self._discovery_lock = threading.RLock()

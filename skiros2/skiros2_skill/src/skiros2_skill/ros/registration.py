@@ -69,7 +69,8 @@ class Registration:
         robot = self._wmi.find_element(self.robot_id)
         if robot is None or not robot.hasProperty("skiros:SkillMgr", self._manager):
             return False
-        found = (self._wmi.find_element(r["dst"]) for r in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""))
+        ids = (relation["dst"] for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""))
+        found = map(self._wmi.find_element, ids)
         return {e.id: (e.type, e.label) for e in found if e is not None} == self._skills
 
     def remove_skills(self) -> None:

@@ -6,6 +6,7 @@ It prints `ready`, and answers each line of input with a line of JSON:
     parts          the labels of all parts, as its replica has them
     skills         the labels of the skills of each manager that runs
     count          runs the skill `counter` of the first manager to its end; the state it ended with
+    plan GOAL      has a goal planned; the code of the result
     lock, unlock   takes or gives back the world model's advisory lock; true
     changes        how many changes it was told of, and how many of them twice
 """
@@ -21,6 +22,7 @@ import rospy
 
 from skiros2_common.core.world_element import Element
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
+from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 from skiros2_world_model.ros.world_model_interface import WmException, WorldModelInterface
 
 
@@ -44,6 +46,8 @@ class CellClient:
             return {name: sorted(agent.get_skill_list(update=True)) for name, agent in self._layer.agents.items()}
         if command == "count":
             return self._count()
+        if command == "plan":
+            return self._plan(argument)
         if command in ("lock", "unlock"):
             getattr(self._wmi, command)()
             return True
@@ -59,6 +63,18 @@ class CellClient:
         with self._progress:
             self._progress.wait_for(lambda: task in self._ended, 30.0)
             return self._ended.get(task, 0)
+
+    def _plan(self, goal: str) -> int:
+        ended = threading.Event()
+        codes = []
+
+        def on_end(_: int, result: Any) -> None:
+            codes.append(result.progress_code)
+            ended.set()
+
+        TaskManagerInterface().plan(goal, on_end)
+        ended.wait(30.0)
+        return codes[0]
 
     def _on_progress(self, message: Any) -> None:
         root = message.progress[0]

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from skiros2_msgs.msg import SkillProgress
+from skiros2_task.ros.task_manager_interface import NOTHING_TO_DO
 from support import cell_client
 from support.ros import Ros, RosMaster, wait_until
 
@@ -95,7 +96,7 @@ def test_nodes_and_clients_go_on_with_a_new_master(cell: Ros, client: Client) ->
 
     assert cell.master.parameter(f"{ROBOT}/libraries_list") == libraries
 
-    client.ask("add after")
+    part = client.ask("add after")
     newcomer = Client(cell.master, "newcomer")
     try:
         newcomer.ask("add from a newcomer")
@@ -104,6 +105,7 @@ def test_nodes_and_clients_go_on_with_a_new_master(cell: Ros, client: Client) ->
             wait_until(lambda program=program: program.ask("parts") == parts, what=f"the parts {parts}")
             wait_until(lambda program=program: program.ask("skills") == {ROBOT: ["counter"]}, what="the skills")
             assert program.ask("count") == SkillProgress.SUCCESS
+            assert program.ask(f"plan (not (skiros:at {part} {part}))") == NOTHING_TO_DO
             told, twice = program.ask("changes")
             assert told > 0
             assert twice == 0

@@ -361,7 +361,8 @@ def test_wrong_usage_is_told_in_one_line(run, arguments: tuple[str, ...]) -> Non
 @pytest.mark.parametrize("name", sorted(program._COMMANDS))
 def test_every_command_has_help(run, name: str) -> None:
     shown = run(name, "--help")
-    assert shown.status == 0 and "Exit status" in shown.out and "--wm NAME" in shown.out
+    assert shown.status == 0 and "Exit status" in shown.out
+    assert ("--wm NAME" in shown.out) == (name != "validate_scene")
 
 
 def test_names_that_rosrun_gives_are_no_arguments(run) -> None:
@@ -428,3 +429,50 @@ def test_points_of_the_history() -> None:
     for text in ("", "soon", "25:00", "10y", "-5m", "#", "9" * 30):
         with pytest.raises(WrongValue, match="expected 14:05"):
             point(text, now)
+
+
+# -- validation ----------------------------------------------------------------------------------------------------
+
+
+def test_the_scene_is_validated(run):
+    told = run("validate")
+    assert told.status == 0
+    assert "context scene: 1 warning" == told.out.splitlines()[0]
+    assert "skiros:Part-90" in told.out and "it is nowhere" in told.out
+    run("set", "skiros:LargeBox-80", "SizeX", "--", "-1.0")
+    refused = run("validate", "--json")
+    assert (refused.status, refused.json["violations"]) == (1, 1)
+    assert refused.json["findings"][0] == {
+        "severity": "violation",
+        "element": "skiros:LargeBox-80",
+        "property": "skiros:SizeX",
+        "text": "a size is a finite number from 0 on, not -1.0",
+    }
+
+
+def test_scene_files_are_validated_without_a_world_model(run, workspace, tmp_path):
+    (workspace / "bad.ttl").write_text(LAB.replace(":SizeX 0.5", ":SizeX -0.5 ; :Code '7' ; :Colour 1"))
+    told = run("validate_scene", str(workspace / "lab.ttl"), str(workspace / "bad.ttl"), "--json")
+    assert told.status == 1
+    assert [report["violations"] for report in told.json] == [0, 1]
+    assert "skiros:Code" not in told.out and "skiros:Colour" in told.out  # the ontology beside the file counts
+    strict = run("validate_scene", str(workspace / "bad.ttl"), "--strict")
+    assert strict.status == 1 and "2 violations" in strict.out
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "bad.ttl").write_text((workspace / "bad.ttl").read_text())
+    alone = run("validate_scene", str(tmp_path / "alone" / "bad.ttl"))
+    assert "unknown property skiros:Code" in alone.out
+    with_workspace = run("validate_scene", str(tmp_path / "alone" / "bad.ttl"), "--workspace", str(workspace))
+    assert "skiros:Code" not in with_workspace.out
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [("none.ttl", None, "cannot be read"), ("bad.ttl", "not RDF", "line 1"), ("x.shapes.ttl", "", "holds shapes")],
+)
+def test_files_that_cannot_be_read_are_named(run, tmp_path, name, text, said):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    told = run("validate_scene", str(tmp_path / name))
+    assert (told.status, told.out, told.err.count("\n")) == (2, "", 1)
+    assert name in told.err and said in told.err

@@ -9,10 +9,11 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_world_model.command_line import past, reading, writing
+from skiros2_world_model.command_line import past, reading, validating, writing
 from skiros2_world_model.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
 from skiros2_world_model.command_line.connection import NotThere, connect
 from skiros2_world_model.command_line.layout import Screen
@@ -49,13 +50,13 @@ def _run(name: str, given: Sequence[str]) -> int:
     arguments = parse(given)
     try:
         wm = None
-        if name != "diff" or past.needs_world_model(arguments):
+        if name != "validate_scene" and (name != "diff" or past.needs_world_model(arguments)):
             wm = connect(arguments.wm, getattr(arguments, "author", "") or _user())
         answer = command(wm, arguments, _screen())
     except NotThere as error:
         return _fail(parser.prog, error, NOT_THERE)
     except SkirosError as error:
-        return _fail(parser.prog, error, USAGE if name == "diff" else REFUSED)
+        return _fail(parser.prog, error, USAGE if name in _OF_FILES else REFUSED)
     except KeyboardInterrupt:
         return 130
     lines = [json.dumps(finite(answer.data), ensure_ascii=False, indent=2)] if arguments.json else answer.lines
@@ -78,12 +79,15 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
         help="the context (default: %(default)s)" if name != "query" else "the context (default: all)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
+    if name != "validate_scene":
+        parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
     return command, parser
 
 
 def _statuses(name: str) -> str:
-    results = "0 no difference, 1 differences" if name == "diff" else "0 done, 1 refused or not found"
+    if name == "validate_scene":
+        return "Exit status: 0 no violations, 1 violations, 2 a file cannot be read, or wrong usage."
+    results = _RESULTS.get(name, "0 done, 1 refused or not found")
     trouble = "2 trouble" if name == "diff" else "2 wrong usage"
     return f"Exit status: {results}, {trouble}, {NOT_THERE} no master or no world model."
 
@@ -178,6 +182,24 @@ def _diff(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("new", nargs="?", default="", metavar="NEW", help="likewise (default: the scene as it is)")
 
 
+def _validate_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a scene")
+    parser.add_argument(
+        "--workspace",
+        type=Path,
+        metavar="DIR",
+        help="has your ontologies and shapes (default: the file's folder, when it has such)",
+    )
+    parser.add_argument("--ontologies", type=Path, metavar="DIR", help="the package's (default: those of skiros2)")
+    parser.add_argument("--strict", action="store_true", help="unknown names are violations, as with ~strict")
+
+
+#: Commands that read files, whose refusals are trouble with those.
+_OF_FILES = ("diff", "validate_scene")
+
+#: What the first two exit statuses mean, where it is not the usual.
+_RESULTS = {"diff": "0 no difference, 1 differences", "validate": "0 no violations, 1 violations or refused"}
+
 #: What each does, what it takes, and what is told at the end of its help.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
     "view": (reading.view, _view),
@@ -192,4 +214,6 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "save": (writing.save, _save),
     "history": (past.history, _history, _TIMES),
     "diff": (past.diff, _diff, _TIMES),
+    "validate": (validating.validate, lambda parser: None),
+    "validate_scene": (validating.validate_scene, _validate_scene),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from pathlib import Path
 
@@ -11,10 +12,12 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.local_world_model import source_ontologies
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.ontology_base import OntologyBase, is_knowledge_file
 from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Provenance
 from skiros2_world_model.core.scene_rdf import read_scene
+from skiros2_world_model.core.validation import scene_file_triples, validate
 
 
 def read_scene_file(path: Path) -> list[Element]:
@@ -37,6 +40,26 @@ def read_scene_file(path: Path) -> list[Element]:
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))
     return [Element.shared(n.type, n.label, n.id, dict(n.properties), outgoing.get(n.id, ())) for n in content.nodes]
+
+
+def validate_scene_file(
+    path: Path, ontologies: Path | None, workspace: Path | None, context: str, strict: bool
+) -> Report:
+    """The report on a scene file.
+
+    :param ontologies: the folder; None: the package's own.
+    :param workspace: likewise; None: that of the file, when it has ontologies or shapes, else none.
+    :raises SkirosError: a file cannot be read.
+    """
+    triples = scene_file_triples(path)
+    if workspace is None and any(is_knowledge_file(file.name) for file in path.parent.iterdir()):
+        workspace = path.parent
+    return validate(triples, str(path), _base(ontologies or _ontologies(), workspace), context, strict)
+
+
+@functools.cache
+def _base(ontologies: Path, workspace: Path | None) -> OntologyBase:
+    return OntologyBase(ontologies, workspace)
 
 
 def _ontologies() -> Path:

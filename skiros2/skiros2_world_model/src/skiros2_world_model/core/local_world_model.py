@@ -11,6 +11,7 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
@@ -94,6 +95,11 @@ class LocalWorldModel(WorldModelAbstractInterface):
     def difference(self, since: Point, until: Point | None = None, context_id: str = "scene") -> HistoryEntry:
         with _wm_errors():
             return self.model.history.difference(since, until, context_id)
+
+    def validate(self, context_id: str = "scene") -> Report:
+        """What is not as the ontologies and shapes want it in a context as it is now."""
+        with _wm_errors():
+            return self.model.validate(context_id)
 
     @property
     def _ontology(self) -> Ontology:

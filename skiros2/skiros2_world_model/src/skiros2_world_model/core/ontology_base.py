@@ -30,6 +30,11 @@ _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
 _ONTOLOGY_MARK = ".owl"
 
 
+def is_knowledge_file(name: str) -> bool:
+    """Whether a file of the workspace with that name is read as an ontology or as shapes."""
+    return _ONTOLOGY_MARK in name or is_shapes_file(name)
+
+
 class OntologyBase:
     """The triples of all contexts, those of the ontologies among them, with an index over the ontologies.
 
@@ -61,7 +66,7 @@ class OntologyBase:
 
     def reads(self, path: Path) -> bool:
         """Whether a file is read as an ontology or as shapes, now or at the next start: no scene is written to it."""
-        return path.resolve() in self._files or _ONTOLOGY_MARK in path.name or is_shapes_file(path.name)
+        return path.resolve() in self._files or is_knowledge_file(path.name)
 
     def triples(self) -> list[ox.Triple]:
         """All triples of the ontologies."""
@@ -192,17 +197,16 @@ class OntologyBase:
 def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Path]:
     files: list[Path] = []
     if ontologies is not None:
-        found = [path for path in _folder(ontologies, "ontologies").glob("*.ttl") if not is_shapes_file(path.name)]
-        files += sorted(found)
+        files += sorted(_folder(ontologies, "ontologies").glob("*.ttl"))
     if workspace is not None:
         found = [
             Path(folder, name)
             for folder, _, names in os.walk(_folder(workspace, "workspace"))
             for name in names
-            if _ONTOLOGY_MARK in name and not is_shapes_file(name)
+            if _ONTOLOGY_MARK in name
         ]
         files += sorted(found)
-    return files
+    return [path for path in files if not is_shapes_file(path.name)]
 
 
 def _folder(path: Path, what: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -38,8 +39,9 @@ class Finding:
 class Report:
     """The findings of a validation, violations first; each once."""
 
-    def __init__(self, origin: str, findings: Iterable[Finding] = ()) -> None:
+    def __init__(self, origin: str, findings: Iterable[Finding] = (), stamp: float | None = None) -> None:
         self.origin = origin  #: the file or context that was validated
+        self.stamp = time.time() if stamp is None else stamp  #: when that was (s since the epoch)
         self.findings = sorted(set(findings), key=_order)
 
     def count(self, severity: str) -> int:

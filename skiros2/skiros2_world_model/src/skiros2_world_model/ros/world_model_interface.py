@@ -20,6 +20,7 @@ from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
@@ -50,6 +51,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._transaction_service = ServicePool(f"{self._server}/transaction", srvs.WmTransaction)
         self._snapshot_service = ServicePool(f"{self._server}/snapshot", srvs.WmSnapshot)
         self._history_service = ServicePool(f"{self._server}/history", srvs.WmHistory)
+        self._validation_service = ServicePool(f"{self._server}/validation", srvs.WmValidation)
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[Any], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
@@ -140,6 +142,17 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         """
         request = history_request("difference", context_id, since, until)
         return msg2entry(self._history_service.call(request).entries[0])
+
+    # -- validation --------------------------------------------------------------------------------------------
+
+    def validate(self, context_id: str = _SCENE) -> Report:
+        """What is not as the ontologies and shapes want it in a context as it is now. Takes a second or more.
+
+        :raises WmException: there is no such context, or a file of shapes makes no sense.
+        """
+        answer = self._validation_service.call(srvs.WmValidationRequest(context_id, False))
+        findings = [Finding(m.severity, m.file, m.element, m.property, m.text) for m in answer.findings]
+        return Report(f"context {context_id}", findings, answer.stamp.to_sec())
 
     # -- what the shared calls are made of ---------------------------------------------------------------------
 

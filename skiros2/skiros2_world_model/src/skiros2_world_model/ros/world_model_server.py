@@ -26,6 +26,7 @@ from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
 from skiros2_world_model.ros.reasoners import Reasoners
 from skiros2_world_model.ros.subscribers import wait_for_subscribers
+from skiros2_world_model.ros.validation_service import ValidationService
 from skiros2_world_model.ros.wire import change2msg, msg2operation
 
 log = logging.getLogger(__name__)
@@ -60,6 +61,7 @@ class WorldModelServer:
             rospy.Service("~get", srvs.WmGet, answering(self._on_get)),
             rospy.Service("~history", srvs.WmHistory, answering(self._on_history)),
         ]
+        self._validation = ValidationService(model)
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -141,6 +143,7 @@ class WorldModelServer:
         context = request.context or SCENE
         if request.action == request.LOAD:
             self._model.load(request.filename, author, context)
+            self._validation.file_loaded(context)
             log.info("%s loaded context %s from %s", author, context, request.filename)
         elif request.action == request.SAVE:
             path = self._model.save(request.filename, context)

@@ -1,0 +1,37 @@
+"""`~validation`: what is not as the ontologies and shapes want it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rospy
+
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.validator import Validator
+from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.ros.errors import answering
+
+
+class ValidationService:
+    """The service, and the validation of each file that is loaded, unless the parameter `~validate` is false."""
+
+    def __init__(self, model: WorldModel) -> None:
+        self._validator = Validator(model)
+        rospy.on_shutdown(self._validator.stop)
+        self._validates_files = bool(rospy.get_param("~validate", True))
+        self._service = rospy.Service("~validation", srvs.WmValidation, answering(self._on_validation))
+        for context in model.loaded:
+            self.file_loaded(context)
+
+    def file_loaded(self, context: str) -> None:
+        """A file was loaded into a context."""
+        if self._validates_files:
+            self._validator.file_loaded(context)
+
+    def _on_validation(self, request: Any) -> Any:
+        context = request.context or SCENE
+        report = self._validator.loaded(context) if request.loaded else self._validator.present(context)
+        findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]
+        return srvs.WmValidationResponse(rospy.Time.from_sec(report.stamp), findings)

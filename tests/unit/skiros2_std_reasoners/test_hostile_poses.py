@@ -123,3 +123,13 @@ def test_poses_of_any_values_are_kept_or_refused_by_name() -> None:
     run_state_machine_as_test(
         Poses, settings=settings(max_examples=60, stateful_step_count=20, derandomize=True, deadline=None)
     )
+
+
+def test_a_time_that_no_message_can_hold_is_not_known() -> None:
+    element = Element("skiros:Product")
+    element.setProperty("skiros:DiscreteReasoner", "AauSpatialReasoner")
+    reasoner = AauSpatialReasoner()
+    reasoner.setData(element, ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]), ":Pose")
+    for stamp in (float("inf"), float("nan"), 2.0**32, -1.0):
+        element.setProperty("skiros:TfTimeStamp", stamp)
+        assert reasoner.getData(element, ":PoseStampedMsg").header.stamp.to_sec() == 0.0

@@ -14,6 +14,9 @@ from skiros2_std_reasoners.core import spatial_data as data
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_std_reasoners.ros.transforms import transform_message
 
+#: Times in messages are below it (s).
+_NO_TIME = 2.0**32 - 1
+
 
 def pose_message(element: Element) -> Any:
     """The pose as a `Pose`."""
@@ -71,5 +74,6 @@ def _known_pose(element: Element) -> Pose:
 
 
 def _stamp(element: Element) -> Any:
+    """When the pose was measured; 0, not known, also for times that no message can hold."""
     stamp = data.numbers(element, [data.TIME_STAMP])[0]
-    return rospy.Time.from_sec(stamp) if stamp is not None and stamp > 0 else rospy.Time(0)
+    return rospy.Time.from_sec(stamp) if stamp is not None and 0 < stamp < _NO_TIME else rospy.Time(0)

@@ -359,6 +359,16 @@ def test_an_element_with_a_velocity_moves(wm, reasoner, clock):
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([1.5, 0.0, 0.0])
 
 
+def test_a_velocity_that_is_no_number_is_none(wm, reasoner, clock):
+    belt = moving(wm, 0.5)
+    belt.setProperty("skiros:VelocityX", math.nan)
+    belt.setProperty("skiros:VelocityY", math.inf)
+    wm.update_element(belt)
+    clock.now = 2.0
+    assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((1.0, 0.0, 0.0))
+    assert not reasoner._keeper.tracker.busy()
+
+
 def test_where_a_moving_element_is_now_is_known_between_the_writes(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     cup = added(wm, belt, position=(0, 1, 0))

@@ -14,7 +14,7 @@ class Answer:
     """What is printed, and the exit status.
 
     :param lines: for people.
-    :param data: for programs, as JSON has it.
+    :param data: for programs, as JSON has it; or what makes it, where that takes time.
     """
 
     lines: list[str] = field(default_factory=list)

@@ -68,7 +68,7 @@ def tree(screen: Screen, roots: Iterable[Branch]) -> list[str]:
 
 def plain(text: str) -> str:
     """The text on one line, without what would steer a terminal."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def columns_of(text: str) -> int:

@@ -59,7 +59,10 @@ def _run(name: str, given: Sequence[str]) -> int:
         return _fail(parser.prog, error, USAGE if name in _OF_FILES else REFUSED)
     except KeyboardInterrupt:
         return 130
-    lines = [json.dumps(finite(answer.data), ensure_ascii=False, indent=2)] if arguments.json else answer.lines
+    lines = answer.lines
+    if arguments.json:
+        data = answer.data() if callable(answer.data) else answer.data
+        lines = [json.dumps(finite(data), ensure_ascii=False, indent=2)]
     try:
         sys.stdout.writelines(f"{line}\n" for line in lines)
     except BrokenPipeError:

@@ -60,7 +60,7 @@ def scene_tree(
     left = len(forest.elements) - len(forest.shown)
     if left and not root:
         lines += ["", screen.fitted(f"{left} more that nothing holds (skills, parameters, ...): --all")]
-    return Answer(lines, [element_json(forest.elements[eid]) for eid in forest.shown])
+    return Answer(lines, lambda: [element_json(forest.elements[eid]) for eid in forest.shown])
 
 
 class _Forest:
@@ -71,6 +71,7 @@ class _Forest:
         self.shown: dict[str, None] = {}
         self._predicates = predicates
         self._whole = whole
+        self._children: dict[str, list[tuple[str, str]]] = {}
 
     def roots(self) -> list[str]:
         """The elements that are under none; of a circle of elements, the first."""
@@ -90,12 +91,17 @@ class _Forest:
 
     def children(self, eid: str) -> list[tuple[str, str]]:
         """What is directly under an element: relations and ids."""
+        known = self._children.get(eid)
+        if known is not None:
+            return known
         found = [
             (r["type"], r["dst"])
             for r in self.elements[eid]._rels
             if r["src"] == "-1" and r["type"] in self._predicates and r["dst"] in self.elements
         ]
-        return sorted(found, key=lambda pair: (pair[0] != CONTAINS, pair[0], _by_number(pair[1])))
+        found.sort(key=lambda pair: (pair[0] != CONTAINS, pair[0], _by_number(pair[1])))
+        self._children[eid] = found
+        return found
 
     def branch(self, root: str) -> Branch:
         """An element with what is under it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass, replace
 
@@ -82,7 +83,7 @@ def frame_of(element: Element, parent: str, now: float) -> Frame:
     :param parent: the frame of its nearest spatial parent, "" when it has none.
     :param now: when it is so (s).
     """
-    vx, vy, vz = (v or 0.0 for v in data.numbers(element, data.VELOCITY))
+    vx, vy, vz = (v if v is not None and math.isfinite(v) else 0.0 for v in data.numbers(element, data.VELOCITY))
     pose = data.pose_of(element)
     return Frame(
         element.id,

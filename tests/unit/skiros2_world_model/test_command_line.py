@@ -437,7 +437,7 @@ def test_points_of_the_history() -> None:
 def test_the_scene_is_validated(run):
     told = run("validate")
     assert told.status == 0
-    assert "context scene: 1 warning" == told.out.splitlines()[0]
+    assert told.out.splitlines()[0] == "context scene: 1 warning"
     assert "skiros:Part-90" in told.out and "it is nowhere" in told.out
     run("set", "skiros:LargeBox-80", "SizeX", "--", "-1.0")
     refused = run("validate", "--json")

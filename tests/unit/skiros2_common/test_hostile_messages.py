@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 from hypothesis import example, given, settings
@@ -77,8 +78,16 @@ def test_any_text_is_a_property_or_refused(kind, text):
     read_or_refused(utils.msg2element, msgs.WmElement("", "skiros:Part", "", [message], []))
 
 
+@pytest.fixture(params=[1000, 100_000], ids=["as Python sets it", "as for deep trees"])
+def recursion_limit(request):
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(request.param)
+    yield
+    sys.setrecursionlimit(before)
+
+
 @pytest.mark.parametrize("kind", TYPES)
-def test_nesting_without_end_is_refused(kind):
+def test_nesting_without_end_is_refused(kind, recursion_limit):
     message = msgs.WmElement("", "skiros:Part", "", [msgs.Property("skiros:anything", ENDLESS, kind)], [])
     for read, argument in (
         (utils.msg2element, message),
@@ -87,3 +96,8 @@ def test_nesting_without_end_is_refused(kind):
     ):
         with pytest.raises(SkirosError):
             read(argument)
+
+
+def test_brackets_in_texts_are_no_nesting():
+    text = json.dumps(["[" * 1000, '\\"[{' * 500, [[]] * 600])
+    assert utils.json_loads_byteified(text) == json.loads(text)

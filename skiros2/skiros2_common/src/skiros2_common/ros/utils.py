@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property, as_type, shown
 from skiros2_common.core.world_element import Element, RelationDict
@@ -29,10 +30,7 @@ def json_loads_byteified(json_text: str) -> Any:
 
     :raises ValueError: it is no JSON, or nested too deeply to be read.
     """
-    try:
-        return json.loads(json_text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
+    return read_json(json_text)
 
 
 class ParamsEncoder(json.JSONEncoder):

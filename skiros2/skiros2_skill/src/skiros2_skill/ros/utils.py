@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
@@ -80,7 +81,7 @@ def deserialize_skill(string: str) -> SkillHolder:
     :raises WrongValue: the text is no such JSON.
     """
     try:
-        decoded = json.loads(string)
+        decoded = read_json(string)
     except ValueError as error:
         raise WrongValue(f"skill is not JSON: {error}") from None
     return decodeSkill(decoded)

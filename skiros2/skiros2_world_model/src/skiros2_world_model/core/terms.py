@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.json_text import read_json
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, literal_parts
 from skiros2_world_model.core.prefixes import RDF, XSD, Prefixes, is_iri
@@ -30,7 +30,7 @@ def python_value(literal: ox.Literal) -> Any:
     if kind is str:
         if datatype == RDF_JSON.value:
             try:
-                return json.loads(text)
+                return read_json(text)
             except ValueError:
                 raise WrongValue(f"{text!r} is no JSON") from None
         return text

@@ -73,7 +73,7 @@ def test_what_skill_managers_add_is_in_order(tmp_path):
     skill.addRelation("-1", "skiros:hasParam", parameter)
     skill.addRelation("skiros:Scene-0", "skiros:sceneProperty", "-1")
     wm.add_element(skill)
-    assert wm.model.validate().findings == []
+    assert wm.validate().findings == []
 
 
 # -- the checks of loading ----------------------------------------------------------------------------------------
@@ -257,7 +257,7 @@ def test_the_present_scene_is_validated(wm, caplog):
     box.setProperty("skiros:SizeX", -2.0)
     with caplog.at_level(logging.WARNING):
         eid = wm.add_element(box)
-        report = wm.model.validate()
+        report = wm.validate()
     assert report.origin == "context scene"
     assert (VIOLATION, eid, "skiros:SizeX", "a size is a finite number from 0 on, not -2.0") in told(report)
     assert not caplog.messages

@@ -87,7 +87,7 @@ def test_the_present_scene_is_validated_with_the_classes_that_were_declared_mean
     crate.setProperty("skiros:Weight", -1.0)
     eid = wm.add_element(crate)
     assert told(validator.present()) == {(VIOLATION, eid, "skiros:Weight"), (WARNING, eid, "")}
-    assert told(validator.present()) == told(model.validate())
+    assert told(validator.present()) == told(wm.validate())
     with pytest.raises(UnknownName, match="there is no context 'other'"):
         validator.present("other")
 

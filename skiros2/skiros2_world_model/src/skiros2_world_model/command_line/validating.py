@@ -27,9 +27,7 @@ def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> 
     from skiros2_world_model.command_line.scene_file import validate_scene_file  # takes time, and an RDF library
 
     folders = arguments.ontologies, arguments.workspace
-    reports = [
-        validate_scene_file(file, *folders, arguments.context, arguments.strict) for file in arguments.files
-    ]
+    reports = [validate_scene_file(file, *folders, arguments.context, arguments.strict) for file in arguments.files]
     lines = [line for report in reports for line in _lines(report, screen)]
     return Answer(lines, [_json(report) for report in reports], max(map(_status, reports)))
 

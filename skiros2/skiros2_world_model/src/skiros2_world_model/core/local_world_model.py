@@ -13,6 +13,7 @@ from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.statement import Statement
+from skiros2_world_model.core.validation import validate
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -99,7 +100,8 @@ class LocalWorldModel(WorldModelAbstractInterface):
     def validate(self, context_id: str = "scene") -> Report:
         """What is not as the ontologies and shapes want it in a context as it is now."""
         with _wm_errors():
-            return self.model.validate(context_id)
+            triples = self.model.triples(context_id)
+            return validate(triples, f"context {context_id}", self.model.base, context_id, self.model.strict)
 
     @property
     def _ontology(self) -> Ontology:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from skiros2_world_model.core.rdf_files import read_triples
 from skiros2_world_model.core.shapes import is_shapes_file, shape_files
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
-from skiros2_world_model.core.triple_store import TripleStore
+from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
 
 log = logging.getLogger(__name__)
 
@@ -41,12 +41,15 @@ class OntologyBase:
     :param ontologies: folder of the package's own ontologies (its `.ttl` files).
     :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded. In both,
         files whose names contain `.shapes.` hold shapes instead.
+    :param store: what answers queries; None: one in memory.
     :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
     """
 
-    def __init__(self, ontologies: Path | None = None, workspace: Path | None = None) -> None:
+    def __init__(
+        self, ontologies: Path | None = None, workspace: Path | None = None, store: TripleStore | None = None
+    ) -> None:
         self.prefixes = Prefixes()
-        self.store = TripleStore()
+        self.store = OxigraphStore() if store is None else store
         self.lock = threading.RLock()
         self._index: Ontology | None = None
         #: The files with the shapes that scenes are validated with.
@@ -127,15 +130,26 @@ class OntologyBase:
             raise WrongValue(f"{subject} {predicate} {obj} is no RDF statement")
         return ox.Triple(s, p, o)
 
-    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
+    def query(
+        self, query: str, context: str = "", cut_prefix: bool = True, flush: Callable[[], None] = lambda: None
+    ) -> list[str]:
         """One text for each row that a SPARQL query gives, its values parted by a space.
 
         :param context: the one to ask; "" asks all.
         :param cut_prefix: `prefix:name` and plain values; else N3.
+        :param flush: brings the store up to date; called under the lock, while the query is asked without it.
         :raises WrongValue: the query cannot be answered.
+        :raises TimedOut: it takes too long.
+        :raises Refused: the store cannot be asked now.
         """
-        namespaces = self.prefixes.namespaces()
-        rows = self.store.query(query, context, namespaces)
+        generation = None
+        while generation != self.store.generation:  # else it has lost on the way what it was given
+            if context != ONTOLOGY:
+                self.store.prepare()
+            with self.lock:
+                flush()
+                generation = self.store.generation
+            rows = self.store.query(query, context, self.prefixes.namespaces())
         return [" ".join(term_text(term, self.prefixes, cut_prefix) for term in row) for row in rows]
 
     # -- loading -----------------------------------------------------------------------------------------------
@@ -147,10 +161,10 @@ class OntologyBase:
                 loaded.append((path, read_triples(path)))
             except WrongValue as error:
                 raise ConfigurationError(f"ontology {error}") from None
-        for _, triples in loaded:
+        known = self.store.knowledge()
+        for triples in [*(triples for _, triples in loaded), known]:
             for triple in triples:
                 self._declare(triple)
-        for _, triples in loaded:
             self.store.extend(ONTOLOGY, triples)
         for path, triples in loaded:
             self._warn_of_unknown(path, triples)

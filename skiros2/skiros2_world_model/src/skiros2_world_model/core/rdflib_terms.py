@@ -8,6 +8,9 @@ from typing import Any
 import pyoxigraph as ox
 from rdflib import BNode, Literal, URIRef
 
+#: rdflib writes these floats as Python does, not as XML Schema has them.
+_OF_PYTHON = {"nan": "NaN", "inf": "INF", "-inf": "-INF"}
+
 
 def rdflib_triples(triples: Iterable[ox.Triple]) -> Iterator[tuple[Any, Any, Any]]:
     """The same triples in the terms of rdflib; equal terms are one object."""
@@ -42,5 +45,8 @@ def store_term(term: Any) -> Any:
     if isinstance(term, Literal):
         if term.language:
             return ox.Literal(str(term), language=term.language)
-        return ox.Literal(str(term), datatype=ox.NamedNode(str(term.datatype)) if term.datatype else None)
+        if term.datatype is None:
+            return ox.Literal(str(term))
+        text = _OF_PYTHON.get(str(term), str(term)) if isinstance(term.value, float) else str(term)
+        return ox.Literal(text, datatype=ox.NamedNode(str(term.datatype)))
     return None

@@ -207,11 +207,13 @@ class Mirror:
     def __init__(self, store: TripleStore, context: str) -> None:
         self._store = store
         self._context = context
+        self._generation = store.generation
 
     def flush(self, scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> None:
         """Brings the store up to date. The caller holds the lock of the scene."""
         dirty = scene.dirty
-        if dirty is None:
+        if dirty is None or self._generation != self._store.generation:
+            self._generation = self._store.generation
             self._store.replace(self._context, chain(scene_triples(scene, ontology, prefixes), extras))
         elif dirty.nodes or dirty.relations:
             self._update(scene, dirty, set(extras), ontology, prefixes)
@@ -220,16 +222,13 @@ class Mirror:
     def _update(
         self, scene: Scene, dirty: Dirty, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
     ) -> None:
+        subjects = {ox.NamedNode(prefixes.iri(eid)) for eid in dirty.nodes}
         removed: set[ox.Triple] = set()
-        added: set[ox.Triple] = set()
+        added = {triple for triple in extras if triple.subject in subjects}
         for eid in dirty.nodes:
-            subject = ox.NamedNode(prefixes.iri(eid))
-            for triple in self._store.triples(self._context, subject):
-                if triple.predicate == RDF_TYPE or not isinstance(triple.object, ox.NamedNode):
-                    removed.add(triple)
             node = scene.node(eid)
             if node is not None:
                 added.update(element_triples(node, ontology, prefixes))
         for relation in dirty.relations:
             (added if scene.related(*relation) else removed).add(relation_triple(relation, prefixes))
-        self._store.update(self._context, removed - added - extras, added)
+        self._store.rewrite(self._context, subjects, removed - added - extras, added)

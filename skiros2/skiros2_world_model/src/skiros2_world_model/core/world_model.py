@@ -32,7 +32,8 @@ from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.templates import template_element
 from skiros2_world_model.core.transaction import Transaction
-from skiros2_world_model.core.validation import scene_file_triples, shape_findings, validate
+from skiros2_world_model.core.triple_store import TripleStore
+from skiros2_world_model.core.validation import scene_file_triples, shape_findings
 from skiros2_world_model.core.workspace import workspace_file
 
 log = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ class WorldModel:
     :param strict: whether names that the ontologies do not know are refused.
     :param journal: keeps every change; the world model goes on from it where it wants that. None: nothing is kept.
     :param initial: contexts and the files to load them from, when it does not go on from the journal.
+    :param store: what answers queries; None: one in memory.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
 
@@ -55,8 +57,9 @@ class WorldModel:
         strict: bool = False,
         journal: Journal | None = None,
         initial: Iterable[tuple[str, str]] = (),
+        store: TripleStore | None = None,
     ) -> None:
-        self.base = OntologyBase(ontologies, workspace)
+        self.base = OntologyBase(ontologies, workspace, store)
         self.lock = self.base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
@@ -143,21 +146,13 @@ class WorldModel:
         :raises UnknownName: there is no such context.
         :raises WrongValue: the query cannot be answered.
         """
-        with self.lock:
-            for name in self._contexts if not context else [context]:
+
+        def flush() -> None:
+            for name in [context] if context else self._contexts:
                 if name != ONTOLOGY:
                     self._context(name).flush()
-        return self.base.query(query, context, cut_prefix)
 
-    def validate(self, context: str = SCENE) -> Report:
-        """What is not as the ontologies and shapes want it in a context as it is now.
-
-        It takes about 1 ms for each element, without the lock; a `Validator` does it in another process.
-
-        :raises UnknownName: there is no such context.
-        :raises WrongValue: a file of shapes makes no sense.
-        """
-        return validate(self.triples(context), f"context {context}", self.base, context, self.strict)
+        return self.base.query(query, context, cut_prefix, flush)
 
     def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
         """All that a context holds now; the triples are made while they are read, which needs no lock."""

@@ -17,6 +17,7 @@ from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.ros.errors import answering
 from skiros2_world_model.ros.parameters import ontology_folder, workspace_folder
+from skiros2_world_model.ros.store_parameters import triple_store
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +83,8 @@ def serve_ontologies() -> None:
 
     :raises ConfigurationError: a folder is missing, or an ontology does not parse.
     """
-    _services = OntologyServices(OntologyBase(ontology_folder(), workspace_folder()), AdvisoryLock())
+    base = OntologyBase(ontology_folder(), workspace_folder(), triple_store())
+    _services = OntologyServices(base, AdvisoryLock())
     log.info("ontologies are served")
     rospy.spin()
 

@@ -25,6 +25,7 @@ from skiros2_world_model.ros.journal_parameters import open_journal
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
 from skiros2_world_model.ros.reasoners import Reasoners
+from skiros2_world_model.ros.store_parameters import triple_store
 from skiros2_world_model.ros.subscribers import wait_for_subscribers
 from skiros2_world_model.ros.validation_service import ValidationService
 from skiros2_world_model.ros.wire import change2msg, msg2operation
@@ -182,7 +183,7 @@ def serve_world_model() -> None:
     initial += [(context, filename.strip()) for context, _, filename in further]
     strict = bool(rospy.get_param("~strict", False))
     journal = open_journal(workspace_folder(), initial)
-    model = WorldModel(ontology_folder(), workspace_folder(), strict, journal, initial)
+    model = WorldModel(ontology_folder(), workspace_folder(), strict, journal, initial, triple_store())
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
     if model.went_on:

@@ -33,7 +33,7 @@ class TaskManager:
 
     def __init__(self, planner: TaskPlanner) -> None:
         self._planner = planner
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # never held in a call of actionlib, which has its own when it calls us
         self._running: dict[str, tuple[threading.Thread, threading.Event]] = {}
         self._server = actionlib.ActionServer(
             "~task_plan", AssignTaskAction, self._on_goal, self._on_cancel, auto_start=False
@@ -57,28 +57,30 @@ class TaskManager:
     def _on_goal(self, handle: Any) -> None:
         cancelled = threading.Event()
         thread = threading.Thread(target=self._serve, args=(handle, cancelled), name="plan")
+        goal_id = handle.get_goal_id().id
         with self._lock:
-            self._running[handle.get_goal_id().id] = (thread, cancelled)
+            self._running[goal_id] = (thread, cancelled)
         handle.set_accepted()
         thread.start()
 
     def _on_cancel(self, handle: Any) -> None:
+        goal_id = handle.get_goal_id().id
         with self._lock:
-            running = self._running.get(handle.get_goal_id().id)
+            running = self._running.get(goal_id)
         if running is not None:
             running[1].set()
 
     # In the thread of the goal.
 
     def _serve(self, handle: Any, cancelled: threading.Event) -> None:
-        goal = handle.get_goal()
+        goal, goal_id = handle.get_goal(), handle.get_goal_id().id
         log.info("goal of %s: %s", goal.author or "somebody", goal.goals)
         try:
             result = self._plan(handle, goal, cancelled)
             self._answer(handle, result)
         finally:
             with self._lock:
-                del self._running[handle.get_goal_id().id]
+                del self._running[goal_id]
 
     def _plan(self, handle: Any, goal: Any, cancelled: threading.Event) -> PlanningResult:
         steps = 0

@@ -503,9 +503,9 @@ def test_a_part_is_in_the_frame_of_what_it_is_a_part_of(wm):
 
 
 def test_a_look_up_waits_as_long_as_it_is_told_to(wm, reasoner):
+    assert reasoner.get_transform("map", "late") == (None, None)
     later = threading.Timer(0.05, lambda: reasoner._transforms.put("map", "late", _pose((1, 2, 3))))
     later.start()
-    assert reasoner.get_transform("map", "late") == (None, None)
     position, orientation = reasoner.get_transform("map", "late", rospy.Duration(20.0))
     later.join()
     assert (position, orientation) == ((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))

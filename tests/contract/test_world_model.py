@@ -445,7 +445,7 @@ def test_prefixes_of_a_client_are_its_own(world):
     assert mine.get_triples("lab:Bench", "rdfs:subClassOf") == [("lab:Bench", "rdfs:subClassOf", "skiros:Location")]
     mine.remove_prefix("http://x.org/Lab.owl")
     mine.add_ontology("http://x.org/Lab.owl")
-    assert others.is_subclass("lab:Bench", "sumo:Object")
+    assert others.wait_until(lambda: others.is_subclass("lab:Bench", "sumo:Object"), 10.0)  # told by the monitor
 
 
 # -- contexts and files --------------------------------------------------------------------------------------------

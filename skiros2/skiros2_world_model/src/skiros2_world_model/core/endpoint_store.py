@@ -83,6 +83,7 @@ class EndpointStore:
             self.prepare()
             self._send()
             self._check_graphs()
+            self._knowledge = [ox.Triple(*map(store_term, row)) for row in self._ask(_KNOWLEDGE)]
         except SkirosError as error:
             raise ConfigurationError(str(error)) from None
 
@@ -97,7 +98,7 @@ class EndpointStore:
                 self._start_anew()
 
     def knowledge(self) -> list[ox.Triple]:
-        return [ox.Triple(*map(store_term, row)) for row in self._ask(_KNOWLEDGE)]
+        return self._knowledge
 
     def replace(self, context: str, triples: Iterable[ox.Triple]) -> None:
         graph, given = graph_of(context), list(triples)

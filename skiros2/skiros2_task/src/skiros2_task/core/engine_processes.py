@@ -78,16 +78,21 @@ class EngineProcesses:
         with self._lock:
             ours, theirs = _pair(socket.SOCK_STREAM)
             try:
-                if self._process.poll() is not None:
+                try:
+                    self._ask(folder, theirs)
+                except OSError:  # it has died, or is dying
                     self._stop()
                     self._process, self._requests = _start()
-                socket.send_fds(self._requests, [os.fsencode(folder)], [theirs.fileno()])
+                    self._ask(folder, theirs)
             except OSError:
                 ours.close()
                 raise
             finally:
                 theirs.close()
             return ours
+
+    def _ask(self, folder: Path, connection: socket.socket) -> None:
+        socket.send_fds(self._requests, [os.fsencode(folder)], [connection.fileno()])
 
     def _stop(self) -> None:
         self._requests.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Any
 
@@ -23,6 +23,9 @@ class SkillCore(SkillDescription):
     All hooks are called by the thread that ticks the task, one at a time. `getState`, `hasState`, `waitState`
     and the progress properties may be read by any thread.
     """
+
+    #: What `wake` calls; set by the executor while the skill runs in a task.
+    _waker: Callable[[], None] = staticmethod(lambda: None)
 
     def __init__(self) -> None:
         super().__init__()
@@ -256,6 +259,10 @@ class SkillCore(SkillDescription):
     def onEnd(self) -> bool | None:
         """To override: called after the last `execute` or after the preemption. False makes it a failure."""
         return True
+
+    def wake(self) -> None:
+        """Asks for a tick of the skill's task at once: what it waited for is there. Any thread; nothing when it ended."""
+        self._waker()
 
     # -- printing ----------------------------------------------------------------------------------------------
 

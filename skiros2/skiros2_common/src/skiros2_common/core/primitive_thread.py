@@ -42,10 +42,9 @@ class PrimitiveThreadBase(PrimitiveBase):
 
     def execute(self) -> State:
         assert self._thread is not None
-        if self._thread.is_alive():
+        if self._outcome is None:
             return self.step(self.status)
         self._thread.join()
-        assert self._outcome is not None
         state, message, code = self._outcome
         self._setProgress(message, code)
         return state
@@ -65,11 +64,15 @@ class PrimitiveThreadBase(PrimitiveBase):
         return super().fail(msg, code)
 
     def _work(self) -> None:
+        outcome = (State.Failure, f"{self._label}: the thread ended without an answer", -405)
         try:
             state = self.run()
             if state not in (State.Success, State.Failure):
                 raise TypeError(f"{self._label}.run returned {state!r}, expected success(...) or fail(...)")
             message, code = getattr(self._running, "report", ("", 0))
-            self._outcome = (state, message, code)
+            outcome = (state, message, code)
         except Exception:
-            self._outcome = (State.Failure, traceback.format_exc(), -405)
+            outcome = (State.Failure, traceback.format_exc(), -405)
+        finally:
+            self._outcome = outcome
+            self.wake()

@@ -38,10 +38,12 @@ class Executor:
     """Ticks the nodes of one task.
 
     :param wmi: the world model as this task sees it.
+    :param wake: asks for a tick at once; from any thread.
     """
 
-    def __init__(self, wmi: Any) -> None:
+    def __init__(self, wmi: Any, wake: Callable[[], None] = lambda: None) -> None:
         self._wmi = wmi
+        self._wake = wake
         self._stamp = 0
         self._version = -1
         self._ending: list[SkillWrapper] = []
@@ -119,6 +121,7 @@ class Executor:
         """Locks devices, makes the subtree and calls `onStart`."""
         instance = node.getInstance()
         instance._start_progress()
+        instance._waker = self._wake
         node._input = {key: list(p.values) for key, p in node._params.items()}
         self._set_state(node, _RUNNING)
         instance._setState(_RUNNING)

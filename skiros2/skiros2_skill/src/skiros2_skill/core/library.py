@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import logging
+import threading
 import traceback
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -30,6 +31,7 @@ class Implementation:
         self.declared: Any = self._make()
         self._free: list[Any] = []
         self._used = 0
+        self._lock = threading.Lock()  # tasks may be ticked by several threads
 
     @property
     def type(self) -> str:
@@ -58,16 +60,30 @@ class Implementation:
 
         :raises UnknownName: a new one cannot be made.
         """
-        instance = self._free.pop() if self._free else self._make()
-        self._used += 1
-        return instance
+        with self._lock:
+            instance = self._free.pop() if self._free else None
+            self._used += 1
+        if instance is not None:
+            return instance
+        try:
+            return self._make()
+        except SkirosError:
+            with self._lock:
+                self._used -= 1
+            raise
 
     def release(self, instance: Any) -> None:
         """Gives an instance back."""
-        self._used -= 1
         if isinstance(instance, SkillBase):
             instance._expands_into = None
-        self._free.append(instance)
+        with self._lock:
+            self._used -= 1
+            self._free.append(instance)
+
+    def retire(self) -> None:
+        """An instance is not given back: its code has not returned, so nobody may use it any more."""
+        with self._lock:
+            self._used -= 1
 
     def _make(self) -> Any:
         """A loaded instance.

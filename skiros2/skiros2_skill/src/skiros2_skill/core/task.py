@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,12 +56,14 @@ class Task:
         self.author = author
         self.root = Root("root", wmi)
         self.root._id = task_id
-        self._executor = Executor(wmi)
+        self._executor = Executor(wmi, self.wake)
         self._paused = threading.Event()
         self._ticks_left = 0
         self._preempt_asked = threading.Event()
         self._preempted = False
         self.ended = threading.Event()
+        #: What `wake` calls; set by the ticker.
+        self.waker: Callable[[], None] = lambda: None
 
     @property
     def state(self) -> State:
@@ -81,6 +83,10 @@ class Task:
         """Ticks again; given a number, pauses after that many ticks."""
         self._ticks_left = ticks
         self._paused.clear()
+
+    def wake(self) -> None:
+        """Asks for a tick at once."""
+        self.waker()
 
     @property
     def paused(self) -> bool:

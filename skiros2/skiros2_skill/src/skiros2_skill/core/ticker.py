@@ -57,6 +57,7 @@ class Ticker:
             while self._next_id in self._tasks:
                 self._next_id = (self._next_id + 1) % (MAX_ID + 1)
             task = Task(self._next_id, wmi, author)
+            task.waker = self._wake.set
             self._tasks[task.id] = task
             self._next_id = (self._next_id + 1) % (MAX_ID + 1)
             task.pause()

@@ -97,6 +97,12 @@ class SkillWrapper(SkillInterface):
             self.implementation.release(self._instance)
             self._instance = None
 
+    def retire(self) -> None:
+        """Leaves the implementation behind: one of its hooks has not returned, so nobody may use it any more."""
+        if self._instance is not None:
+            self.implementation.retire()
+            self._instance = None
+
     @property
     def own_pre_conditions(self) -> list[Any]:
         """The pre-conditions that came with the node, beside those of the implementation."""

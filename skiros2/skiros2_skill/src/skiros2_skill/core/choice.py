@@ -6,36 +6,51 @@ from collections.abc import Sequence
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.explanation import INFERENCE, PARAMETER, PRE, START
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Slot, Source
+from skiros2_skill.core.failures import PRE_FAILED, Failure, unmet
 from skiros2_skill.core.inference import infer, inferable
 from skiros2_skill.core.library import Implementation
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
-def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -> str | None:
+def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -> Failure | None:
     """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's.
 
     :returns: None, or why there is none, for each candidate.
     """
-    reasons = []
+    tried: list[Failure] = []
     for implementation in candidates:
         params = ParamHandler(implementation.declared.params.getCopy())
         try:
             slots = _found_params(node, params, implementation, wmi)
             _adopt(node, implementation, params)
+        except DoesNotFit as error:
+            failure = error.failure
         except SkirosError as error:
-            reasons.append(str(error) if len(candidates) == 1 else f"{implementation.label}: {error}")
-            continue
-        node.slots = slots
-        node.element_slots = [slot for slot in slots if slot.param.is_element]
-        return None
-    return "; ".join(reasons)
+            failure = Failure(PARAMETER, PRE_FAILED, str(error))
+        else:
+            node.slots = slots
+            node.element_slots = [slot for slot in slots if slot.param.is_element]
+            return None
+        failure.label = implementation.label
+        tried.append(failure)
+    if len(tried) == 1:
+        return tried[0]
+    return Failure(START, PRE_FAILED, "; ".join(f"{f.label}: {f.message}" for f in tried), tried=tried)
 
 
 class DoesNotFit(SkirosError):
-    """Why an implementation cannot be a node's now."""
+    """An implementation cannot be a node's now.
+
+    :param stage, text: of the failure, or the failure itself.
+    """
+
+    def __init__(self, stage: str, text: str, failure: Failure | None = None) -> None:
+        super().__init__(text)
+        self.failure = failure or Failure(stage, PRE_FAILED, text)
 
 
 def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Implementation, wmi: Any) -> list[Slot]:
@@ -49,18 +64,19 @@ def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Impl
     blackboard.renew(slots, wmi)
     for key, value in given.items():
         if value is not None and not params.getParamValues(key):
-            raise DoesNotFit(f"parameter {key!r} is {value!r}, which is not in the scene")
+            raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, which is not in the scene")
 
     conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
+    _check_classes(params, implementation.declared.params, wmi)
     unset = {param.key for param in inferable(params)}
     if unset:
         nothing = infer(params, conditions, wmi, _ids_above(node))
         if nothing is not None:
-            raise DoesNotFit(f"Pre-condition failed: {nothing}")
-    _check_classes(params, implementation.declared.params, wmi)
-    failed = [c for c in conditions if not c.evaluate(params, wmi)]
-    if failed:
-        raise DoesNotFit("Pre-condition failed: " + "; ".join(c.getDescription() for c in failed))
+            raise DoesNotFit(INFERENCE, f"Pre-condition failed: {nothing}")
+        _check_classes(params, implementation.declared.params, wmi)
+    failure = unmet(PRE, conditions, params, wmi)
+    if failure is not None:
+        raise DoesNotFit(PRE, failure.message, failure)
 
     for slot in slots:
         if slot.param.key in unset and slot.param.isSpecified():
@@ -77,7 +93,7 @@ def _check_classes(params: ParamHandler, declared: ParamHandler, wmi: Any) -> No
         wanted = declared.getParamMap()[key].element_type if param.is_element else ""
         for value in param.values if wanted else ():
             if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
-                raise DoesNotFit(f"parameter {key!r} is {value!r}, expected a {wanted}")
+                raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, expected a {wanted}")
 
 
 def _ids_above(node: SkillWrapper) -> set[str]:

@@ -8,25 +8,23 @@ counts these changes.
 from __future__ import annotations
 
 import logging
-import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.explanation import EXCEPTION, EXECUTE, HOLD, PARAMETER, POST, START
 from skiros2_common.core.mutations import mutations
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.devices import free_devices, lock_devices
+from skiros2_skill.core.failures import HOLD_FAILED, POST_FAILED, PRE_FAILED, Failure, Failures, unmet
+from skiros2_skill.core.hooks import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Hooks
 from skiros2_skill.core.node import SkillInterface
-from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
-
-PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
-START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
 
 _RUNNING: State = State.Running
 _SUCCESS: State = State.Success
@@ -47,6 +45,8 @@ class Executor:
         self._stamp = 0
         self._version = -1
         self._ending: list[SkillWrapper] = []
+        self.failures = Failures(wmi)
+        self._hooks = Hooks(self.failures)
         #: Whether a state or a progress has changed since it was last set to False.
         self.changed = True
 
@@ -88,7 +88,7 @@ class Executor:
             return _FAILURE
         if node in self._ending:
             return _RUNNING
-        state = self._guarded(node, lambda: as_state(node.getInstance().onPreempt(), _FAILURE), PREEMPT_RAISED)
+        state = self._hooks.call(node, lambda: as_state(node.getInstance().onPreempt(), _FAILURE), PREEMPT_RAISED, True)
         self._copy_progress(node)
         if state is _RUNNING:
             self._ending.append(node)
@@ -113,9 +113,9 @@ class Executor:
         try:
             candidates = node.candidates()
         except SkirosError as error:
-            return self._refuse(node, str(error), START_RAISED)
-        reason = choose(node, candidates, self._wmi)
-        return self._begin(node) if reason is None else self._refuse(node, reason, PRE_FAILED)
+            return self._refuse(node, Failure(START, START_RAISED, str(error)))
+        failure = choose(node, candidates, self._wmi)
+        return self._begin(node) if failure is None else self._refuse(node, failure)
 
     def _begin(self, node: SkillWrapper) -> bool:
         """Locks devices, makes the subtree and calls `onStart`."""
@@ -128,7 +128,7 @@ class Executor:
         node.volatile = any(self._is_volatile(c) for c in node._hold_conditions)
         node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
         node.seen_stamp = -1
-        started: Any = self._guarded(node, lambda: self._start_instance(node), START_RAISED)
+        started: Any = self._hooks.call(node, lambda: self._start_instance(node), START_RAISED)
         self._copy_progress(node)
         if started is _FAILURE:  # raised
             self._end(node, _FAILURE)
@@ -136,6 +136,7 @@ class Executor:
         if started is False:
             if not node._progress_msg:
                 node._setProgress(f"{node.label}: onStart returned False", PRE_FAILED)
+            self.failures.note(node, Failure(START, node._progress_code, node._progress_msg))
             self._close(node, _FAILURE)
             return False
         self._give_changes(node)
@@ -153,10 +154,9 @@ class Executor:
         node.adopt_description()  # onStart may declare parameters
         return answer is not False
 
-    def _refuse(self, node: SkillWrapper, message: str, code: int) -> bool:
-        node._setProgress(message, code)
+    def _refuse(self, node: SkillWrapper, failure: Failure) -> bool:
         self._set_state(node, _FAILURE)
-        return False
+        return self._failed(node, failure)
 
     # -- run ---------------------------------------------------------------------------------------------------
 
@@ -168,25 +168,21 @@ class Executor:
             blackboard.take(node, node.slots)
             blackboard.renew(node.slots, self._wmi)
         except SkirosError as error:
-            node._setProgress(str(error), HOLD_FAILED)
-            return False
+            return self._failed(node, Failure(PARAMETER, HOLD_FAILED, str(error)))
         if node._hold_conditions and not self._holds(node):
             return False
         node.seen_stamp = self._stamp
         return True
 
     def _holds(self, node: SkillWrapper) -> bool:
-        unmet = self._unmet(node, node._hold_conditions)
-        if unmet:
-            node._setProgress(f"Hold-condition failed: {unmet}", HOLD_FAILED)
-        return not unmet
+        failure = unmet(HOLD, node._hold_conditions, node._params, self._wmi)
+        return failure is None or self._failed(node, failure)
 
-    def _unmet(self, node: SkillWrapper, conditions: Sequence[Any]) -> str:
-        """The conditions that do not hold, in words; "" when all do."""
-        try:
-            return "; ".join(c.getDescription() for c in conditions if not c.evaluate(node._params, self._wmi))
-        except SkirosError as error:
-            return str(error)
+    def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
+        """Tells and notes a failure of a node. Returns False."""
+        node._setProgress(failure.message, failure.code)
+        self.failures.note(node, failure)
+        return False
 
     def _fail_running(self, node: SkillWrapper) -> State:
         """Preempts a running node; it fails with the progress that it has now."""
@@ -201,7 +197,7 @@ class Executor:
 
     def _run(self, node: SkillWrapper) -> State:
         mark = mutations.mark
-        state = self._tick_children(node) if isinstance(node._instance, SkillBase) else self._call_execute(node)
+        state = self._tick_children(node) if isinstance(node._instance, SkillBase) else self._hooks.execute(node)
         self._copy_progress(node)
         if state is _RUNNING and mutations.mark == mark:
             self._look_at_world()
@@ -216,27 +212,11 @@ class Executor:
             return state
         if node.seen_stamp != self._stamp:
             self._renew(node)
-        return self._call_execute(node, state)
-
-    def _call_execute(self, node: SkillWrapper, of_children: State | None = None) -> State:
-        """What `execute` answers; None keeps the state of the children, where there are some."""
-        try:
-            answer = node._instance.execute()
-        except Exception as error:
-            return self._raised(node, error, EXECUTE_RAISED)
-        if isinstance(answer, State):
-            return answer
-        if answer is None and of_children is not None:
-            return of_children
-        if isinstance(answer, bool):
-            return as_state(answer, _FAILURE)
-        text = f"{node.label}: execute returned {answer!r}, expected step(...), success(...) or fail(...)"
-        node._instance._setProgress(text, EXECUTE_RAISED)
-        return _FAILURE
+        return self._hooks.execute(node, state)
 
     def _tick_ending(self, node: SkillWrapper) -> None:
         """One more tick of a node that was preempted and needs time."""
-        state = self._call_execute(node, _FAILURE)
+        state = self._hooks.execute(node, _FAILURE, late=True)
         self._copy_progress(node)
         if state is not _RUNNING:
             self._ending.remove(node)
@@ -256,15 +236,17 @@ class Executor:
                 child.visitPreempt(self)
         free_devices(node, self._wmi)
         if state is _SUCCESS and node._post_conditions and not preempted:
-            unmet = self._unmet(node, node._post_conditions)
-            if unmet:
-                instance._setProgress(f"Post-condition failed: {unmet}", POST_FAILED)
+            failure = unmet(POST, node._post_conditions, node._params, self._wmi)
+            if failure is not None:
+                instance._setProgress(failure.message, failure.code)
+                self.failures.note(node, failure)
                 state = _FAILURE
-        answer: Any = self._guarded(node, instance.onEnd, EXECUTE_RAISED)
+        answer: Any = self._hooks.call(node, instance.onEnd, EXECUTE_RAISED, late=preempted or state is not _SUCCESS)
         self._copy_progress(node)
         if answer is False or answer is _FAILURE:
             if answer is False and state is _SUCCESS:
-                node._setProgress(node._progress_msg or f"{node.label}: onEnd returned False", POST_FAILED)
+                text = node._progress_msg or f"{node.label}: onEnd returned False"
+                self._failed(node, Failure(EXECUTE, POST_FAILED, text, late=preempted))
             state = _FAILURE
         return self._close(node, state)
 
@@ -304,26 +286,13 @@ class Executor:
             blackboard.write_elements(node.element_slots, self._wmi)
         except SkirosError as error:
             blackboard.drop_changes(node.element_slots, self._wmi)
-            node._setProgress(f"{node.label}: the world model refused what the skill changed: {error}", EXECUTE_RAISED)
-            log.error("%s", node._progress_msg)
-            written = False
+            text = f"{node.label}: the world model refused what the skill changed: {error}"
+            written = self._failed(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
+            log.error("%s", text)
         if blackboard.give_changed(node, node.slots):
             self._stamp += 1
         self._look_at_world()
         return written
-
-    def _guarded(self, node: SkillWrapper, hook: Callable[[], Any], code: int) -> Any:
-        """What a hook answers; Failure, with the traceback as progress, when it raises."""
-        try:
-            return hook()
-        except Exception as error:
-            return self._raised(node, error, code)
-
-    def _raised(self, node: SkillWrapper, error: Exception, code: int) -> State:
-        message = str(error) if isinstance(error, SkillPreempted) else traceback.format_exc()
-        node.getInstance()._setProgress(message, code)
-        log.error("%s: %s", node.printState(), message)
-        return _FAILURE
 
     def _set_state(self, node: SkillInterface, state: State) -> None:
         node._setState(state)

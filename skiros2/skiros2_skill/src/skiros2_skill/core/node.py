@@ -23,6 +23,7 @@ class SkillInterface(SkillCore):
     def __init__(self, children_processor: Any = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
         self._parent: SkillInterface | None = None
+        self._place = 0  # among the children of the parent
         self._processor = children_processor.fresh()
         self._instance: Any = None
         self._instanciator: Any = None
@@ -64,6 +65,7 @@ class SkillInterface(SkillCore):
         if p._parent is not None:
             raise Refused(f"{p.printState()} is a child of {p._parent.printState()} already")
         p._parent = self
+        p._place = len(self._children)
         self._children.append(p)
         if latch:
             self._latched = p

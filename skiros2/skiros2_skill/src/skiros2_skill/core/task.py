@@ -10,10 +10,11 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
 from skiros2_skill.core.executor import Executor
+from skiros2_skill.core.failures import Failure
 from skiros2_skill.core.groups import Root
-from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -106,7 +107,9 @@ class Task:
         except Exception as error:
             log.exception("task %s: the tick raised; the task ends", self.id)
             state = State.Failure
-            self.root._setProgress(f"the tick raised {type(error).__name__}: {error}", ENDED_FAILURE)
+            text = f"the tick raised {type(error).__name__}: {error}"
+            self.root._setProgress(text, ENDED_FAILURE)
+            self._executor.failures.note(self.root, Failure(EXCEPTION, ENDED_FAILURE, text))
             self.root._setState(state)
         if state is not State.Running:
             self._close(state)
@@ -121,6 +124,7 @@ class Task:
             self._preempted = True
             self._executor.preempt(self.root)
             self.root._setState(State.Failure)
+            self._executor.failures.note(self.root, Failure(PREEMPT, ENDED_FAILURE, "Preempted"))
         return self._executor.tick(self.root)
 
     def _close(self, state: State) -> None:
@@ -140,13 +144,15 @@ class Task:
             return "Preempted"
         if self.root.progress_code == ENDED_FAILURE:
             return self.root.progress_msg
-        node: SkillInterface = self.root
-        while True:
-            failed = [c for c in node.children if c.state is State.Failure]
-            if not failed or node.progress_code < 0:
-                break
-            node = failed[-1]
-        return f"{node.printState()}: {node.progress_msg}" if node is not self.root else "Failure"
+        cause = self._executor.failures.cause()
+        return f"{cause[0].printState()}: {cause[1].message}" if cause is not None else "Failure"
+
+    def explanations(self) -> list[Explanation]:
+        """Why nodes failed, each kind of failure of a node once, in the order in which they failed last.
+
+        Any thread, also when the task has ended. The last 100 are kept.
+        """
+        return self._executor.failures.explanations()
 
     def nodes(self) -> Iterator[Any]:
         """All nodes, each before its children."""

@@ -1,0 +1,160 @@
+"""What failed in a task: kept while it runs and after, to be explained to people.
+
+A failure is noted as cheap data where it happens. It becomes an `Explanation`, for which the world model is searched,
+when the same node has not failed so before: a reactive tree may have a node that fails at each tick.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.explanation import HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
+from skiros2_common.core.params import ParamHandler
+from skiros2_skill.core.node import SkillInterface
+
+log = logging.getLogger(__name__)
+
+#: So many failures of a task are kept, the last ones.
+MOST_KEPT = 100
+
+PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
+
+_CONDITIONS = {
+    PRE: ("Pre-condition failed", PRE_FAILED),
+    HOLD: ("Hold-condition failed", HOLD_FAILED),
+    POST: ("Post-condition failed", POST_FAILED),
+}
+
+
+@dataclass
+class Failure:
+    """A failure of a node, not explained yet.
+
+    :param stage, code, message: as in `Explanation`.
+    :param label: of the implementation; "" for that of the node.
+    :param conditions: those that do not hold of `params`.
+    :param origins: where the values of the parameters came from.
+    :param late: the node had failed or was ended already: this is not why.
+    """
+
+    stage: str
+    code: int
+    message: str
+    label: str = ""
+    conditions: Sequence[Any] = ()
+    params: ParamHandler | None = None
+    candidates: list[Candidates] = field(default_factory=list)
+    origins: list[Origin] = field(default_factory=list)
+    tried: Sequence[Failure] = ()
+    late: bool = False
+
+
+def unmet(stage: str, conditions: Sequence[Any], params: ParamHandler, wmi: Any) -> Failure | None:
+    """The failure of the conditions that do not hold; None when all do.
+
+    :param stage: `PRE`, `HOLD` or `POST`.
+    """
+    words, code = _CONDITIONS[stage]
+    try:
+        failed = [c for c in conditions if not c.evaluate(params, wmi)]
+        if not failed:
+            return None
+        text = "; ".join(c.getDescription() for c in failed)
+    except SkirosError as error:
+        return Failure(stage, code, f"{words}: {error}")
+    return Failure(stage, code, f"{words}: {text}", conditions=failed, params=params)
+
+
+@dataclass
+class _Kept:
+    node: SkillInterface
+    explanation: Explanation
+    late: bool
+
+
+class Failures:
+    """The failures of one task. Noted by the thread that ticks it, read by any.
+
+    :param wmi: the world model as the task sees it.
+    """
+
+    def __init__(self, wmi: Any) -> None:
+        self._wmi = wmi
+        self._kept: dict[tuple[Any, ...], _Kept] = {}  # the one that failed last is the last
+        self._lock = threading.Lock()
+
+    def note(self, node: SkillInterface, failure: Failure) -> None:
+        """Keeps a failure; one that the same node had before is counted."""
+        key = (_place(node), failure.label, failure.stage, failure.code, failure.message)
+        kept = self._kept.get(key)
+        if kept is None:
+            kept = _Kept(node, self._explained(node, failure), failure.late)
+        else:
+            kept = _Kept(node, replace(kept.explanation, times=kept.explanation.times + 1), failure.late)
+        with self._lock:
+            self._kept.pop(key, None)
+            self._kept[key] = kept
+            if len(self._kept) > MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+
+    def explanations(self) -> list[Explanation]:
+        """Why nodes failed, in the order in which they failed last."""
+        with self._lock:
+            kept = list(self._kept.values())
+        return [replace(k.explanation, node=k.node._id) for k in kept]
+
+    def cause(self) -> tuple[SkillInterface, Explanation] | None:
+        """The node because of which the root failed last, and why; None when no node failed."""
+        for kept in reversed(self._kept.values()):
+            if not kept.late and all(node._state is State.Failure for node in _path(kept.node)):
+                return kept.node, kept.explanation
+        return None
+
+    def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
+        path = [_name(n) for n in _path(node) if n._parent is not None or n is node]
+        return self._explanation(node, failure, path)
+
+    def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:
+        return Explanation(
+            failure.stage,
+            node._type,
+            failure.label or node._label,
+            node._id,
+            failure.code,
+            failure.message,
+            path,
+            self._findings(failure),
+            failure.candidates,
+            failure.origins,
+            [self._explanation(node, tried, []) for tried in failure.tried],
+            time.time(),
+        )
+
+    def _findings(self, failure: Failure) -> list[Finding]:
+        return []
+
+
+def _path(node: SkillInterface) -> list[SkillInterface]:
+    """The nodes from the root to a node."""
+    path = []
+    above: SkillInterface | None = node
+    while above is not None:
+        path.append(above)
+        above = above._parent
+    return path[::-1]
+
+
+def _place(node: SkillInterface) -> tuple[int, ...]:
+    """Which child of which child a node is: that stays so when a subtree is made anew."""
+    return tuple(n._place for n in _path(node))
+
+
+def _name(node: SkillInterface) -> str:
+    return node._label or node._processor.printType()

@@ -164,9 +164,10 @@ def test_ids_of_running_tasks_differ_and_stay_within_int16(ticker, skills):
 def test_stopping_ends_all_tasks_and_the_thread(skills):
     one = Ticker(rate=200)
     tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
+    before = set(threading.enumerate())
     one.stop()
     assert all(t.ended.is_set() for t in tasks)
-    assert not one._thread.is_alive()
+    assert not any(thread.is_alive() and thread.name.startswith("ticker") for thread in before)
 
 
 def test_a_skill_may_give_commands_from_its_own_hooks(ticker, skills):

@@ -261,7 +261,7 @@ class SkillCore(SkillDescription):
         return True
 
     def wake(self) -> None:
-        """Asks for a tick of the skill's task at once: what it waited for is there. Any thread; nothing when it ended."""
+        """Asks for a tick at once: what the skill waited for is there. Any thread; nothing when the task has ended."""
         self._waker()
 
     # -- printing ----------------------------------------------------------------------------------------------

@@ -16,19 +16,25 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, HOLD, PARAMETER, POST, START
 from skiros2_common.core.mutations import mutations
 from skiros2_skill.core import blackboard
+from skiros2_skill.core.breakpoints import Breakpoints
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.devices import free_devices, lock_devices
 from skiros2_skill.core.failures import HOLD_FAILED, POST_FAILED, PRE_FAILED, Failure, Failures, unmet
 from skiros2_skill.core.hooks import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Hooks
 from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.pauses import Pauses
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
 
+#: What is noted while a node's devices are freed.
+FREEING = "the release of its devices"
+
 _RUNNING: State = State.Running
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
+_Wake = Callable[[], None]
 _Children = SkillInterface.execute  # what a compound without an `execute` of its own has
 
 
@@ -37,28 +43,41 @@ class Executor:
 
     :param wmi: the world model as this task sees it.
     :param wake: asks for a tick at once; from any thread.
+    :param breakpoints: where the task pauses by itself.
     """
 
-    def __init__(self, wmi: Any, wake: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, wmi: Any, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi = wmi
         self._wake = wake
+        self._pauses = Pauses(breakpoints)
         self._stamp = 0
         self._version = -1
-        self._ending: list[SkillWrapper] = []
+        #: Nodes that were preempted and need more time.
+        self.ending: list[SkillWrapper] = []
         self.failures = Failures(wmi)
         self._hooks = Hooks(self.failures)
+        self.inside = self._hooks.inside
         #: Whether a state or a progress has changed since it was last set to False.
         self.changed = True
 
     def tick(self, root: SkillInterface) -> State:
         """One tick of a tree. Nodes that were preempted and need more time are ticked too."""
         self._look_at_world()
-        for node in list(self._ending):
+        for node in list(self.ending):
             self._tick_ending(node)
         state: State = root._state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
-        return _RUNNING if self._ending else state
+        if self.ending:
+            return _RUNNING
+        if self._pauses and state is _RUNNING:
+            self._pauses.at_end_of_tick()
+        return state
+
+    @property
+    def has_seen_world(self) -> bool:
+        """Whether nothing has changed in the world model since it was looked at last. Any thread."""
+        return self._wmi is None or (self._version != -1 and self._wmi.version == self._version)
 
     # -- one node ----------------------------------------------------------------------------------------------
 
@@ -69,10 +88,10 @@ class Executor:
         if node._state is not _RUNNING:
             node._start_progress()
             node._processor.reset()
-            self._set_state(node, _RUNNING)
+            self.set_state(node, _RUNNING)
         state: State = node._processor.processChildren(node._children, self)
         if state is not _RUNNING:
-            self._set_state(node, state)
+            self.set_state(node, state)
         return state
 
     def preempt(self, node: Any) -> State:
@@ -84,16 +103,18 @@ class Executor:
             if child.hasState(_RUNNING):
                 child.visitPreempt(self)
         if not isinstance(node, SkillWrapper):
-            self._set_state(node, _FAILURE)
+            self.set_state(node, _FAILURE)
             return _FAILURE
-        if node in self._ending:
+        if node in self.ending:
             return _RUNNING
-        state = self._hooks.call(node, lambda: as_state(node.getInstance().onPreempt(), _FAILURE), PREEMPT_RAISED, True)
+        state = self._hooks.call(
+            node, "onPreempt", lambda: as_state(node.getInstance().onPreempt(), _FAILURE), PREEMPT_RAISED, late=True
+        )
         self._copy_progress(node)
         if state is _RUNNING:
-            self._ending.append(node)
+            self.ending.append(node)
             return _RUNNING
-        return self._end(node, _FAILURE if state is State.Idle else state, preempted=True)
+        return self.end(node, _FAILURE if state is State.Idle else state, preempted=True)
 
     # -- start -------------------------------------------------------------------------------------------------
 
@@ -101,7 +122,7 @@ class Executor:
         if node._state is not _RUNNING:
             if not self._start(node):
                 return _FAILURE
-        elif self._ending and node in self._ending:
+        elif self.ending and node in self.ending:
             return _RUNNING
         if (node.seen_stamp != self._stamp or node.volatile) and not self._renew(node):
             return self._fail_running(node)
@@ -109,12 +130,14 @@ class Executor:
 
     def _start(self, node: SkillWrapper) -> bool:
         """Chooses an implementation and starts it. False when that failed; the node's progress tells why."""
+        if self._pauses:
+            self._pauses.before(node)
         node._start_progress()
         try:
             candidates = node.candidates()
         except SkirosError as error:
             return self._refuse(node, Failure(START, START_RAISED, str(error)))
-        failure = choose(node, candidates, self._wmi)
+        failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi)
         return self._begin(node) if failure is None else self._refuse(node, failure)
 
     def _begin(self, node: SkillWrapper) -> bool:
@@ -123,15 +146,15 @@ class Executor:
         instance._start_progress()
         instance._waker = self._wake
         node._input = {key: list(p.values) for key, p in node._params.items()}
-        self._set_state(node, _RUNNING)
+        self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
-        node.volatile = any(self._is_volatile(c) for c in node._hold_conditions)
+        node.volatile = any(_is_volatile(c, self._wmi) for c in node._hold_conditions)
         node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
         node.seen_stamp = -1
-        started: Any = self._hooks.call(node, lambda: self._start_instance(node), START_RAISED)
+        started: Any = self._hooks.call(node, "onStart", lambda: self._start_instance(node), START_RAISED)
         self._copy_progress(node)
         if started is _FAILURE:  # raised
-            self._end(node, _FAILURE)
+            self.end(node, _FAILURE)
             return False
         if started is False:
             if not node._progress_msg:
@@ -155,7 +178,7 @@ class Executor:
         return answer is not False
 
     def _refuse(self, node: SkillWrapper, failure: Failure) -> bool:
-        self._set_state(node, _FAILURE)
+        self.set_state(node, _FAILURE)
         return self._failed(node, failure)
 
     # -- run ---------------------------------------------------------------------------------------------------
@@ -166,7 +189,7 @@ class Executor:
             return not node.volatile or self._holds(node)
         try:
             blackboard.take(node, node.slots)
-            blackboard.renew(node.slots, self._wmi)
+            self.inside.call(node, "the reading of its elements", blackboard.renew, node.slots, self._wmi)
         except SkirosError as error:
             return self._failed(node, Failure(PARAMETER, HOLD_FAILED, str(error)))
         if node._hold_conditions and not self._holds(node):
@@ -175,24 +198,32 @@ class Executor:
         return True
 
     def _holds(self, node: SkillWrapper) -> bool:
-        failure = unmet(HOLD, node._hold_conditions, node._params, self._wmi)
+        failure = self._unmet(HOLD, node, node._hold_conditions)
         return failure is None or self._failed(node, failure)
+
+    def _unmet(self, stage: str, node: SkillWrapper, conditions: list[Any]) -> Failure | None:
+        return self.inside.call(node, "its conditions", unmet, stage, conditions, node._params, self._wmi)
 
     def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
         """Tells and notes a failure of a node. Returns False."""
         node._setProgress(failure.message, failure.code)
-        self.failures.note(node, failure)
+        self._note(node, failure)
         return False
+
+    def _note(self, node: SkillWrapper, failure: Failure) -> None:
+        self.failures.note(node, failure)
+        if self._pauses:
+            self._pauses.at_failure(failure.conditions)
 
     def _fail_running(self, node: SkillWrapper) -> State:
         """Preempts a running node; it fails with the progress that it has now."""
         message, code = node._progress_msg, node._progress_code
         self.preempt(node)
-        if node in self._ending:  # it needs more time, but has failed already
+        if node in self.ending:  # it needs more time, but has failed already
             node.verdict = (message, code)
             return _FAILURE
         node._setProgress(message, code)
-        self._set_state(node, _FAILURE)
+        self.set_state(node, _FAILURE)
         return _FAILURE
 
     def _run(self, node: SkillWrapper) -> State:
@@ -203,8 +234,8 @@ class Executor:
             self._look_at_world()
             return _RUNNING  # nothing to write or to pass on
         if self._give_changes(node):
-            return _RUNNING if state is _RUNNING else self._end(node, state)
-        return self._end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
+            return _RUNNING if state is _RUNNING else self.end(node, state)
+        return self.end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
 
     def _tick_children(self, node: SkillWrapper) -> State:
         state: State = node._processor.processChildren(node._children, self)
@@ -219,29 +250,31 @@ class Executor:
         state = self._hooks.execute(node, _FAILURE, late=True)
         self._copy_progress(node)
         if state is not _RUNNING:
-            self._ending.remove(node)
-            self._end(node, state, preempted=True)
+            self.ending.remove(node)
+            self.end(node, state, preempted=True)
             if node.verdict is not None:
                 node._setProgress(*node.verdict)
-                self._set_state(node, _FAILURE)
+                self.set_state(node, _FAILURE)
                 node.verdict = None
 
     # -- end ---------------------------------------------------------------------------------------------------
 
-    def _end(self, node: SkillWrapper, state: State, preempted: bool = False) -> State:
+    def end(self, node: SkillWrapper, state: State, preempted: bool = False) -> State:
         """After the last `execute` or the preemption: locks, post-conditions, `onEnd`, parameters."""
         instance = node.getInstance()
         for child in node._children:
             if child._state is _RUNNING:
                 child.visitPreempt(self)
-        free_devices(node, self._wmi)
+        self.free(node)
         if state is _SUCCESS and node._post_conditions and not preempted:
-            failure = unmet(POST, node._post_conditions, node._params, self._wmi)
+            failure = self._unmet(POST, node, node._post_conditions)
             if failure is not None:
                 instance._setProgress(failure.message, failure.code)
-                self.failures.note(node, failure)
+                self._note(node, failure)
                 state = _FAILURE
-        answer: Any = self._hooks.call(node, instance.onEnd, EXECUTE_RAISED, late=preempted or state is not _SUCCESS)
+        answer: Any = self._hooks.call(
+            node, "onEnd", instance.onEnd, EXECUTE_RAISED, late=preempted or state is not _SUCCESS
+        )
         self._copy_progress(node)
         if answer is False or answer is _FAILURE:
             if answer is False and state is _SUCCESS:
@@ -254,21 +287,24 @@ class Executor:
         """The node has ended: its parameters go up, its implementation is free for others."""
         if not self._give_changes(node):
             state = _FAILURE
-        free_devices(node, self._wmi)
+        self.free(node)
         if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
             self._stamp += 1
         node.getInstance()._setState(state)
         if not isinstance(node.getInstance(), SkillBase):
             node.release()
-        self._set_state(node, state)
+        self.set_state(node, state)
+        if self._pauses:
+            self._pauses.after(node)
         self._look_at_world()
         return state
 
-    # -- helpers -----------------------------------------------------------------------------------------------
+    def free(self, node: SkillWrapper) -> None:
+        """Frees the devices that the node has locked."""
+        if node.locked:
+            self.inside.call(node, FREEING, free_devices, node, self._wmi)
 
-    def _is_volatile(self, condition: Any) -> bool:
-        relation = getattr(condition, "relation", None)
-        return condition.volatile or (relation is not None and self._wmi.get_reasoner(relation) is not None)
+    # -- helpers -----------------------------------------------------------------------------------------------
 
     def _look_at_world(self) -> None:
         version = self._wmi.version if self._wmi is not None else 0
@@ -283,7 +319,9 @@ class Executor:
         """
         written = True
         try:
-            blackboard.write_elements(node.element_slots, self._wmi)
+            self.inside.call(
+                node, "the writing of its elements", blackboard.write_elements, node.element_slots, self._wmi
+            )
         except SkirosError as error:
             blackboard.drop_changes(node.element_slots, self._wmi)
             text = f"{node.label}: the world model refused what the skill changed: {error}"
@@ -294,16 +332,15 @@ class Executor:
         self._look_at_world()
         return written
 
-    def _set_state(self, node: SkillInterface, state: State) -> None:
+    def set_state(self, node: SkillInterface, state: State) -> None:
         node._setState(state)
         self.changed = True
 
     def _copy_progress(self, node: SkillWrapper) -> None:
-        """The node shows the progress of its implementation."""
-        instance = node._instance
-        if instance._progressed_at != node._progressed_at:
-            node._progress_code = instance._progress_code
-            node._progress_msg = instance._progress_msg
-            node._progress_period = instance._progress_period
-            node._progressed_at = instance._progressed_at
+        if node.copy_progress():
             self.changed = True
+
+
+def _is_volatile(condition: Any, wmi: Any) -> bool:
+    relation = getattr(condition, "relation", None)
+    return condition.volatile or (relation is not None and wmi.get_reasoner(relation) is not None)

@@ -10,6 +10,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT
 from skiros2_skill.core.failures import Failure, Failures
+from skiros2_skill.core.inside import Inside, LeftBehind
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
@@ -25,18 +26,27 @@ class Hooks:
     """Calls the hooks of the skills of one task, in the ticking thread.
 
     :param failures: where failures are noted.
+
+    `inside` tells other threads which hook is being called.
     """
 
     def __init__(self, failures: Failures) -> None:
         self._failures = failures
+        self.inside = Inside()
 
     def execute(self, node: SkillWrapper, of_children: State | None = None, late: bool = False) -> State:
         """What `execute` answers; None keeps the state of the children, where there are some.
 
         :param late: the node is ended already.
         """
+        notes = self.inside.enter(node, "execute")
         try:
-            answer = node._instance.execute()
+            try:
+                answer = node._instance.execute()
+            finally:
+                self.inside.leave(notes)
+        except LeftBehind:
+            raise
         except Exception as error:
             return self._raised(node, error, EXECUTE_RAISED, late)
         if isinstance(answer, State):
@@ -53,14 +63,21 @@ class Hooks:
         self._note(node, of_children, late)
         return _FAILURE
 
-    def call(self, node: SkillWrapper, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
+    def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
         """What another hook answers; Failure, with the traceback as progress, when it raises.
 
+        :param name: of the hook.
         :param code: the progress code then.
         :param late: the node has failed or is ended already.
         """
+        notes = self.inside.enter(node, name)
         try:
-            return hook()
+            try:
+                return hook()
+            finally:
+                self.inside.leave(notes)
+        except LeftBehind:
+            raise
         except Exception as error:
             return self._raised(node, error, code, late)
 

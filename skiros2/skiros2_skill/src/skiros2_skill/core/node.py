@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillCore, SkillDescription, State
@@ -303,3 +304,12 @@ class SkillInterface(SkillCore):
     def execute(self) -> State | None:
         """To override in compounds: runs after the children; None keeps their state."""
         return None
+
+
+def all_nodes(root: Any) -> Iterator[Any]:
+    """The nodes of a tree, each before its children."""
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting.extend(reversed(node.children))

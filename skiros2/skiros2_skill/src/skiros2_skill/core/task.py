@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +13,13 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
+from skiros2_skill.core.breakpoints import Break, Breakpoints
+from skiros2_skill.core.endings import bury, give_up, preempt_all
 from skiros2_skill.core.executor import Executor
 from skiros2_skill.core.failures import Failure
 from skiros2_skill.core.groups import Root
+from skiros2_skill.core.inside import LeftBehind, Stuck
+from skiros2_skill.core.node import all_nodes
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -45,23 +50,28 @@ class NodeProgress:
 
 
 class Task:
-    """A tree that is ticked until it ends. All but `preempt`, `pause` and `resume` is for the ticking thread.
+    """A tree that is ticked until it ends, by one thread at a time.
 
     :param task_id: 0 to 32767.
     :param wmi: the world model as the task sees it.
     :param author: who asked for the task.
+    :param breakpoints: where it pauses by itself.
     """
 
-    def __init__(self, task_id: int, wmi: Any, author: str = "") -> None:
+    def __init__(self, task_id: int, wmi: Any, author: str = "", breakpoints: Breakpoints | None = None) -> None:
         self.id = task_id
         self.author = author
         self.root = Root("root", wmi)
         self.root._id = task_id
-        self._executor = Executor(wmi, self.wake)
+        self._executor = Executor(wmi, self.wake, breakpoints)
         self._paused = threading.Event()
         self._ticks_left = 0
-        self._preempt_asked = threading.Event()
-        self._preempted = False
+        #: When it was asked to end, or given more time for that (s, monotonic); None: it was not.
+        self.preempted_at: float | None = None
+        self._stopping = False  # all that ran was preempted
+        self._reason = "Preempted"  # why
+        self._gives_up = False
+        self._stuck: Stuck | None = None
         self.ended = threading.Event()
         #: What `wake` calls; set by the ticker.
         self.waker: Callable[[], None] = lambda: None
@@ -74,15 +84,23 @@ class Task:
 
     def preempt(self) -> None:
         """Asks the task to end. It does at the next tick, paused or not."""
-        self._preempt_asked.set()
+        if self.preempted_at is None:
+            self.preempted_at = time.monotonic()
 
     def pause(self) -> None:
         """No more ticks; everything keeps its state."""
         self._paused.set()
 
+    def hold(self, reason: str) -> None:
+        """Pauses the task and says so in its progress."""
+        self._paused.set()
+        self.root._setProgress(reason, 0)
+        self._executor.changed = True
+
     def resume(self, ticks: int = 0) -> None:
         """Ticks again; given a number, pauses after that many ticks."""
         self._ticks_left = ticks
+        self.root._setProgress("", 0)
         self._paused.clear()
 
     def wake(self) -> None:
@@ -93,24 +111,50 @@ class Task:
     def paused(self) -> bool:
         return self._paused.is_set()
 
-    # -- the ticking thread ------------------------------------------------------------------------------------
-
     @property
     def wants_tick(self) -> bool:
         """Whether the task has something to do now."""
-        return not self.ended.is_set() and (self._preempt_asked.is_set() or not self._paused.is_set())
+        return not self.ended.is_set() and (self.preempted_at is not None or not self._paused.is_set())
+
+    @property
+    def has_seen_world(self) -> bool:
+        """Whether nothing has changed in the world model since the last tick looked at it."""
+        return self._executor.has_seen_world
+
+    @property
+    def place(self) -> str:
+        """The hook that is being called, "" when none is."""
+        return self._executor.inside.place
+
+    # -- a tick that does not end, from the thread that looks after it ------------------------------------------
+
+    def leave_behind(self, now: float, seconds: float) -> str:
+        """Takes the task away from a thread whose hook does not return; another one may tick it then.
+
+        :param seconds: how long the tick has taken.
+        :returns: what was left behind, in words; "" when the hook has returned just now.
+        """
+        stuck = self._executor.inside.take()
+        if stuck is None:
+            return ""
+        self.preempted_at = now
+        self._stuck = stuck
+        stuck.reason = f"{stuck.place} has not returned for {seconds:.1f} s and was left behind"
+        return stuck.reason
+
+    def give_up(self, now: float) -> None:
+        """The nodes that were preempted and still go on are ended at the next tick."""
+        self.preempted_at = now
+        self._gives_up = True
+
+    # -- the ticking thread ------------------------------------------------------------------------------------
 
     def tick(self) -> State:
         """One tick. Sets `ended` when the task has ended. What a tick raises ends the task as a failure."""
         try:
-            state = self._tick()
-        except Exception as error:
-            log.exception("task %s: the tick raised; the task ends", self.id)
-            state = State.Failure
-            text = f"the tick raised {type(error).__name__}: {error}"
-            self.root._setProgress(text, ENDED_FAILURE)
-            self._executor.failures.note(self.root, Failure(EXCEPTION, ENDED_FAILURE, text))
-            self.root._setState(state)
+            state = self._guarded_tick()
+        except LeftBehind:
+            return State.Running  # the task is another thread's now
         if state is not State.Running:
             self._close(state)
         elif self._ticks_left:
@@ -119,12 +163,39 @@ class Task:
                 self._paused.set()
         return state
 
+    def _guarded_tick(self) -> State:
+        try:
+            return self._tick()
+        except Break as reached:
+            self.hold(str(reached))
+            return State.Running
+        except LeftBehind:
+            raise
+        except Exception as error:
+            log.exception("task %s: the tick raised; the task ends", self.id)
+            return self._stop(EXCEPTION, f"the tick raised {type(error).__name__}: {error}")
+
     def _tick(self) -> State:
-        if self._preempt_asked.is_set() and not self._preempted:
-            self._preempted = True
-            self._executor.preempt(self.root)
-            self.root._setState(State.Failure)
-            self._executor.failures.note(self.root, Failure(PREEMPT, ENDED_FAILURE, "Preempted"))
+        if self._stuck is not None:
+            stuck, self._stuck = self._stuck, None
+            self._reason += f"; {stuck.reason}"
+            bury(self._executor, stuck)
+            self._stopping = False
+        if self._gives_up:
+            self._gives_up = False
+            give_up(self._executor)
+        if self.preempted_at is not None and not self._stopping:
+            return self._stop(PREEMPT, self._reason)
+        return self._executor.tick(self.root)
+
+    def _stop(self, stage: str, reason: str) -> State:
+        """Preempts all that runs."""
+        self._executor.failures.note(self.root, Failure(stage, ENDED_FAILURE, reason))
+        self._reason, self._stopping = reason, True
+        if self.preempted_at is None:
+            self.preempted_at = time.monotonic()
+        preempt_all(self._executor, self.root)
+        self.root._setState(State.Failure)
         return self._executor.tick(self.root)
 
     def _close(self, state: State) -> None:
@@ -140,10 +211,8 @@ class Task:
         """The root's last message: why the task failed."""
         if state is State.Success:
             return "Success"
-        if self._preempted:
-            return "Preempted"
-        if self.root.progress_code == ENDED_FAILURE:
-            return self.root.progress_msg
+        if self._stopping:
+            return self._reason
         cause = self._executor.failures.cause()
         return f"{cause[0].printState()}: {cause[1].message}" if cause is not None else "Failure"
 
@@ -156,11 +225,7 @@ class Task:
 
     def nodes(self) -> Iterator[Any]:
         """All nodes, each before its children."""
-        stack: list[Any] = [self.root]
-        while stack:
-            node = stack.pop()
-            yield node
-            stack.extend(reversed(node.children))
+        return all_nodes(self.root)
 
     def take_changed(self) -> bool:
         """Whether a state or progress has changed since this was asked last."""

@@ -1,31 +1,35 @@
-"""The thread that ticks all tasks of a manager."""
+"""Runs the tasks of a manager: commands, wakes, and the threads that tick."""
 
 from __future__ import annotations
 
-import logging
 import sys
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_skill.core.breakpoints import Breakpoints
+from skiros2_skill.core.concerns import concerns
 from skiros2_skill.core.task import MAX_ID, Task
-
-log = logging.getLogger(__name__)
+from skiros2_skill.core.watchdog import Watchdog
+from skiros2_skill.core.worker import WAKES, Pace, Scheduled
 
 #: Each level of a tree costs about six frames; Python's own limit of 1000 would end trees of 150 levels.
 RECURSION_LIMIT = 100_000
 
 
 class Ticker:
-    """Ticks tasks at a fixed rate, in a thread of its own.
+    """Ticks tasks at a fixed rate and, in between, when they are woken.
+
+    One thread ticks all tasks, one after the other. A task with a hook that does not return keeps that thread, and the
+    others get a new one (see `Watchdog`).
 
     :param rate: ticks per second.
-    :param on_tick: called after each round, in the ticking thread.
-    :param on_progress: called with a task, in the ticking thread, after each tick in which something changed, at least
+    :param on_tick: called after each round, in a ticking thread.
+    :param on_progress: called with a task, in a ticking thread, after each tick in which something changed, at least
         every `keep_alive` seconds, and when the task has ended.
     :param keep_alive: s.
+    :param preempt_timeout: s that a task has to end once it is preempted; then what does not return is left behind.
     """
 
     def __init__(
@@ -34,39 +38,40 @@ class Ticker:
         on_tick: Callable[[], None] = lambda: None,
         on_progress: Callable[[Task], None] = lambda task: None,
         keep_alive: float = 1.0,
+        preempt_timeout: float = 10.0,
     ) -> None:
-        self._period = 1.0 / rate
-        self._on_tick = on_tick
-        self._on_progress = on_progress
-        self._keep_alive = keep_alive
-        self._tasks: dict[int, Task] = {}
-        self._told: dict[int, float] = {}
-        self._next_id = 0
-        self._lock = threading.Lock()
-        self._wake = threading.Event()
-        self._stopped = False
-        self._thread = threading.Thread(target=self._run, name="ticker", daemon=True)
         sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
-        self._thread.start()
+        self._scheduled: dict[int, Scheduled] = {}
+        self._next_id = 0
+        self._lock = threading.Condition()
+        self._stopped = False
+        self.breakpoints = Breakpoints()
+        pace = Pace(1.0 / rate, keep_alive, on_tick, on_progress)
+        self._watchdog = Watchdog(pace, self._lock, self._forget, preempt_timeout)
 
-    # -- from any thread ---------------------------------------------------------------------------------------
+    # -- tasks, from any thread --------------------------------------------------------------------------------
 
     def new_task(self, wmi: Any, author: str) -> Task:
         """A task with an id that no other task has. It is not ticked before `start`."""
         with self._lock:
-            while self._next_id in self._tasks:
+            if self._stopped:
+                raise Refused("the manager is shutting down")
+            while self._next_id in self._scheduled:
                 self._next_id = (self._next_id + 1) % (MAX_ID + 1)
-            task = Task(self._next_id, wmi, author)
-            task.waker = self._wake.set
-            self._tasks[task.id] = task
-            self._next_id = (self._next_id + 1) % (MAX_ID + 1)
+            task = Task(self._next_id, wmi, author, self.breakpoints)
+            task.waker = lambda: self._wake(task)
             task.pause()
+            self._scheduled[task.id] = Scheduled(task)
+            self._watchdog.first.add(self._scheduled[task.id])
+            self._next_id = (self._next_id + 1) % (MAX_ID + 1)
             return task
 
     def discard(self, task: Task) -> None:
         """Forgets a task that was never started."""
         with self._lock:
-            self._tasks.pop(task.id, None)
+            scheduled = self._scheduled.pop(task.id, None)
+            if scheduled is not None:
+                self._watchdog.remove(scheduled)
 
     def start(self, task_id: int, ticks: int = 0) -> None:
         """Ticks a new or paused task; given a number, pauses it after that many ticks.
@@ -74,26 +79,30 @@ class Ticker:
         :raises UnknownName: there is no such task.
         :raises Refused: it runs already.
         """
-        task = self.get(task_id)
-        if not task.paused:
-            raise Refused(f"task {task_id} runs already")
-        task.resume(ticks)
-        self._wake.set()
+        with self._lock:
+            scheduled = self._get(task_id)
+            if not scheduled.task.paused:
+                raise Refused(f"task {task_id} runs already")
+            scheduled.task.resume(ticks)
+            self._call(scheduled)
 
     def preempt(self, task_id: int) -> None:
         """Ends a task at once.
 
         :raises UnknownName: there is no such task.
         """
-        self.get(task_id).preempt()
-        self._wake.set()
+        with self._lock:
+            scheduled = self._get(task_id)
+            scheduled.task.preempt()
+            self._call(scheduled)
 
     def pause(self, task_id: int) -> None:
         """Stops ticking a task; it keeps its state.
 
         :raises UnknownName: there is no such task.
         """
-        self.get(task_id).pause()
+        with self._lock:
+            self._get(task_id).task.pause()
 
     def get(self, task_id: int) -> Task:
         """The task with that id.
@@ -101,70 +110,63 @@ class Ticker:
         :raises UnknownName: there is none, or it has ended.
         """
         with self._lock:
-            task = self._tasks.get(task_id)
-            known = ", ".join(str(i) for i in self._tasks) or "none"
-        if task is None:
-            raise UnknownName(f"no task {task_id} is here; there are: {known}")
-        return task
+            return self._get(task_id).task
 
     def tasks(self) -> list[Task]:
         """The tasks that have not ended."""
         with self._lock:
-            return list(self._tasks.values())
+            return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
 
     def stop(self, timeout: float = 2.0) -> None:
-        """Preempts all tasks, ticks until they have ended, and ends the thread.
+        """Preempts all tasks, ticks until they have ended, and ends the threads.
 
-        :param timeout: s to wait at most; a hook that does not return is left behind.
+        :param timeout: s that the tasks have to end, where that is less than the time they have anyway; what does not
+            return is left behind then.
         """
-        for task in self.tasks():
-            task.preempt()
-        self._stopped = True
-        self._wake.set()
-        if threading.current_thread() is not self._thread:
-            self._thread.join(timeout)
+        with self._lock:
+            self._stopped = True
+            self._watchdog.hurry(timeout)
+            for scheduled in self._scheduled.values():
+                scheduled.task.preempt()
+                self._call(scheduled)
+        self._watchdog.stop(2 * timeout)
 
-    # -- the ticking thread ------------------------------------------------------------------------------------
+    # -- wakes, from any thread --------------------------------------------------------------------------------
 
-    def _run(self) -> None:
-        due = time.monotonic()
-        while True:
-            tasks = [task for task in self.tasks() if task.wants_tick]
-            if self._stopped and not tasks:
-                return
-            for task in tasks:
-                self._tick(task)
-            if tasks:
-                self._call(self._on_tick)
-            for task in self.tasks():
-                self._tell(task)
-            due = max(due + self._period, time.monotonic())  # a slow round delays the next ones, but does not add up
-            self._sleep_until(due if tasks else None)
+    def on_change(self, change: Any) -> None:
+        """Takes a change of the world model: ticks the tasks that it concerns, and pauses them at breakpoints."""
+        reached = self.breakpoints.at_change(change) if self.breakpoints else ""
+        with self._lock:
+            # A task sees by itself what it changes in a tick.
+            running = [
+                s.task for s in self._scheduled.values() if s.task.wants_tick and not self._watchdog.ticks_here(s)
+            ]
+        for task in running:
+            if reached:
+                task.hold(reached)
+            if not task.has_seen_world and concerns(task.root, change):
+                self._wake(task)
 
-    def _sleep_until(self, due: float | None) -> None:
-        """Until the time comes or somebody wakes the thread; without a time, until somebody does."""
-        idle = self._keep_alive if self.tasks() else None
-        waiting = idle if due is None else max(0.0, due - time.monotonic())
-        self._wake.wait(waiting)
-        self._wake.clear()
+    def _wake(self, task: Task) -> None:
+        """A tick at once, unless the task has had too many since the last slot."""
+        with self._lock:
+            scheduled = self._scheduled.get(task.id)
+            if scheduled is not None and scheduled.task is task and scheduled.wakes < WAKES:
+                scheduled.wakes += 1
+                self._call(scheduled)
 
-    def _tick(self, task: Task) -> None:
-        task.tick()
-        if task.ended.is_set():
-            with self._lock:
-                self._tasks.pop(task.id, None)
-            self._told.pop(task.id, None)
-            self._call(lambda: self._on_progress(task))
+    # -- under the lock ----------------------------------------------------------------------------------------
 
-    def _tell(self, task: Task) -> None:
-        now = time.monotonic()
-        if task.take_changed() or now - self._told.get(task.id, 0.0) >= self._keep_alive:
-            self._told[task.id] = now
-            self._call(lambda: self._on_progress(task))
+    def _get(self, task_id: int) -> Scheduled:
+        scheduled = self._scheduled.get(task_id)
+        if scheduled is None or scheduled.task.ended.is_set():
+            known = ", ".join(str(s.task.id) for s in self._scheduled.values() if not s.task.ended.is_set()) or "none"
+            raise UnknownName(f"no task {task_id} is here; there are: {known}")
+        return scheduled
 
-    def _call(self, callback: Callable[[], None]) -> None:
-        """What a callback raises is logged: it must not end the thread."""
-        try:
-            callback()
-        except Exception:
-            log.exception("a callback of the ticker raised")
+    def _call(self, scheduled: Scheduled) -> None:
+        scheduled.woken = True
+        self._lock.notify_all()
+
+    def _forget(self, scheduled: Scheduled) -> None:
+        self._scheduled.pop(scheduled.task.id, None)

@@ -36,6 +36,7 @@ class SkillWrapper(SkillInterface):
         self.runs_after_children = False
         self.locked: list[str] = []
         self.verdict: tuple[str, int] | None = None
+        self.abandoned = False  # its instance is not to be used again
         if instanciator is not None:
             self._wmi = instanciator.wmi
         self._setState(State.Idle)
@@ -91,9 +92,22 @@ class SkillWrapper(SkillInterface):
         """The implementation, None before one is chosen."""
         return self._instance
 
+    def copy_progress(self) -> bool:
+        """The node shows the progress of its implementation. Returns whether it is new."""
+        instance = self._instance
+        if instance._progressed_at == self._progressed_at:
+            return False
+        self._progress_code = instance._progress_code
+        self._progress_msg = instance._progress_msg
+        self._progress_period = instance._progress_period
+        self._progressed_at = instance._progressed_at
+        return True
+
     def release(self) -> None:
         """Gives the implementation back for others to use; the node keeps its parameters and progress."""
-        if self._instance is not None:
+        if self.abandoned:
+            self.retire()
+        elif self._instance is not None:
             self.implementation.release(self._instance)
             self._instance = None
 

@@ -200,6 +200,8 @@ class SkillManager(DiscoverableNode):
     # -- the world model ---------------------------------------------------------------------------------------
 
     def _on_world_change(self, change: Any) -> None:
+        if self._ticker is not None:
+            self._ticker.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
         if change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
             # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the

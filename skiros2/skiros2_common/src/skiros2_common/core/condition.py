@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType
+from skiros2_common.core.explanation import MOST_NAMED, Change, Finding, Near
+from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
@@ -62,6 +65,43 @@ class ConditionBase:
     def getDescription(self) -> str:
         """The condition with the elements that it was checked on last."""
         return f"[{self._label}] {'' if self._desired_state else 'not '}{self.fact()}"
+
+    # -- why it does not hold ----------------------------------------------------------------------------------
+
+    def explain(self, ph: ParamHandler, wmi: Any) -> Finding:
+        """What is to say when `evaluate` has answered False. Searches the scene for elements that would do.
+
+        :raises SkirosError: as `evaluate`.
+        """
+        for key in self.getKeys():
+            self._remember(key, ph)
+        return Finding(
+            self.__class__.__name__,
+            self._label,
+            {key: self._name(key) for key in self.getKeys()},
+            self.expected(),
+            self.found(ph, wmi) or "it does not hold",
+            self._nearest(ph, wmi),
+            self._changes(ph, wmi),
+        )
+
+    def expected(self) -> str:
+        """What should be so, in words that follow on those of `found`."""
+        return self.getDescription().removeprefix(f"[{self._label}] ")
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        """What is so, when `evaluate` has answered False; "" when no more is known."""
+        return ""
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        """Elements of which it would hold, at most `MOST_NAMED`."""
+        return []
+
+    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+        """What of the scene it depends on, whoever changed it."""
+        return []
+
+    # -- effects and other forms -------------------------------------------------------------------------------
 
     def remap(self, initial_key: str, target_key: str) -> None:
         """Renames a parameter key."""
@@ -154,3 +194,42 @@ class ConditionBase:
             return value
         found: Element | None = wmi.find_element(value.id)
         return found
+
+    def _lacking(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+        """Why a parameter holds no element of the scene, in words; "" when it holds one."""
+        value = self._value(key, ph)
+        if value is None:
+            return f"parameter {key!r} is unset"
+        if not isinstance(value, Element):
+            return f"parameter {key!r} is {value!r}"
+        if value.isAbstract():
+            return f"parameter {key!r} is {self._name(key)}"
+        return "" if wmi.find_element(value.id) is not None else f"{value!r} is not in the scene"
+
+    def _others(self, key: str, ph: ParamHandler, wmi: Any, prop: str = "", value: Any = "") -> Iterator[Element]:
+        """The elements of the scene that a parameter could hold instead, ordered by id.
+
+        :param prop, value: only those with that value of a property.
+        """
+        param = ph._params.get(key)
+        if param is None or not param.is_element:
+            return
+        wanted = Element(param.element_type)
+        if prop:
+            wanted.setProperty(prop, value)
+        present = {value.id for value in param.values}
+        for element in sorted(wmi.resolve_elements(wanted), key=lambda e: id_order(e.id)):
+            if element.id not in present:
+                yield element
+
+    def _last(self, key: str, name: str, ph: ParamHandler, wmi: Any) -> list[Change]:
+        """The last change of a property or relation of the element in a parameter; who made it is asked later."""
+        value = self._value(key, ph)
+        if not isinstance(value, Element) or value.isAbstract():
+            return []
+        return [Change(value.id, name if wmi.find_element(value.id) is not None else "")]
+
+
+def some(elements: Iterable[Element], why: str = "") -> list[Near]:
+    """The first of the elements, at most `MOST_NAMED`."""
+    return [Near(repr(element), why) for element in islice(elements, MOST_NAMED)]

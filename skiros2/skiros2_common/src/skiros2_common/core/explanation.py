@@ -49,7 +49,7 @@ class Change:
 
     :param element: the id of the element that the fact is about.
     :param name: the property or relation; "" when the fact is about the element as a whole.
-    :param number: of the change in the world model; -1: not known. When the failure was, no later one was known.
+    :param number: of the change in the world model; -1: not known.
     :param stamp: when (s since the epoch); 0.0: not known.
     :param author: who made it; "": not known.
     """

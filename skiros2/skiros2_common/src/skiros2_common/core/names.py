@@ -30,3 +30,9 @@ def id_number(eid: str) -> int:
     """The number at the end of an id, or -1 when it has none."""
     _, dash, number = eid.rpartition("-")
     return int(number) if dash and number.isascii() and number.isdigit() and len(number) <= 18 else -1
+
+
+def id_order(eid: str) -> tuple[str, int]:
+    """The key that sorts ids by class and number: `skiros:Part-9` before `skiros:Part-10`."""
+    number = id_number(eid)
+    return (eid, number) if number < 0 else (eid.rpartition("-")[0], number)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.explanation import Finding
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
@@ -47,6 +48,22 @@ class ConditionOr(ConditionBase):
 
     def fact(self) -> str:
         return "(" + " or ".join(c.getDescription() for c in self._conditions) + ")"
+
+    def explain(self, ph: ParamHandler, wmi: Any) -> Finding:
+        finding = super().explain(ph, wmi)
+        if self._desired_state:
+            finding.parts = [c.explain(ph, wmi) for c in self._conditions]
+        return finding
+
+    def expected(self) -> str:
+        if not self._desired_state:
+            return "none of them"
+        return " or ".join(f"[{c.label}] {c.expected()}" for c in self._conditions)
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        if self._desired_state:
+            return "; ".join(c.found(ph, wmi) for c in self._conditions)
+        return "; ".join(c.getDescription() for c in self._conditions if c.evaluate(ph, wmi))
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):

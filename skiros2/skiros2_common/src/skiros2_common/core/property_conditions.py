@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.explanation import MOST_NAMED, Change, Near
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property import same_value
@@ -31,6 +33,20 @@ class _OfProperty(ConditionBase):
     @property
     def property(self) -> str:
         return self._property
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None or element.isAbstract():
+            return self._lacking(self._subject_key, ph, wmi)
+        return f"{self._name(self._subject_key)}: {self._property} is {self._told(element)}"
+
+    def _told(self, element: Element) -> str:
+        """The values of the property."""
+        values = element.getProperty(self._property).values if element.hasProperty(self._property) else []
+        return ", ".join(map(repr, values)) or "missing"
+
+    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+        return self._last(self._subject_key, self._property, ph, wmi)
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -79,8 +95,9 @@ class ConditionProperty(_OfProperty):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        if element is None:
-            return False
+        return element is not None and self._holds_of(element)
+
+    def _holds_of(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self._property, self._desired_value)
         value = element.value_of(self._property)
@@ -91,6 +108,17 @@ class ConditionProperty(_OfProperty):
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} {self._property} {self._operator} {self._desired_value}"
+
+    def expected(self) -> str:
+        compared = "" if self._operator == "=" else f"{self._operator} "
+        return f"{'' if self._desired_state else 'not '}{compared}{self._desired_value!r}"
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        plain = isinstance(self._desired_value, (str, int, float))  # what an index finds
+        prop = self._property if plain and self._operator == "=" and self._desired_state else ""
+        others = self._others(self._subject_key, ph, wmi, prop, self._desired_value)
+        fitting = (e for e in others if self._holds_of(e) == self._desired_state)
+        return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
@@ -130,6 +158,15 @@ class ConditionHasProperty(_OfProperty):
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} has a value of {self._property}"
+
+    def expected(self) -> str:
+        return f"{'a' if self._desired_state else 'no'} value"
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        others = self._others(self._subject_key, ph, wmi)
+        state = self._desired_state
+        fitting = (e for e in others if e.hasProperty(self._property, not_none=True) == state)
+        return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
         if not self._desired_state:

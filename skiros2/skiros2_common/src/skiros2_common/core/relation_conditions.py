@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase
-from skiros2_common.core.names import full_name
+from skiros2_common.core.condition import ConditionBase, some
+from skiros2_common.core.explanation import MOST_NAMED, Change, Near
+from skiros2_common.core.names import full_name, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
@@ -51,16 +52,58 @@ class ConditionRelation(ConditionBase):
         return (self._subject_key, self._relation, self._object_key)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        subj = self._element(self._subject_key, ph, wmi)
-        obj = self._element(self._object_key, ph, wmi)
-        subj = self._default(self._subject_key, ph) if subj is None else subj
-        obj = self._default(self._object_key, ph) if obj is None else obj
+        subj, obj = self._side(self._subject_key, ph, wmi), self._side(self._object_key, ph, wmi)
         if subj is None or obj is None:
             return False
-        return bool(wmi.check_relation(subj, self._relation, obj, True, self.abstract))
+        return self._links(subj, obj, wmi)
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} {self._relation} {self._name(self._object_key)}"
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        if not self._desired_state:
+            return self.fact()
+        told = [text for key in self.getKeys() if (text := self._lacking(key, ph, wmi))]
+        subj, obj = self._side(self._subject_key, ph, wmi), self._side(self._object_key, ph, wmi)
+        if subj is not None and obj is not None:
+            told += self._related(subj, obj, wmi)
+        return "; ".join(told)
+
+    def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
+        """What the elements have along the relation, in words."""
+        reasoner = wmi.get_reasoner(self._relation)
+        if reasoner is not None and subj.id and obj.id:
+            names = [r["type"] for r in wmi.get_reasoner_relations(subj, reasoner.__class__.__name__, obj)]
+            return [f"{subj!r} {', '.join(names) or 'has no known relation to'} {obj!r}"]
+        told = []
+        if reasoner is None and subj.id:
+            objects = _named([r["dst"] for r in wmi.get_relations(subj.id, self._relation, "")], wmi)
+            told.append(f"{subj!r} {self._relation} {objects}")
+        if reasoner is None and obj.id:
+            subjects = _named([r["src"] for r in wmi.get_relations("", self._relation, obj.id)], wmi)
+            told.append(f"{subjects} {self._relation} {obj!r}")
+        return told
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        subj, obj = self._side(self._subject_key, ph, wmi), self._side(self._object_key, ph, wmi)
+        if subj is None or obj is None or wmi.get_reasoner(self._relation) is not None:
+            return []  # a reasoner may take long
+        state = self._desired_state
+        relation = self._relation if state else f"not {self._relation}"
+        subjects = (e for e in self._others(self._subject_key, ph, wmi) if self._links(e, obj, wmi) == state)
+        near = some(subjects, f"{relation} {self._name(self._object_key)}")
+        if subj.id and state:
+            objects = (e for e in self._others(self._object_key, ph, wmi) if self._links(subj, e, wmi))
+            near += some(objects, f"{self._name(self._subject_key)} {relation} it")
+        return near[:MOST_NAMED]
+
+    def _links(self, subj: Element, obj: Element, wmi: Any) -> bool:
+        return bool(wmi.check_relation(subj, self._relation, obj, True, self.abstract))
+
+    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+        if wmi.get_reasoner(self._relation) is not None:
+            return []
+        return [change for key in self.getKeys() for change in self._last(key, self._relation, ph, wmi)]
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -94,8 +137,12 @@ class ConditionRelation(ConditionBase):
         element.setProperty("skiros:hasObject", self._object_key)
         return element
 
+    def _side(self, key: str, ph: ParamHandler, wmi: Any) -> Element | None:
+        """The element in a parameter; for an unset one the abstract element that it was declared with."""
+        element = self._element(key, ph, wmi)
+        return element if element is not None else self._default(key, ph)
+
     def _default(self, key: str, ph: ParamHandler) -> Element | None:
-        """For an unset parameter, the abstract element that it was declared with."""
         param = ph.getParam(key)
         if param is None or param.value is not None or not isinstance(param.default, Element):
             return None
@@ -107,6 +154,12 @@ class AbstractConditionRelation(ConditionRelation):
 
     abstract = True
 
+    def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
+        return [f"the ontology does not allow {subj.type} {self._relation} {obj.type}"]
+
+    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+        return []
+
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         return self.evaluate(ph, wmi)  # the ontology is not an effect
 
@@ -117,3 +170,12 @@ class AbstractConditionRelation(ConditionRelation):
 def _set_relations(relations: Sequence[Any], state: bool, wmi: Any) -> None:
     for relation in relations:
         wmi.set_relation(relation["src"], relation["type"], relation["dst"], state)
+
+
+def _named(ids: Iterable[str], wmi: Any) -> str:
+    """The elements of some ids, ordered, as a text; of many the first and how many more there are."""
+    ordered = sorted(set(ids), key=id_order)
+    found = ((eid, wmi.find_element(eid)) for eid in ordered[:MOST_NAMED])
+    names = [repr(element) if element is not None else eid for eid, element in found]
+    more = f" and {len(ordered) - MOST_NAMED} more" if len(ordered) > MOST_NAMED else ""
+    return (", ".join(names) or "nothing") + more

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase
+from skiros2_common.core.condition import ConditionBase, some
+from skiros2_common.core.explanation import Change, Near
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
@@ -22,6 +23,19 @@ class ConditionIsSpecified(ConditionBase):
 
     def fact(self) -> str:
         return f"{self._subject_key} is specified ({self._name(self._subject_key)})"
+
+    def expected(self) -> str:
+        return "an element of the scene" if self._desired_state else "no element"
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        lacking = self._lacking(self._subject_key, ph, wmi)
+        return lacking or f"parameter {self._subject_key!r} is {self._name(self._subject_key)}"
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        return some(self._others(self._subject_key, ph, wmi)) if self._desired_state else []
+
+    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
+        return self._last(self._subject_key, "", ph, wmi)
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -85,13 +99,29 @@ class ConditionOnType(ConditionBase):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and bool(element.type == self._type or wmi.is_subclass(element.type, self._type))
+        return element is not None and self._covers(element, wmi)
+
+    def _covers(self, element: Element, wmi: Any) -> bool:
+        return bool(element.type == self._type or wmi.is_subclass(element.type, self._type))
 
     def hasConflict(self, other: Any) -> bool:
         return False  # a value may be of both classes
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} is a {self._type}"
+
+    def expected(self) -> str:
+        return f"a {self._type}"
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        element = self._element(self._subject_key, ph, wmi)
+        if element is None:
+            return self._lacking(self._subject_key, ph, wmi)
+        return f"{self._name(self._subject_key)} is a {element.type}"
+
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+        others = self._others(self._subject_key, ph, wmi)
+        return some((e for e in others if self._covers(e, wmi)), self.expected())
 
     def toElement(self) -> Element:
         element = super().toElement()
@@ -131,6 +161,12 @@ class ConditionFunction(ConditionBase):
     def fact(self) -> str:
         name = getattr(self._function, "__name__", "function")
         return f"{name}({', '.join(self._name(key) for key in self._keys)})"
+
+    def expected(self) -> str:
+        return str(self._desired_state)
+
+    def found(self, ph: ParamHandler, wmi: Any) -> str:
+        return f"{self.fact()} is {not self._desired_state}"
 
 
 def _as_new(gone: Element) -> Element:

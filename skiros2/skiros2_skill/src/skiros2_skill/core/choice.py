@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import INFERENCE, PARAMETER, PRE, START
+from skiros2_common.core.explanation import EXCEPTION, INFERENCE, PARAMETER, PRE, START
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Slot, Source
-from skiros2_skill.core.failures import PRE_FAILED, Failure, unmet
+from skiros2_skill.core.failures import PRE_FAILED, START_RAISED, Failure, unmet
 from skiros2_skill.core.inference import infer, inferable
 from skiros2_skill.core.library import Implementation
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -31,6 +32,8 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -
             failure = error.failure
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
+        except Exception:  # of a condition's own code
+            failure = Failure(EXCEPTION, START_RAISED, traceback.format_exc())
         else:
             node.slots = slots
             node.element_slots = [slot for slot in slots if slot.param.is_element]

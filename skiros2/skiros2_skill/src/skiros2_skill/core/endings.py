@@ -7,8 +7,7 @@ import logging
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
 from skiros2_skill.core.executor import FREEING, Executor
-from skiros2_skill.core.failures import Failure
-from skiros2_skill.core.hooks import PREEMPT_RAISED
+from skiros2_skill.core.failures import PREEMPT_RAISED, Failure
 from skiros2_skill.core.inside import LeftBehind, Stuck
 from skiros2_skill.core.node import SkillInterface, all_nodes
 from skiros2_skill.core.wrapper import SkillWrapper

@@ -20,8 +20,18 @@ from skiros2_skill.core.breakpoints import Breakpoints
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.devices import free_devices, lock_devices
-from skiros2_skill.core.failures import HOLD_FAILED, POST_FAILED, PRE_FAILED, Failure, Failures, unmet
-from skiros2_skill.core.hooks import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Hooks
+from skiros2_skill.core.failures import (
+    EXECUTE_RAISED,
+    HOLD_FAILED,
+    POST_FAILED,
+    PRE_FAILED,
+    PREEMPT_RAISED,
+    START_RAISED,
+    Failure,
+    Failures,
+    unmet,
+)
+from skiros2_skill.core.hooks import Hooks
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.pauses import Pauses
 from skiros2_skill.core.wrapper import SkillWrapper

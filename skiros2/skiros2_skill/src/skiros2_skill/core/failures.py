@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
+import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
+from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
 
@@ -25,11 +26,13 @@ log = logging.getLogger(__name__)
 MOST_KEPT = 100
 
 PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
+START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
 
+#: In words, and the codes for those that do not hold and those that raise.
 _CONDITIONS = {
-    PRE: ("Pre-condition failed", PRE_FAILED),
-    HOLD: ("Hold-condition failed", HOLD_FAILED),
-    POST: ("Post-condition failed", POST_FAILED),
+    PRE: ("Pre-condition failed", PRE_FAILED, START_RAISED),
+    HOLD: ("Hold-condition failed", HOLD_FAILED, EXECUTE_RAISED),
+    POST: ("Post-condition failed", POST_FAILED, EXECUTE_RAISED),
 }
 
 
@@ -59,17 +62,26 @@ class Failure:
 def unmet(stage: str, conditions: Sequence[Any], params: ParamHandler, wmi: Any) -> Failure | None:
     """The failure of the conditions that do not hold; None when all do.
 
-    :param stage: `PRE`, `HOLD` or `POST`.
+    :param stage: `PRE`, `HOLD` or `POST`; `EXCEPTION` when a condition's own code raises.
     """
-    words, code = _CONDITIONS[stage]
+    words, code, raised = _CONDITIONS[stage]
     try:
         failed = [c for c in conditions if not c.evaluate(params, wmi)]
         if not failed:
             return None
-        text = "; ".join(c.getDescription() for c in failed)
+        text = "; ".join(_told(c, params, wmi) for c in failed)
     except SkirosError as error:
         return Failure(stage, code, f"{words}: {error}")
+    except Exception:
+        return Failure(EXCEPTION, raised, traceback.format_exc())
     return Failure(stage, code, f"{words}: {text}", conditions=failed, params=params)
+
+
+def _told(condition: Any, params: ParamHandler, wmi: Any) -> str:
+    """A condition that does not hold, and what is so instead where that says more."""
+    wanted: str = condition.getDescription()
+    found: str = condition.found(params, wmi)
+    return wanted if found in wanted else f"{wanted}, but {found}"
 
 
 @dataclass
@@ -138,7 +150,17 @@ class Failures:
         )
 
     def _findings(self, failure: Failure) -> list[Finding]:
-        return []
+        """What is to say of the conditions. One that cannot be explained, as the world model does not answer or as
+        its own code raises, is told by its description."""
+        findings = []
+        for condition in failure.conditions:
+            try:
+                findings.append(condition.explain(failure.params, self._wmi))
+            except Exception:
+                log.exception("a condition cannot be explained: %s", condition.getDescription())
+                wanted = condition.getDescription()
+                findings.append(Finding(type(condition).__name__, condition.label, {}, wanted, f"not {wanted}"))
+        return findings
 
 
 def _path(node: SkillInterface) -> list[SkillInterface]:

@@ -9,14 +9,12 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT
-from skiros2_skill.core.failures import Failure, Failures
+from skiros2_skill.core.failures import EXECUTE_RAISED, Failure, Failures
 from skiros2_skill.core.inside import Inside, LeftBehind
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
-
-START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
 
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure

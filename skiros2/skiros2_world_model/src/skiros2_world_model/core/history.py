@@ -84,7 +84,7 @@ class History:
         :raises UnknownName: as for `changes`.
         """
         entries = self.changes(eid, context=context)
-        return next((e for e in reversed(entries) if not name or _touches(e, full_name(name), dst)), None)
+        return next((e for e in reversed(entries) if not name or e.touches((full_name(name),), dst)), None)
 
     def difference(self, since: Point | None = None, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
         """What is other in a context at one point than it was at another; false when nothing is.
@@ -253,15 +253,3 @@ def _elements(eid: str, content: str | None) -> list[Element]:
     for key, prop in node.properties.items():
         element._put(key, prop)
     return [element]
-
-
-def _touches(entry: HistoryEntry, name: str, dst: str) -> bool:
-    """Whether an entry of one element is about a property or relation."""
-    if any(r["type"] == name and dst in ("", r["dst"]) for r in (*entry.related, *entry.unrelated)):
-        return True
-    return _values(entry.before, name) != _values(entry.after, name)
-
-
-def _values(elements: list[Element], key: str) -> list[Any] | None:
-    prop = elements[0]._props.get(key) if elements else None
-    return None if prop is None else prop.values

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
+from typing import Any
 
 from skiros2_common.core.world_element import Element, RelationDict
 
@@ -41,8 +43,22 @@ class HistoryEntry:
         """Whether anything is other."""
         return bool(self.before or self.after or self.related or self.unrelated or self.stated or self.unstated)
 
+    def touches(self, names: Collection[str], dst: str = "") -> bool:
+        """Whether an entry of one element is about one of some properties or relations.
+
+        :param dst: the object of the relation; "" any.
+        """
+        if any(r["type"] in names and dst in ("", r["dst"]) for r in (*self.related, *self.unrelated)):
+            return True
+        return any(_values(self.before, name) != _values(self.after, name) for name in names)
+
     def pairs(self) -> list[tuple[Element | None, Element | None]]:
         """The elements, each as it was and as it became; None when it was not there."""
         before = {e.id: e for e in self.before}
         after = {e.id: e for e in self.after}
         return [(before.get(eid), after.get(eid)) for eid in {**before, **after}]
+
+
+def _values(elements: list[Element], key: str) -> list[Any] | None:
+    prop = elements[0]._props.get(key) if elements else None
+    return None if prop is None else prop.values

@@ -126,6 +126,7 @@ class Watchdog:
         others = [s for s in worker.tasks.values() if s is not tick.scheduled]
         worker.first = False
         self.first = Worker(self._pace, self._lock, self._ended)
+        self.first.stopping = worker.stopping
         self._workers.append(self.first)
         for scheduled in others:
             del worker.tasks[scheduled.task.id]

@@ -144,6 +144,7 @@ class Worker:
             if task.ended.is_set():
                 del self.tasks[task.id]
                 self._ended(scheduled)
+                self._lock.notify_all()
         self._tell(scheduled)
         self._warn(tick)
         return wanted

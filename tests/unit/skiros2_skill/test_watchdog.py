@@ -1,0 +1,279 @@
+"""Hooks that take long or do not return: the other tasks go on, and a preempted task ends."""
+
+import threading
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_skill.core.skill import ParallelFf, Skill
+from skiros2_skill.core.ticker import Ticker
+from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
+
+TIMEOUT = 0.3  # s for a preempted task to end
+
+
+class Stuck:
+    """A hook that is called and does not return until it is released."""
+
+    def __init__(self):
+        self.reached = threading.Event()
+        self.released = threading.Event()
+        self.returned = threading.Event()
+
+    def __call__(self, skill):
+        self.reached.set()
+        assert self.released.wait(30)
+        self.returned.set()
+        return skill.success("at last")
+
+
+@pytest.fixture
+def stuck():
+    hook = Stuck()
+    yield hook
+    hook.released.set()
+
+
+@pytest.fixture
+def ticker():
+    made = []
+
+    def make(**options):
+        made.append(Ticker(rate=200, preempt_timeout=TIMEOUT, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.stop(timeout=0.5)
+
+
+def started(ticker, bench, *nodes):
+    task = ticker.new_task(bench.wmi, "test")
+    task.root(*nodes)
+    ticker.start(task.id)
+    return task
+
+
+def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(ticker, bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
+    one = ticker()
+    blocked = started(one, bench, bench.node("stuck"))
+    assert stuck.reached.wait(5)
+    others = [started(one, bench, bench.node("work")) for _ in range(3)]
+    assert all(task.ended.wait(10) for task in others)
+    assert not blocked.ended.is_set()
+
+
+def test_a_task_goes_on_when_its_hook_returns_after_all(ticker, bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
+    one = ticker()
+    blocked = started(one, bench, bench.node("stuck"), bench.node("work"))
+    assert stuck.reached.wait(5)
+    assert started(one, bench, bench.node("work")).ended.wait(10)
+    stuck.released.set()
+    assert blocked.ended.wait(10)
+    assert blocked.state is State.Success
+
+
+@pytest.mark.parametrize("hook", ["onStart", "execute"])
+def test_a_preempted_task_ends_without_the_hook_and_says_which(ticker, bench, stuck, hook):
+    ended = []
+    bench.load(primitive(Work, "stuck", **{hook: stuck}, onEnd=lambda self: ended.append(1)))
+    told = []
+    one = ticker(on_progress=lambda task: told.append((task.id, task.root.progress_code)))
+    blocked = started(one, bench, bench.node("stuck"))
+    assert stuck.reached.wait(5)
+    one.preempt(blocked.id)
+    assert blocked.ended.wait(10)
+    assert blocked.state is State.Failure
+    node = blocked.root.children[0]
+    assert node.state is State.Failure
+    assert f"skiros:Work-stuck: {hook} has not returned for" in node.progress_msg
+    assert node.progress_msg in blocked.root.progress_msg
+    assert node.progress_msg in {e.message for e in blocked.explanations()}
+    one.stop()
+    assert told[-1] == (blocked.id, -1)
+    stuck.released.set()
+    assert stuck.returned.wait(5)
+    assert ended == []  # what comes later has no effect
+    assert node.state is State.Failure
+
+
+@pytest.mark.parametrize("hook", ["onPreempt", "onEnd"])
+def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(ticker, bench, stuck, hook):
+    begun = threading.Event()
+    running = {"execute": lambda self: begun.set() or self.step("")}
+    bench.load(primitive(Work, "stuck", **{**running, hook: stuck}))
+    one = ticker()
+    blocked = started(one, bench, bench.node("stuck"))
+    assert begun.wait(5)
+    one.preempt(blocked.id)
+    assert blocked.ended.wait(10)
+    assert f"skiros:Work-stuck: {hook} has not returned" in blocked.root.progress_msg
+
+
+def test_what_runs_beside_a_stuck_hook_is_preempted_properly(ticker, bench, stuck):
+    calls = []
+    bench.load(
+        primitive(
+            Work,
+            "moves",
+            execute=lambda self: self.step(""),
+            onPreempt=lambda self: calls.append("onPreempt"),
+            onEnd=lambda self: calls.append("onEnd"),
+        ),
+        primitive(Work, "stuck", execute=stuck),
+    )
+    one = ticker()
+    task = started(one, bench, Skill("both", ParallelFf())(bench.node("moves"), bench.node("stuck")))
+    assert stuck.reached.wait(5)
+    one.preempt(task.id)
+    assert task.ended.wait(10)
+    assert calls == ["onPreempt", "onEnd"]
+
+
+def test_an_instance_that_was_left_behind_is_not_used_again(ticker, bench, stuck):
+    instances = []
+    bench.load(primitive(Work, "stuck", execute=lambda self: instances.append(self) or stuck(self)))
+    one = ticker()
+    task = started(one, bench, bench.node("stuck"))
+    assert stuck.reached.wait(5)
+    one.preempt(task.id)
+    assert task.ended.wait(10)
+    stuck.released.set()
+    assert stuck.returned.wait(5)
+    again = started(one, bench, bench.node("stuck"))
+    assert again.ended.wait(10)
+    assert again.state is State.Success
+    assert len({id(instance) for instance in instances}) == 2
+    assert not bench.library.by_label("stuck").busy
+
+
+def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(ticker, bench, stuck):
+    from unit.skiros2_skill.skills import Speak
+
+    def execute(self):
+        stuck(self)
+        self.params["Text"].value = "too late"
+        return self.success("")
+
+    bench.load(primitive(Speak, "stuck", execute=execute))
+    one = ticker()
+    task = one.new_task(bench.wmi, "test")
+    task.root.params.addParam("Text", "before", 1)
+    task.root(bench.node("stuck"))
+    one.start(task.id)
+    assert stuck.reached.wait(5)
+    one.preempt(task.id)
+    assert task.ended.wait(10)
+    stuck.released.set()
+    assert stuck.returned.wait(5)
+    one.stop()
+    assert task.root.params["Text"].value == "before"
+
+
+def test_devices_of_a_skill_left_behind_are_free(ticker, bench, stuck):
+    arm = bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
+    bench.load(primitive(describe("Weld", [LOCKED_ARM]), "weld", execute=stuck))
+    one = ticker()
+    task = started(one, bench, bench.node("weld"))
+    assert stuck.reached.wait(5)
+    assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Busy"
+    one.preempt(task.id)
+    assert task.ended.wait(10)
+    assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Idle"
+
+
+def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(ticker, bench):
+    begun, ended = threading.Event(), threading.Event()
+    bench.load(
+        primitive(
+            Work,
+            "endless",
+            execute=lambda self: begun.set() or self.step(""),
+            onPreempt=State.Running,
+            onEnd=lambda self: ended.set(),
+        )
+    )
+    one = ticker()
+    task = started(one, bench, bench.node("endless"))
+    assert begun.wait(5)
+    one.preempt(task.id)
+    assert task.ended.wait(10)
+    assert ended.is_set()
+    assert "did not end in time" in task.root.children[0].progress_msg
+
+
+def test_preempting_one_of_several_while_another_is_stuck(ticker, bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "endless", execute=lambda self: self.step("")))
+    one = ticker()
+    started(one, bench, bench.node("stuck"))
+    tasks = [started(one, bench, bench.node("endless")) for _ in range(5)]
+    assert stuck.reached.wait(5)
+    one.preempt(tasks[2].id)
+    assert tasks[2].ended.wait(10)
+    assert not any(task.ended.is_set() for task in tasks if task is not tasks[2])
+
+
+def test_many_stuck_tasks_at_once(ticker, bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(3)))
+    one = ticker()
+    tasks = []
+    for _ in range(8):
+        stuck.reached.clear()
+        tasks.append(started(one, bench, bench.node("stuck")))
+        assert stuck.reached.wait(5)
+    assert started(one, bench, bench.node("work")).ended.wait(10)
+    for task in tasks:
+        one.preempt(task.id)
+    assert all(task.ended.wait(10) for task in tasks)
+    assert started(one, bench, bench.node("work")).ended.wait(10)
+
+
+def test_stopping_does_not_wait_for_a_hook_for_ever(bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck))
+    told = []
+    one = Ticker(rate=200, preempt_timeout=60, on_progress=lambda task: told.append(task.root.progress_code))
+    task = started(one, bench, bench.node("stuck"))
+    assert stuck.reached.wait(5)
+    one.stop(timeout=0.3)
+    assert task.ended.is_set()
+    assert told[-1] == -1
+
+
+def test_a_slow_tick_is_reported_once_with_the_place_that_took_the_time(ticker, bench, caplog):
+    pause = threading.Event()
+    bench.load(
+        primitive(Work, "quick", execute=running_for(4)),
+        primitive(Work, "slow", execute=lambda self: pause.wait(0.06) or running_for(4)(self)),
+    )
+    one = ticker()
+    task = started(one, bench, Skill("both", ParallelFf())(bench.node("quick"), bench.node("slow")))
+    assert task.ended.wait(10)
+    one.stop()
+    reports = [r.getMessage() for r in caplog.records if "longer than the 0.005 s" in r.getMessage()]
+    assert [r for r in reports if "most of it was spent in skiros:Work-slow: execute" in r] == reports
+    assert len(reports) == 1
+
+
+def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(ticker, bench):
+    class Broken(Skill):
+        def visit(self, visitor):
+            raise RuntimeError("broken node")
+
+    arm = bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
+    calls = []
+    bench.load(
+        primitive(
+            describe("Weld", [LOCKED_ARM]),
+            "weld",
+            execute=lambda self: self.step(""),
+            onPreempt=lambda self: calls.append("onPreempt"),
+        )
+    )
+    task = started(ticker(), bench, Skill("both", ParallelFf())(bench.node("weld"), Broken("broken")))
+    assert task.ended.wait(5)
+    assert "broken node" in task.root.progress_msg
+    assert calls == ["onPreempt"]
+    assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Idle"
+    assert not bench.library.by_label("weld").busy

@@ -66,11 +66,10 @@ class Watchdog:
     def stop(self, seconds: float) -> None:
         """Waits until all tasks have ended, so long at most, and ends the threads."""
         with self._lock:
-            for worker in self._workers:
-                worker.stopping = True
-            self._lock.notify_all()
             if not self.ticks_here():
                 self._lock.wait_for(lambda: not any(worker.tasks for worker in self._workers), seconds)
+            for worker in self._workers:
+                worker.stopping = True
             left = [s.task.id for worker in self._workers for s in worker.tasks.values()]
             threads = [w.thread for w in self._workers if w.now is None and not w.tasks]
             self._stopping = True

@@ -43,14 +43,20 @@ def paired(
     runs: int,
     warm_up: int = 1,
     target: float | None = None,
+    limit: float | None = None,
 ) -> Measurement:
-    """Runs both in turn, so that a machine whose speed drifts slows both. Each returns its figure."""
+    """Runs both in turn, so that a machine whose speed drifts slows both. Each returns its figure.
+
+    :param limit: the target as a figure, where it is not one of the ratio.
+    """
     for _ in range(warm_up):
         ours(), peer()
     pairs = [(ours(), peer()) for _ in range(runs)]
     median = statistics.median(p[0] for p in pairs)
     peer_median = statistics.median(p[1] for p in pairs)
     ratio = statistics.median(p[0] / p[1] for p in pairs)
+    if limit is not None:
+        target = round(limit / peer_median, 2)
     return Measurement(name, median, unit, runs, peer_name, peer_median, ratio, target)
 
 

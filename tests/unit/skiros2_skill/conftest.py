@@ -1,5 +1,7 @@
 """A scene with a robot, two trays and two products, and a way to run skills on it in this process."""
 
+import sys
+
 import pytest
 
 from skiros2_common.core.abstract_skill import State
@@ -7,6 +9,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.core.task import Task
+from skiros2_skill.core.ticker import RECURSION_LIMIT
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 SCENE = "skiros:Scene-0"
@@ -68,3 +71,12 @@ class Workbench:
 @pytest.fixture
 def bench():
     return Workbench(LocalWorldModel("test"))
+
+
+@pytest.fixture
+def deep_stack():
+    """As many frames as a ticker allows for."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(RECURSION_LIMIT)
+    yield
+    sys.setrecursionlimit(limit)

@@ -10,6 +10,7 @@ from typing import Any
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.property import is_bool
 from skiros2_common.core.skill_description import ParamOptions, SkillDescription
 
 __all__ = ["ParamOptions", "SkillCore", "SkillDescription", "State", "as_state"]
@@ -282,6 +283,6 @@ def as_state(answer: Any, default: State) -> State:
         return answer
     if answer is None:
         return default
-    if isinstance(answer, bool):
+    if is_bool(answer):
         return State.Success if answer else State.Failure
     raise TypeError(f"expected a State, True, False or None, got {type(answer).__name__} {answer!r}")

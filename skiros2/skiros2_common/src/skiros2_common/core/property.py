@@ -38,13 +38,18 @@ def as_type(value: Any, datatype: type) -> Any:
         if isinstance(value, numbers.Integral) and not isinstance(value, bool):
             return int(value)
     elif datatype is bool:
-        if isinstance(value, bool):
-            return value
-        if type(value).__module__ == "numpy" and type(value).__name__ in ("bool_", "bool"):
+        if is_bool(value):
             return bool(value)
     elif isinstance(value, datatype):
         return value
     raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {shown(value)}")
+
+
+def is_bool(value: Any) -> bool:
+    """Whether a value is a bool of Python or of NumPy."""
+    return isinstance(value, bool) or (
+        type(value).__module__ == "numpy" and type(value).__name__ in ("bool_", "bool")
+    )
 
 
 def shown(value: Any) -> str:

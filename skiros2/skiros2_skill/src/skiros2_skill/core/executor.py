@@ -11,27 +11,26 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
-from skiros2_common.core.abstract_skill import State, as_state
+from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import EXCEPTION, EXECUTE, HOLD, PARAMETER, POST, START
+from skiros2_common.core.explanation import EXCEPTION, HOLD, PARAMETER, POST, START
 from skiros2_common.core.mutations import mutations
 from skiros2_skill.core import blackboard
-from skiros2_skill.core.breakpoints import Breakpoints
+from skiros2_skill.core.breakpoints import Break, Breakpoints
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.devices import free_devices, lock_devices
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
     HOLD_FAILED,
-    POST_FAILED,
     PRE_FAILED,
-    PREEMPT_RAISED,
     START_RAISED,
     Failure,
     Failures,
     unmet,
 )
-from skiros2_skill.core.hooks import Hooks
+from skiros2_skill.core.hooks import RAISED, Hooks, give_reason, refusal
+from skiros2_skill.core.inside import LeftBehind
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.pauses import Pauses
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -117,14 +116,12 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
-        state = self._hooks.call(
-            node, "onPreempt", lambda: as_state(node.getInstance().onPreempt(), _FAILURE), PREEMPT_RAISED, late=True
-        )
+        state = self._hooks.on_preempt(node)
         self._copy_progress(node)
         if state is _RUNNING:
             self.ending.append(node)
             return _RUNNING
-        return self.end(node, _FAILURE if state is State.Idle else state, preempted=True)
+        return self.end(node, state, preempted=True)
 
     # -- start -------------------------------------------------------------------------------------------------
 
@@ -161,14 +158,14 @@ class Executor:
         node.volatile = any(_is_volatile(c, self._wmi) for c in node._hold_conditions)
         node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
         node.seen_stamp = -1
-        started: Any = self._hooks.call(node, "onStart", lambda: self._start_instance(node), START_RAISED)
+        refused = self._hooks.call(node, "onStart", lambda: self._start_instance(node), START_RAISED)
+        if refused and refused is not RAISED:
+            give_reason(node, f"{node.label}: onStart returned {refused}", PRE_FAILED)
         self._copy_progress(node)
-        if started is _FAILURE:  # raised
+        if refused is RAISED:
             self.end(node, _FAILURE)
             return False
-        if started is False:
-            if not node._progress_msg:
-                node._setProgress(f"{node.label}: onStart returned False", PRE_FAILED)
+        if refused:
             self.failures.note(node, Failure(START, node._progress_code, node._progress_msg))
             self._close(node, _FAILURE)
             return False
@@ -176,16 +173,17 @@ class Executor:
         self._look_at_world()
         return True
 
-    def _start_instance(self, node: SkillWrapper) -> bool:
+    def _start_instance(self, node: SkillWrapper) -> str:
+        """The answer of `onStart` when it is a no."""
         instance = node.getInstance()
         lock_devices(node, self._wmi)
         if isinstance(instance, SkillBase) and (not node.expanded or instance.expand_on_start):
             node.wrapper_expand()
             node.expanded = True
         node._processor.reset()
-        answer = instance.onStart()
+        answer = refusal(instance.onStart())
         node.adopt_description()  # onStart may declare parameters
-        return answer is not False
+        return answer
 
     def _refuse(self, node: SkillWrapper, failure: Failure) -> bool:
         self.set_state(node, _FAILURE)
@@ -248,7 +246,12 @@ class Executor:
         return self.end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
 
     def _tick_children(self, node: SkillWrapper) -> State:
-        state: State = node._processor.processChildren(node._children, self)
+        try:
+            state: State = node._processor.processChildren(node._children, self)
+        except (LeftBehind, Break):
+            raise
+        except Exception as error:  # of a processor, or a node, with code of its own
+            return self._hooks.raised(node, error, EXECUTE_RAISED)
         if not node.runs_after_children:
             return state
         if node.seen_stamp != self._stamp:
@@ -282,15 +285,8 @@ class Executor:
                 instance._setProgress(failure.message, failure.code)
                 self._note(node, failure)
                 state = _FAILURE
-        answer: Any = self._hooks.call(
-            node, "onEnd", instance.onEnd, EXECUTE_RAISED, late=preempted or state is not _SUCCESS
-        )
+        state = self._hooks.on_end(node, state, preempted)
         self._copy_progress(node)
-        if answer is False or answer is _FAILURE:
-            if answer is False and state is _SUCCESS:
-                text = node._progress_msg or f"{node.label}: onEnd returned False"
-                self._failed(node, Failure(EXECUTE, POST_FAILED, text, late=preempted))
-            state = _FAILURE
         return self._close(node, state)
 
     def _close(self, node: SkillWrapper, state: State) -> State:

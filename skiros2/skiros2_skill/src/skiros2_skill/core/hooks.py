@@ -7,15 +7,23 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT
-from skiros2_skill.core.failures import EXECUTE_RAISED, Failure, Failures
+from skiros2_common.core.property import is_bool
+from skiros2_skill.core.failures import EXECUTE_RAISED, POST_FAILED, PREEMPT_RAISED, Failure, Failures
 from skiros2_skill.core.inside import Inside, LeftBehind
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
 
+#: The progress code of a skill that was preempted.
+PREEMPTED = -1
+
+#: What `Hooks.call` gives when the hook raises.
+RAISED: Any = object()
+
+_RUNNING: State = State.Running
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
 
@@ -46,23 +54,15 @@ class Hooks:
         except LeftBehind:
             raise
         except Exception as error:
-            return self._raised(node, error, EXECUTE_RAISED, late)
-        if isinstance(answer, State):
-            if answer is _FAILURE:
-                self._note(node, of_children, late)
-            return answer
+            return self.raised(node, error, EXECUTE_RAISED, late)
+        if answer is _RUNNING or answer is _SUCCESS:
+            return _SUCCESS if answer is _SUCCESS else _RUNNING
         if answer is None and of_children is not None:
             return of_children
-        if answer is True:
-            return _SUCCESS
-        if answer is not False:
-            text = f"{node.label}: execute returned {answer!r}, expected step(...), success(...) or fail(...)"
-            node._instance._setProgress(text, EXECUTE_RAISED)
-        self._note(node, of_children, late)
-        return _FAILURE
+        return self._judged(node, answer, of_children, late)
 
     def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
-        """What another hook answers; Failure, with the traceback as progress, when it raises.
+        """What another hook answers; `RAISED`, with the traceback as progress, when it raises.
 
         :param name: of the hook.
         :param code: the progress code then.
@@ -77,9 +77,39 @@ class Hooks:
         except LeftBehind:
             raise
         except Exception as error:
-            return self._raised(node, error, code, late)
+            self.raised(node, error, code, late)
+            return RAISED
 
-    def _raised(self, node: SkillWrapper, error: Exception, code: int, late: bool = False) -> State:
+    def on_preempt(self, node: SkillWrapper) -> State:
+        """The state that `onPreempt` answers: Running, Success or Failure."""
+        instance = node._instance
+        told_at = instance._progressed_at
+        state = self.call(
+            node, "onPreempt", lambda: as_state(instance.onPreempt(), _FAILURE), PREEMPT_RAISED, late=True
+        )
+        if state is _RUNNING or state is _SUCCESS:
+            return _RUNNING if state is _RUNNING else _SUCCESS
+        if instance._progressed_at == told_at:
+            instance._setProgress("Preempted", PREEMPTED)
+        return _FAILURE
+
+    def on_end(self, node: SkillWrapper, state: State, preempted: bool) -> State:
+        """The state after `onEnd`, which may make a success a failure."""
+        instance = node._instance
+        told_at = instance._progressed_at
+        late = preempted or state is not _SUCCESS
+        answer = self.call(node, "onEnd", lambda: refusal(instance.onEnd()), EXECUTE_RAISED, late)
+        if not answer:
+            return state
+        if answer is not RAISED and state is _SUCCESS:
+            if instance._progressed_at == told_at:
+                instance._setProgress(f"{node.label}: onEnd returned {answer}", POST_FAILED)
+            failure = Failure(EXECUTE, instance._progress_code, instance._progress_msg, late=late)
+            self._failures.note(node, failure)
+        return _FAILURE
+
+    def raised(self, node: SkillWrapper, error: Exception, code: int, late: bool = False) -> State:
+        """Tells and notes what the code of a node raised, in an `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
         message = str(error) if preempted else traceback.format_exc()
         node._instance._setProgress(message, code)
@@ -87,8 +117,30 @@ class Hooks:
         log.error("%s: %s", node.printState(), message)
         return _FAILURE
 
-    def _note(self, node: SkillWrapper, of_children: State | None, late: bool) -> None:
-        """The skill's own code has failed; not when it passes on the failure of its children without a word."""
+    def _judged(self, node: SkillWrapper, answer: Any, of_children: State | None, late: bool) -> State:
+        """What an answer of `execute` stands for that is neither Running nor Success."""
         instance = node._instance
-        if of_children is not _FAILURE or instance._progressed_at != node._progressed_at:
-            self._failures.note(node, Failure(EXECUTE, instance._progress_code, instance._progress_msg, late=late))
+        if is_bool(answer) and answer:
+            return _SUCCESS
+        text = f"{node.label}: execute returned {answer!r}"
+        if answer is not _FAILURE and not is_bool(answer):
+            instance._setProgress(f"{text}, expected step(...), success(...) or fail(...)", EXECUTE_RAISED)
+        elif of_children is _FAILURE and instance._progressed_at == node._progressed_at:
+            return _FAILURE  # it passes on the failure of its children without a word
+        else:
+            give_reason(node, text, EXECUTE_RAISED)
+        self._failures.note(node, Failure(EXECUTE, instance._progress_code, instance._progress_msg, late=late))
+        return _FAILURE
+
+
+def refusal(answer: Any) -> str:
+    """A no of `onStart` or `onEnd` (False, or what `fail` gives) in words; "" for other answers, None too."""
+    return repr(answer) if answer is _FAILURE or (answer is not None and not answer) else ""
+
+
+def give_reason(node: SkillWrapper, text: str, code: int) -> None:
+    """Tells why a skill has failed when it has not done so itself."""
+    instance = node._instance
+    if instance._progress_code >= 0:
+        reported = instance._progress_msg
+        instance._setProgress(f"{text} after: {reported}" if reported else text, code)

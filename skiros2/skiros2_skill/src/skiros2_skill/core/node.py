@@ -85,8 +85,11 @@ class SkillInterface(SkillCore):
         """Takes the child added last away and returns it.
 
         :raises WrongValue: there is none.
+        :raises Refused: it runs.
         """
         child = self.last()
+        if child._state is State.Running:
+            raise Refused(f"{child.printState()} cannot be taken out of the tree while it runs")
         self._children.pop()
         child._parent = None
         if self._latched is child:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
+
+#: So many levels of skills a tree may have: more of them are without end, and each takes some frames of the stack.
+MAX_LEVELS = 5000
 
 
 class SkillWrapper(SkillInterface):
@@ -29,6 +32,7 @@ class SkillWrapper(SkillInterface):
         # The executor's notes on the node while it runs.
         self.implementation: Any = None
         self.expanded = False
+        self._level = 0  # how many skills there are from the root down to this one; known once it starts
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
         self.seen_stamp = -1
@@ -65,7 +69,14 @@ class SkillWrapper(SkillInterface):
         """The implementations that the library has for the node.
 
         :raises UnknownName: there is none.
+        :raises Refused: the node is below too many others.
         """
+        above = self._parent
+        while above is not None and not isinstance(above, SkillWrapper):
+            above = above._parent
+        self._level = above._level + 1 if above is not None else 1
+        if self._level > MAX_LEVELS:
+            raise Refused(f"{self.printState()} is below {MAX_LEVELS} levels of skills: one of them contains itself")
         if self._instanciator is None:
             raise UnknownName(f"{self.printState()} has no skill library to be taken from")
         found: list[Any] = self._instanciator.candidates(self._type, self._asked_label)

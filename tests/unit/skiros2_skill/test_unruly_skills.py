@@ -1,0 +1,325 @@
+"""Skills whose code does what it should not: each fails by itself with a clear message, and the next task runs."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.conditions import ConditionFunction
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_skill.core.skill import ParallelFf, Selector, Sequential, Skill, SkillBase
+from unit.skiros2_skill.skills import (
+    CONTAINER,
+    OBJECT,
+    OPTIONAL,
+    REQUIRED,
+    Work,
+    describe,
+    primitive,
+    running_for,
+)
+
+
+def raises(*_):
+    raise RuntimeError("out of coffee")
+
+
+def compound(**body):
+    """A compound class labelled `unruly` with one child, `work`, and these methods."""
+    body.setdefault("expand", lambda self, skill: skill(self.skill("Work", "work")))
+    body["createDescription"] = lambda self: self.setDescription(describe("Unruly")(), "unruly")
+    return type("unruly", (SkillBase,), body)
+
+
+def node_of(task):
+    return task.root.children[0]
+
+
+def runs_on(bench):
+    """Whether the next task runs."""
+    if "after" not in [i.label for i in bench.library.implementations()]:
+        bench.load(primitive(describe("After"), "after"))
+    return bench.run(bench.node("after")).state is State.Success
+
+
+# -- hooks that raise --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("hook", "code"), [("expand", -404), ("onStart", -404), ("execute", -405), ("onEnd", -405), ("onPreempt", -406)]
+)
+def test_a_compound_fails_by_itself_with_the_traceback_and_ends_its_children(bench, hook, code):
+    bench.load(primitive(Work, "work", execute=running_for(2)), compound(**{hook: raises}))
+    task = bench.task(bench.node("unruly"))
+    task.tick()
+    if hook == "onPreempt":
+        task.preempt()
+    while task.state is State.Running:
+        task.tick()
+    assert node_of(task).progress_code == code
+    assert "RuntimeError: out of coffee" in node_of(task).progress_msg
+    assert State.Running not in [node.state for node in task.nodes()]
+    assert runs_on(bench)
+
+
+def test_a_sibling_may_do_what_a_skill_that_raised_did_not(bench):
+    bench.load(primitive(Work, "bad", execute=raises), primitive(Work, "good"))
+    assert bench.run(Skill("", Selector())(bench.node("bad"), bench.node("good"))).state is State.Success
+
+
+@pytest.mark.parametrize(("kind", "code"), [("pre", -404), ("hold", -405), ("post", -405)])
+def test_a_condition_that_raises_fails_its_skill_alone(bench, kind, code):
+    """As exceptions in hooks do: the rest of the task goes on."""
+    condition = lambda d: ConditionFunction("Fresh", ["Text"], raises)  # noqa: E731
+    unruly = describe("Unruly", [("Text", "x", REQUIRED)], **{kind: [condition]})
+    bench.load(primitive(unruly, "unruly", execute=running_for(3)), primitive(Work, "work"))
+    unruly_node = bench.node("unruly")
+    task = bench.run(Skill("", Selector())(unruly_node, bench.node("work")))
+    assert task.state is State.Success
+    assert unruly_node.progress_code == code
+    assert "RuntimeError: out of coffee" in unruly_node.progress_msg
+
+
+def test_a_condition_that_raises_while_elements_are_searched_is_named(bench):
+    unruly = describe(
+        "Unruly", [CONTAINER, OBJECT], pre=[lambda d: ConditionFunction("Near", ["Object", "Container"], raises)]
+    )
+    bench.load(primitive(unruly, "unruly"))
+    task = bench.run(bench.node("unruly"))
+    assert task.state is State.Failure
+    assert "RuntimeError: out of coffee" in node_of(task).progress_msg
+
+
+def test_a_processor_of_a_library_that_raises_fails_its_node_alone(bench):
+    class Lottery(Sequential):
+        def processChildren(self, children, visitor):
+            super().processChildren(children, visitor)
+            raises()
+
+    def expand(self, skill):
+        skill.setProcessor(Lottery())
+        skill(self.skill("Work", "work"))
+
+    bench.load(primitive(Work, "work", execute=running_for(5)), compound(expand=expand), primitive(Work, "other"))
+    unruly = bench.node("unruly")
+    task = bench.run(Skill("", Selector())(unruly, bench.node("other")))
+    assert task.state is State.Success
+    assert unruly.progress_code == -405
+    assert "out of coffee" in unruly.progress_msg
+    assert unruly.children[0].state is State.Failure
+
+
+@pytest.mark.parametrize("hook", ["createDescription", "onInit", "modifyDescription", "__init__"])
+def test_a_skill_that_cannot_be_loaded_says_where_and_the_rest_loads(bench, hook):
+    unruly = primitive(Work, "unruly")
+    setattr(unruly, hook, raises)
+    with pytest.raises(ConfigurationError, match=rf"{__name__}.unruly.*|out of coffee") as refused:
+        bench.load(unruly)
+    assert "RuntimeError: out of coffee" in str(refused.value)
+    assert f"{__file__}, line " in str(refused.value)
+    assert runs_on(bench)
+
+
+def test_a_skill_whose_on_init_says_false_is_not_loaded_and_none_counts_as_loaded(bench):
+    with pytest.raises(ConfigurationError, match="onInit returned False"):
+        bench.load(primitive(Work, "unwilling", onInit=False))
+    bench.load(primitive(Work, "silent", onInit=None))
+    assert bench.run(bench.node("silent")).state is State.Success
+
+
+# -- hooks that answer something else ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("answer", [False, State.Failure, np.bool_(False)])
+def test_a_failure_without_a_reason_says_which_hook_answered_so(bench, answer):
+    bench.load(primitive(Work, "work", execute=answer))
+    task = bench.run(bench.node("work"))
+    assert task.state is State.Failure
+    assert node_of(task).progress_code < 0
+    assert f"work: execute returned {answer!r}" in node_of(task).progress_msg
+    assert f"work: execute returned {answer!r}" in task.root.progress_msg
+
+
+def test_a_failure_without_a_reason_keeps_what_was_reported_last(bench):
+    def execute(self):
+        self.step("looking for the cup")
+        return State.Failure
+
+    bench.load(primitive(Work, "work", execute=execute))
+    task = bench.run(bench.node("work"))
+    assert "looking for the cup" in node_of(task).progress_msg
+    assert node_of(task).progress_code < 0
+
+
+@pytest.mark.parametrize("answer", [State.Idle, State.Uninitialized])
+def test_a_state_that_execute_cannot_answer_is_named(bench, answer):
+    bench.load(primitive(Work, "work", execute=answer))
+    task = bench.run(bench.node("work"))
+    assert node_of(task).state is State.Failure
+    assert f"execute returned {answer!r}" in task.root.progress_msg
+
+
+@pytest.mark.parametrize("answer", [np.bool_(True), True])
+def test_a_true_execute_is_a_success(bench, answer):
+    bench.load(primitive(Work, "work", execute=answer))
+    assert bench.run(bench.node("work")).state is State.Success
+
+
+@pytest.mark.parametrize("answer", [False, np.bool_(False), State.Failure])
+def test_an_on_start_that_says_no_does_not_start_the_skill(bench, answer):
+    calls = []
+    bench.load(primitive(Work, "work", onStart=answer, execute=lambda self: calls.append(1) or self.success()))
+    task = bench.run(bench.node("work"))
+    assert task.state is State.Failure
+    assert node_of(task).progress_code < 0
+    assert "work: onStart returned" in task.root.progress_msg
+    assert calls == []
+
+
+@pytest.mark.parametrize("answer", [None, True, State.Success, State.Running])
+def test_any_other_on_start_starts_it(bench, answer):
+    bench.load(primitive(Work, "work", onStart=answer))
+    assert bench.run(bench.node("work")).state is State.Success
+
+
+def test_an_on_start_may_fail_as_execute_does(bench):
+    bench.load(primitive(Work, "work", onStart=lambda self: self.fail("no battery", 12)))
+    task = bench.run(bench.node("work"))
+    assert (node_of(task).progress_code, node_of(task).progress_msg) == (-12, "no battery")
+    assert task.state is State.Failure
+
+
+@pytest.mark.parametrize("answer", [False, np.bool_(False), State.Failure])
+def test_an_on_end_that_says_no_is_the_reason_of_the_failure(bench, answer):
+    bench.load(primitive(Work, "work", onEnd=answer))
+    task = bench.run(bench.node("work"))
+    assert task.state is State.Failure
+    assert node_of(task).progress_code < 0
+    assert "work: onEnd returned" in node_of(task).progress_msg
+    assert "work: onEnd returned" in task.root.progress_msg
+
+
+def test_an_on_end_may_fail_as_execute_does(bench):
+    bench.load(primitive(Work, "work", onEnd=lambda self: self.fail("cannot park", 5)))
+    task = bench.run(bench.node("work"))
+    assert (node_of(task).progress_code, node_of(task).progress_msg) == (-5, "cannot park")
+    assert "cannot park" in task.root.progress_msg
+
+
+@pytest.mark.parametrize("answer", [None, False, np.bool_(False), State.Failure, State.Idle])
+def test_a_preempted_skill_that_says_nothing_is_told_to_be_preempted(bench, answer):
+    bench.load(primitive(Work, "work", execute=lambda self: self.step("busy"), onPreempt=answer))
+    task = bench.task(bench.node("work"))
+    task.tick()
+    task.preempt()
+    task.tick()
+    assert (node_of(task).state, node_of(task).progress_code) == (State.Failure, -1)
+    assert node_of(task).progress_msg == "Preempted"
+
+
+# -- parameters and trees that are not the skill's own -----------------------------------------------------------------
+
+
+def test_a_skill_reads_and_sets_only_its_own_parameters(bench):
+    def reads(self):
+        return self.success(self.params["Words"].value)
+
+    def sets(self):
+        self.params.specify("Words", "mine")
+        return self.success()
+
+    bench.load(primitive(Work, "reads", execute=reads), primitive(Work, "sets", execute=sets))
+    for label in ("reads", "sets"):
+        task = bench.run(bench.node(label), Words="theirs")
+        assert task.state is State.Failure
+        assert "'Words'" in node_of(task).progress_msg or "'NoneType'" in node_of(task).progress_msg
+        assert task.root.params.getParamValue("Words") == "theirs"
+
+
+def test_a_value_of_another_type_changes_nothing_above(bench):
+    def execute(self):
+        self.params["Text"].value = 5
+        return self.success()
+
+    bench.load(primitive(describe("Put", [("Text", str, OPTIONAL)]), "put", execute=execute))
+    task = bench.run(bench.node("put"), Text="words")
+    assert task.root.params.getParamValue("Text") == "words"
+
+
+def test_what_a_thread_of_a_skill_does_after_its_end_touches_nobody_else(bench):
+    ended, done = threading.Event(), threading.Event()
+
+    def execute(self):
+        params = self.params
+
+        def late():
+            ended.wait(5)
+            params["Text"].value = "late"
+            self.success("late")
+            done.set()
+
+        if not ended.is_set():
+            threading.Thread(target=late, daemon=True).start()
+        return self.success("at once")
+
+    say = describe("Say", [("Text", str, OPTIONAL)])
+    bench.load(primitive(say, "say", execute=execute), primitive(Work, "work"))
+    first = bench.run(bench.node("say"), Text="words")
+    ended.set()
+    assert done.wait(5)
+    second = bench.run(bench.node("say"), Text="words")
+    for task in (first, second):
+        assert (node_of(task).state, node_of(task).progress_msg) == (State.Success, "at once")
+        assert task.root.params.getParamValue("Text") == "words"
+
+
+def test_a_child_is_not_taken_out_of_the_tree_while_it_runs(bench):
+    """It would never end: its device would stay locked, its instance in use."""
+    calls = []
+    bench.load(
+        primitive(Work, "work", execute=lambda self: self.step(), onEnd=lambda self: calls.append("end")),
+        compound(execute=lambda self: self.popChild()),
+    )
+    task = bench.run(bench.node("unruly"))
+    assert task.state is State.Failure
+    assert "cannot be taken out of the tree while it runs" in node_of(task).progress_msg
+    assert calls == ["end"]
+    assert not bench.library.by_label("work").busy
+
+
+def test_a_subtree_may_grow_while_it_runs(bench):
+    def execute(self):
+        if len(self._expands_into.children) < 4:
+            self.addChild(self.skill("Work", "work"))
+            return self.step("one more")
+        return None
+
+    bench.load(primitive(Work, "work"), compound(execute=execute))
+    task = bench.run(bench.node("unruly"))
+    assert task.state is State.Success
+    assert [child.state for child in node_of(task).children] == [State.Success] * 4
+
+
+def test_a_node_is_in_one_place_only(bench):
+    def expand(self, skill):
+        child = self.skill("Work", "work")
+        skill(child, child)
+
+    bench.load(primitive(Work, "work"), compound(expand=expand))
+    task = bench.run(bench.node("unruly"))
+    assert "is a child of skiros:Unruly-unruly(Running) already" in node_of(task).progress_msg
+
+
+def test_a_compound_that_contains_itself_ends_as_a_failure(bench, deep_stack):
+    bench.load(compound(expand=lambda self, skill: skill(self.skill("Unruly", "unruly"))))
+    task = bench.run(bench.node("unruly"), ticks=3)
+    assert task.state is State.Failure
+    assert "is below 5000 levels of skills: one of them contains itself" in task.root.progress_msg
+    assert runs_on(bench)
+
+
+@pytest.mark.parametrize("processor", [Sequential, ParallelFf, Selector])
+def test_a_compound_without_children_ends_at_once(bench, processor):
+    bench.load(compound(expand=lambda self, skill: skill.setProcessor(processor())))
+    assert bench.run(bench.node("unruly"), ticks=1).state is not State.Running

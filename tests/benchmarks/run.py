@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
-PARTS = ("launch", "ticks", "services", "updates", "tf", "planning", "world_model", "journal")
+PARTS = ("launch", "ticks", "skills", "services", "updates", "tf", "planning", "world_model", "journal")
 
 
 def main() -> int:
@@ -68,6 +68,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import tf
 
         return node.measure(tf.measure)
+    if part == "skills":
+        from benchmarks import skills
+
+        return node.measure(skills.measure)
     if part == "updates":
         from benchmarks import updates
 

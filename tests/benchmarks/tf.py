@@ -6,14 +6,13 @@ over some seconds, in % of one core.
 
 from __future__ import annotations
 
-import os
 import statistics
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.measurement import Measurement
+from benchmarks.measurement import Measurement, cpu_seconds
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
 from support.ros import Ros
@@ -101,18 +100,12 @@ def _count(_message: object, where: tuple[dict[str, int], str]) -> None:
 
 def _cpu_time(pids: list[int], counts: dict[str, int]) -> tuple[float, float]:
     """The CPU time of both processes over the period, in % of one core, while both publish at their rate."""
-    before, begin, published = [_used(pid) for pid in pids], time.monotonic(), dict(counts)
+    before, begin, published = [cpu_seconds(pid) for pid in pids], time.monotonic(), dict(counts)
     time.sleep(PERIOD)  # the period of a measurement
     took = time.monotonic() - begin
     for topic, count in counts.items():
         rate = (count - published[topic]) / took
         if not 20.0 < rate < 30.0:
             raise RuntimeError(f"{topic} came at {rate:.1f} Hz, expected 25")
-    ours, peer = (100.0 * (_used(pid) - was) / took for pid, was in zip(pids, before, strict=True))
+    ours, peer = (100.0 * (cpu_seconds(pid) - was) / took for pid, was in zip(pids, before, strict=True))
     return ours, peer
-
-
-def _used(pid: int) -> float:
-    """The CPU time that a process has taken so far (s)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -25,6 +25,7 @@ ONTOLOGIES = {
 XML_SCHEMA = "http://www.w3.org/2001/XMLSchema"
 IMPORTS = {"skiros": "rparts", "rparts": "cora", "cora": "corax", "corax": "sumo"}
 OURS = {
+    "skiros:LockedBy",
     "skiros:hasCondition",
     "skiros:hasValue",
     "skiros:AvailableForPlanning",

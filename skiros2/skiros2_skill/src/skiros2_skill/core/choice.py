@@ -11,6 +11,7 @@ from skiros2_common.core.explanation import EXCEPTION, INFERENCE, PARAMETER, PRE
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Slot, Source
+from skiros2_skill.core.devices import free_devices, lock_devices
 from skiros2_skill.core.failures import PRE_FAILED, START_RAISED, Failure, unmet
 from skiros2_skill.core.inference import infer, inferable
 from skiros2_skill.core.library import Implementation
@@ -18,7 +19,7 @@ from skiros2_skill.core.wrapper import SkillWrapper
 
 
 def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -> Failure | None:
-    """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's.
+    """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's; locks its devices.
 
     :returns: None, or why there is none, for each candidate.
     """
@@ -37,7 +38,12 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -
         else:
             node.slots = slots
             node.element_slots = [slot for slot in slots if slot.param.is_element]
-            return None
+            refused = lock_devices(node, wmi) if node.options else None
+            if refused is None:
+                return None
+            free_devices(node, wmi)
+            node.release()
+            failure = refused
         failure.label = implementation.label
         tried.append(failure)
     if len(tried) == 1:

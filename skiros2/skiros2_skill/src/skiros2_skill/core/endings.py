@@ -6,7 +6,7 @@ import logging
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
-from skiros2_skill.core.executor import FREEING, Executor
+from skiros2_skill.core.executor import Executor
 from skiros2_skill.core.failures import PREEMPT_RAISED, Failure
 from skiros2_skill.core.inside import LeftBehind, Stuck
 from skiros2_skill.core.node import SkillInterface, all_nodes
@@ -40,9 +40,6 @@ def bury(executor: Executor, stuck: Stuck) -> None:
     for child in node.children:
         if child.hasState(State.Running):
             child.visitPreempt(executor)
-    if stuck.what == FREEING:
-        log.error("%s: these devices stay locked: %s", node.printState(), ", ".join(node.locked))
-        node.locked.clear()
     executor.free(node)
 
 

@@ -19,7 +19,7 @@ from skiros2_skill.core import blackboard
 from skiros2_skill.core.breakpoints import Break, Breakpoints
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
-from skiros2_skill.core.devices import free_devices, lock_devices
+from skiros2_skill.core.devices import free_devices
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
     HOLD_FAILED,
@@ -148,7 +148,7 @@ class Executor:
         return self._begin(node) if failure is None else self._refuse(node, failure)
 
     def _begin(self, node: SkillWrapper) -> bool:
-        """Locks devices, makes the subtree and calls `onStart`."""
+        """Makes the subtree and calls `onStart`."""
         instance = node.getInstance()
         instance._start_progress()
         instance._waker = self._wake
@@ -176,7 +176,6 @@ class Executor:
     def _start_instance(self, node: SkillWrapper) -> str:
         """The answer of `onStart` when it is a no."""
         instance = node.getInstance()
-        lock_devices(node, self._wmi)
         if isinstance(instance, SkillBase) and (not node.expanded or instance.expand_on_start):
             node.wrapper_expand()
             node.expanded = True

@@ -14,6 +14,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
 from skiros2_skill.core.breakpoints import Break, Breakpoints
+from skiros2_skill.core.devices import free_devices
 from skiros2_skill.core.endings import bury, give_up, preempt_all
 from skiros2_skill.core.executor import Executor
 from skiros2_skill.core.failures import Failure
@@ -63,6 +64,7 @@ class Task:
         self.author = author
         self.root = Root("root", wmi)
         self.root._id = task_id
+        self._wmi = wmi
         self._executor = Executor(wmi, self.wake, breakpoints)
         self._paused = threading.Event()
         self._ticks_left = 0
@@ -201,6 +203,8 @@ class Task:
     def _close(self, state: State) -> None:
         for node in self.nodes():
             if isinstance(node, SkillWrapper):
+                if node.locked:  # the tick has raised between the lock and the start
+                    free_devices(node, self._wmi)
                 node.release()
         code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
         self.root._setProgress(self._verdict(state), code)

@@ -21,6 +21,11 @@ _LOOK_AGAIN = 0.5
 class Coordination(ABC):
     """What programs that share a world model use beside reading and writing. Safe to use from all threads."""
 
+    @property
+    @abstractmethod
+    def author(self) -> str:
+        """Who makes the changes, as the world model names it."""
+
     @abstractmethod
     def add_listener(self, callback: Callable[[Any], None]) -> None:
         """`callback(change)` is called after each change seen from here, in order; it must be quick."""

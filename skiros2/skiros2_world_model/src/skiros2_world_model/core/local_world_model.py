@@ -31,6 +31,10 @@ class LocalWorldModel(WorldModelAbstractInterface):
         self.model = model if model is not None else WorldModel(source_ontologies())
         self._author = author_name
 
+    @property
+    def author(self) -> str:
+        return self._author
+
     def is_connected(self) -> bool:
         """True: the world model is in this process."""
         return True

@@ -61,6 +61,10 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         super().__init__(author_name)
 
     @property
+    def author(self) -> str:
+        return self._author_name
+
+    @property
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 

@@ -1,0 +1,309 @@
+"""Locks on devices: one of several managers has a device, and it is free again whatever happens."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import Refused
+from skiros2_skill.core import devices
+from skiros2_skill.core.devices import free_former_devices, locks_in
+from skiros2_skill.core.executor import Executor
+from skiros2_skill.core.ticker import Ticker
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from support.ros import wait_until
+from unit.skiros2_skill.conftest import Workbench
+from unit.skiros2_skill.skills import INFERRED, LOCKED_ARM, ParamOptions, describe, primitive, running_for
+from unit.skiros2_skill.test_tick import message
+
+STATE, HOLDER = "skiros:StateProperty", "skiros:LockedBy"
+SECOND_ARM = ("Second", LOCKED_ARM[1], INFERRED, [ParamOptions.Lock])
+
+
+class Meddled(LocalWorldModel):
+    """A client whose next compare-and-sets meet with something: each function is called before one of them."""
+
+    def __init__(self, author, model):
+        super().__init__(author, model)
+        self.before = []
+        self.after = []
+
+    def update_element_if_unchanged(self, e, context_id="scene"):
+        if self.before:
+            self.before.pop(0)(e)
+        written = super().update_element_if_unchanged(e, context_id)
+        if self.after:
+            self.after.pop(0)(e)
+        return written
+
+
+@pytest.fixture
+def bench():
+    return Workbench(Meddled("/one", LocalWorldModel().model))
+
+
+@pytest.fixture
+def other(bench):
+    """Another manager on the same world model."""
+    return LocalWorldModel("/two", bench.wmi.model)
+
+
+@pytest.fixture
+def arm(bench):
+    return bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    monkeypatch.setattr(devices, "RETRY_PERIOD", 0.01)
+
+
+def lock_of(bench, arm):
+    """State and holder of a device."""
+    device = bench.wmi.get_element(arm.id)
+    return device.value_of(STATE), device.value_of(HOLDER)
+
+
+def refuses(_):
+    raise WmException("not now")
+
+
+def raises_anything(*_):
+    raise RuntimeError("!")
+
+
+def moving(bench, *params, **hooks):
+    """A task that runs a skill with a locked arm."""
+    hooks.setdefault("execute", lambda self: self.step())
+    bench.load(primitive(describe("Move", [LOCKED_ARM, *params]), "move", **hooks))
+    task = bench.task(bench.node("move"))
+    task.tick()
+    return task
+
+
+# -- who has it --------------------------------------------------------------------------------------------------------
+
+
+def test_the_holder_is_written_on_the_device_while_it_is_locked(bench, arm):
+    task = moving(bench)
+    assert lock_of(bench, arm) == ("Busy", "/one")
+    task.preempt()
+    task.tick()
+    device = bench.wmi.get_element(arm.id)
+    assert device.value_of(STATE) == "Idle"
+    assert not device.hasProperty(HOLDER)
+
+
+def test_the_skill_sees_its_device_as_it_is_locked(bench, arm):
+    seen = []
+    moving(bench, onStart=lambda self: seen.append(self.params["Arm"].value.value_of(STATE)))
+    assert seen == ["Busy"]
+
+
+def test_the_one_that_comes_second_is_told_who_has_it(bench, other, arm):
+    bench.wmi.before.append(lambda device: locks_in(other).take(device.id, "a node", other))
+    task = moving(bench)
+    assert task.state is State.Failure
+    assert f"{arm.id}-arm is locked by /two" in message(task)
+    (explanation,) = task.explanations()
+    assert (explanation.stage, explanation.code) == ("pre", -1)
+    assert lock_of(bench, arm) == ("Busy", "/two")
+
+
+def test_of_two_managers_at_once_one_gets_it_each_time(bench, other, arm):
+    outcomes = {bench.wmi: [], other: []}
+    start = threading.Barrier(2)
+
+    def compete(wmi):
+        for _ in range(100):
+            start.wait(10.0)
+            try:
+                locks_in(wmi).take(arm.id, wmi, wmi)
+            except Refused as refused:
+                outcomes[wmi].append(str(refused))
+            else:
+                outcomes[wmi].append("")
+            start.wait(10.0)
+            locks_in(wmi).give_back([arm.id], wmi, wmi)
+
+    threads = [threading.Thread(target=compete, args=(wmi,)) for wmi in outcomes]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert len(outcomes[other]) == 100
+    for mine, theirs in zip(outcomes[bench.wmi], outcomes[other], strict=True):
+        assert (mine == "") != (theirs == "")
+        assert (mine or theirs).endswith("is locked by /one" if theirs else "is locked by /two")
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_another_change_of_the_device_meanwhile_is_no_obstacle(bench, other, arm):
+    def weigh(_):
+        device = other.get_element(arm.id)
+        device.setProperty("skiros:Weight", 2.0)
+        other.update_element(device)
+
+    bench.wmi.before += [weigh, lambda _: None, weigh]
+    task = moving(bench, execute=running_for(1))
+    while task.tick() is State.Running:
+        pass
+    assert task.state is State.Success
+    assert lock_of(bench, arm) == ("Idle", None)
+    assert bench.wmi.get_element(arm.id).value_of("skiros:Weight") == 2.0
+
+
+def test_a_device_that_another_has_meanwhile_is_not_freed(bench, other, arm):
+    task = moving(bench)
+    device = other.get_element(arm.id)
+    device.setProperty(HOLDER, "/two")
+    other.update_element(device)
+    task.preempt()
+    task.tick()
+    assert lock_of(bench, arm) == ("Busy", "/two")
+
+
+# -- freed however it ends ---------------------------------------------------------------------------------------------
+
+
+def test_a_release_that_is_refused_is_tried_again(bench, arm, soon):
+    task = moving(bench)
+    bench.wmi.before += [refuses] * 3
+    task.preempt()
+    task.tick()
+    assert task.ended.is_set()
+    wait_until(lambda: lock_of(bench, arm) == ("Idle", None), what="the release")
+    assert bench.wmi.before == []
+
+
+def test_a_release_that_fails_does_not_keep_others_locked(bench, arm):
+    second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
+    bench.load(primitive(describe("Move", [LOCKED_ARM, SECOND_ARM]), "move", execute=lambda self: self.step()))
+    task = bench.task(bench.node("move", Arm=arm, Second=second))
+    task.tick()
+    assert {lock_of(bench, arm), lock_of(bench, second)} == {("Busy", "/one")}
+    bench.wmi.before.append(refuses)
+    task.preempt()
+    task.tick()
+    assert {lock_of(bench, arm), lock_of(bench, second)} == {("Busy", "/one"), ("Idle", None)}
+
+
+def test_a_lock_of_which_the_outcome_is_not_known_is_freed(bench, arm, soon):
+    bench.wmi.after.append(refuses)  # it was written, but the answer is lost
+    task = moving(bench)
+    assert task.state is State.Failure
+    assert "not now" in message(task)
+    wait_until(lambda: lock_of(bench, arm) == ("Idle", None), what="the release")
+
+
+def test_a_late_release_leaves_a_new_lock_of_the_same_manager(bench, arm, soon):
+    first = moving(bench)
+    bench.wmi.after.append(refuses)  # it is free, but that is not known
+    first.preempt()
+    first.tick()
+    second = bench.task(bench.node("move"))
+    second.tick()
+    wait_until(lambda: locks_in(bench.wmi)._again is None, what="the end of the attempts")
+    assert lock_of(bench, arm) == ("Busy", "/one")
+    second.preempt()
+    second.tick()
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_one_of_two_devices_is_free_again_when_the_other_cannot_be_had(bench, arm):
+    second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
+    bench.load(primitive(describe("Move", [LOCKED_ARM, SECOND_ARM]), "move"))
+    bench.wmi.before += [lambda _: None, refuses]
+    task = bench.run(bench.node("move", Arm=arm, Second=second))
+    assert task.state is State.Failure
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_a_tick_that_raises_frees_devices(bench, arm):
+    task = moving(bench)
+    task.root.children[0].visit = raises_anything
+    task.tick()
+    assert task.state is State.Failure
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_a_tick_that_raises_between_the_lock_and_the_start_frees_devices(bench, arm, monkeypatch):
+    monkeypatch.setattr(Executor, "_begin", raises_anything)
+    task = moving(bench)
+    assert task.state is State.Failure
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_a_task_that_is_left_behind_frees_its_devices(bench, arm):
+    returns, inside = threading.Event(), threading.Event()
+
+    def hangs(self):
+        inside.set()
+        returns.wait(30.0)
+        return self.success("late")
+
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=hangs))
+    ticker = Ticker(preempt_timeout=0.2)
+    task = ticker.new_task(bench.wmi, "tests")
+    task.root(bench.node("move"))
+    try:
+        ticker.start(task.id)
+        assert inside.wait(10.0)
+        ticker.preempt(task.id)
+        assert task.ended.wait(10.0)
+        assert lock_of(bench, arm) == ("Idle", None)
+    finally:
+        returns.set()
+        ticker.stop()
+
+
+def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, soon, monkeypatch):
+    monkeypatch.setattr(devices, "_PATIENCE", 0.05)
+    goes_on, inside = threading.Event(), threading.Event()
+
+    def hangs(_):
+        inside.set()
+        goes_on.wait(30.0)
+
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move"))
+    bench.wmi.before.append(hangs)
+    ticker = Ticker(preempt_timeout=0.2)
+    task = ticker.new_task(bench.wmi, "tests")
+    task.root(bench.node("move"))
+    try:
+        ticker.start(task.id)
+        assert inside.wait(10.0)
+        ticker.preempt(task.id)
+        assert task.ended.wait(10.0)
+        changes = []
+        bench.wmi.add_listener(lambda change: changes.extend(e.value_of(STATE) for e in change.elements))
+        goes_on.set()
+        wait_until(lambda: changes == ["Busy", "Idle"], what="the lock and its release")
+        assert lock_of(bench, arm) == ("Idle", None)
+    finally:
+        goes_on.set()
+        ticker.stop()
+
+
+def test_a_manager_that_ends_frees_the_devices_of_its_tasks(bench, arm):
+    bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=lambda self: self.step()))
+    ticker = Ticker()
+    task = ticker.new_task(bench.wmi, "tests")
+    task.root(bench.node("move"))
+    ticker.start(task.id)
+    wait_until(lambda: lock_of(bench, arm) == ("Busy", "/one"), what="the lock")
+    ticker.stop()
+    assert lock_of(bench, arm) == ("Idle", None)
+
+
+def test_what_an_earlier_life_has_left_locked_is_freed_and_nothing_else(bench, other, arm):
+    moving(bench)
+    left = bench.add("rparts:ArmDevice", "left", StateProperty="Busy", LockedBy="/one")
+    foreign = bench.add("rparts:ArmDevice", "foreign", StateProperty="Busy", LockedBy="/two")
+    free_former_devices(bench.wmi)
+    assert lock_of(bench, left) == ("Idle", None)
+    assert lock_of(bench, arm) == ("Busy", "/one")
+    assert lock_of(bench, foreign) == ("Busy", "/two")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,50 +9,34 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_demo_skills.poses import get_pose
-from skiros2_std_skills import clock
-from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model import WorldModel
-from support.skill_bench import SkillBench
+from skiros2_skill.testing import FakeClock, SkillBench
 
 ROOT = Path(__file__).parents[3]
-WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+SCENE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl" / "pick_place_scene.ttl"
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> SkillBench:
-    """The demo's scene with the robot at the charging station. Each look at the clock is half a second later."""
-    model = WorldModel(ROOT / "ontologies", WORKSPACE)
-    model.load_initial("pick_place_scene.ttl")
-    wmi = LocalWorldModel("test", model)
-    (robot,) = (e for e in wmi.get_scene() if e.type == "cora:Robot")
-    wmi.set_relation(robot.id, "skiros:at", robot.getRelation("-1", "skiros:hasStartLocation", "")["dst"])
-    time = half_seconds()
-    monkeypatch.setattr(clock, "now", lambda: next(time))
-    return SkillBench(wmi, wmi.get_element(robot.id), "skiros2_std_skills", "skiros2_demo_skills")
-
-
-def half_seconds() -> Iterator[float]:
-    now = 1.0
-    while True:
-        yield now
-        now += 0.5
+def bench(fake_clock: FakeClock) -> SkillBench:
+    """The demo's scene with the robot at the charging station. A tick takes a second."""
+    bench = SkillBench(SCENE, clock=fake_clock, period=1.0)
+    bench.wmi.set_relation(bench.robot.id, "skiros:at", bench.robot.getRelation("-1", "skiros:hasStartLocation")["dst"])
+    return bench.import_libraries("skiros2_std_skills", "skiros2_demo_skills")
 
 
 def drive(bench: SkillBench, place: str) -> Any:
-    return bench.run("Drive", TargetLocation=bench.element(place))
+    return bench.command("Drive", TargetLocation=bench.element(place)).run().skill
 
 
 def at(bench: SkillBench) -> list[str]:
-    relations = bench.wmi.get_element(bench.robot.id).getRelations("-1", "skiros:at", "")
-    return [bench.wmi.get_element(r["dst"]).label for r in relations]
+    return bench.related(bench.robot.label, "skiros:at")
 
 
 def pick(bench: SkillBench, product: str) -> Any:
-    return bench.run("Pick", Object=bench.element(product))
+    return bench.command("Pick", Object=bench.element(product)).run().skill
 
 
 def place(bench: SkillBench, product: str, tray: str) -> Any:
-    return bench.run("Place", Object=bench.element(product), Container=bench.element(tray))
+    return bench.command("Place", Object=bench.element(product), Container=bench.element(tray)).run().skill
 
 
 def succeeded(*nodes: Any) -> bool:
@@ -117,7 +100,7 @@ def test_placing_what_is_not_in_the_gripper_is_refused(bench: SkillBench) -> Non
 
 def test_a_robot_that_is_taken_away_stops_picking(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 1"))
-    task = bench.task(("Pick", {"Object": bench.element("Product A")}))
+    task = bench.command("Pick", Object=bench.element("Product A"))
     assert task.tick() is State.Running
     bench.wmi.set_relation(bench.robot.id, "skiros:at", bench.element("Workstation 1").id, False)
     assert task.tick() is State.Failure
@@ -127,7 +110,7 @@ def test_a_robot_that_is_taken_away_stops_picking(bench: SkillBench) -> None:
 
 def test_a_stopped_motion_changes_nothing(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 1"))
-    task = bench.task(("Drive", {"TargetLocation": bench.element("Workstation 2")}))
+    task = bench.command("Drive", TargetLocation=bench.element("Workstation 2"))
     assert task.tick() is State.Running
     task.preempt()
     assert task.tick() is State.Failure
@@ -135,7 +118,7 @@ def test_a_stopped_motion_changes_nothing(bench: SkillBench) -> None:
 
 
 def test_motions_tell_how_far_they_are(bench: SkillBench) -> None:
-    task = bench.task(("Drive", {"TargetLocation": bench.element("Workstation 1")}))
+    task = bench.command("Drive", TargetLocation=bench.element("Workstation 1"))
     task.tick()
     task.tick()
     told = [n.progress_message for n in task.progress() if n.label == "move_base_timed"]

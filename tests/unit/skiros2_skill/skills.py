@@ -1,39 +1,16 @@
 """Small skills that tests run."""
 
-from skiros2_common.core.abstract_skill import ParamOptions, SkillDescription, State
+from skiros2_common.core.abstract_skill import ParamOptions, State
 from skiros2_common.core.params import ParamTypes
-from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_skill.testing import describe, stand_in
 
 REQUIRED, OPTIONAL, INFERRED = ParamTypes.Required, ParamTypes.Optional, ParamTypes.Inferred
 
 
-def describe(name, params=(), pre=(), hold=(), post=()):
-    """A description class with these parameters and conditions; each condition is a function of the description."""
-
-    def create(self):
-        for param in params:
-            self.addParam(*param)
-        for condition in pre:
-            self.addPreCondition(condition(self))
-        for condition in hold:
-            self.addHoldCondition(condition(self))
-        for condition in post:
-            self.addPostCondition(condition(self))
-
-    return type(name, (SkillDescription,), {"createDescription": create})
-
-
-def primitive(description, label=None, **hooks):
+def primitive(description, label="", **hooks):
     """A primitive class for a description, with these hooks. Each may be a function of the skill, or an answer."""
-
-    def method(answer):
-        return lambda self: answer(self) if callable(answer) else answer
-
-    body = {name: method(answer) for name, answer in hooks.items()}
-    body.setdefault("execute", lambda self: self.success("done"))
-    body["createDescription"] = lambda self: self.setDescription(description(), label or "")
-    return type(label or description.__name__.lower(), (PrimitiveBase,), body)
+    return stand_in(description, label=label, **hooks)
 
 
 def contains(container="Container", obj="Object", state=True):

@@ -8,42 +8,34 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.world_element import Element
+from skiros2_skill.testing import SkillBench
 from skiros2_std_skills import utility_primitives
-from skiros2_world_model.core.local_world_model import LocalWorldModel
-from support.skill_bench import SkillBench
-
-SCENE = "skiros:Scene-0"
 
 
 @pytest.fixture
-def bench() -> SkillBench:
+def bench(skill_bench: SkillBench) -> SkillBench:
     """A robot, three trays and a product in the first."""
-    wmi = LocalWorldModel("test")
-    trays = [add(wmi, "skiros:Container", f"tray {i}", ContainerState="Empty") for i in (1, 2, 3)]
-    add(wmi, "skiros:Product", "product", trays[0], Weight=0.3)
-    return SkillBench(wmi, add(wmi, "cora:Robot", "skiros:robot"), "skiros2_std_skills")
+    trays = [skill_bench.add("skiros:Container", f"tray {i}", ContainerState="Empty") for i in (1, 2, 3)]
+    skill_bench.add("skiros:Product", "product", trays[0], Weight=0.3)
+    return skill_bench.import_libraries("skiros2_std_skills")
 
 
-def add(wmi: Any, etype: str, label: str, container: Element | None = None, **properties: Any) -> Element:
-    element = Element(etype, label)
-    for key, value in properties.items():
-        element.setProperty(f"skiros:{key}", value)
-    element.addRelation(container.id if container else SCENE, "skiros:contain", "-1")
-    wmi.add_element(element)
-    return element
+def run(bench: SkillBench, skill: str, **params: Any) -> Any:
+    """The node of a skill that has run."""
+    return bench.command(skill, **params).run().skill
 
 
 def at(bench: SkillBench, label: str) -> set[str]:
     """The labels of the places that an element is at."""
-    relations = bench.element(label).getRelations("-1", "skiros:at", "")
-    return {bench.wmi.get_element(r["dst"]).label for r in relations}
+    return set(bench.related(label, "skiros:at"))
 
 
 class TestWmSetRelation:
     def set(self, bench: SkillBench, target: str, state: bool = True, **old: str) -> Any:
         elements = {key: bench.element(label) for key, label in old.items()}
         source = bench.element("skiros:robot")
-        return bench.run(
+        return run(
+            bench,
             "WmSetRelation",
             Src=source,
             Dst=bench.element(target),
@@ -71,7 +63,7 @@ class TestWmSetRelation:
         assert len(changes) == 1
 
     def test_the_relation_from_an_old_subject_goes_in_the_same_change(self, bench: SkillBench) -> None:
-        old = add(bench.wmi, "cora:Robot", "old robot")
+        old = bench.add("cora:Robot", "old robot")
         bench.wmi.set_relation(old.id, "skiros:at", bench.element("tray 1").id)
         changes: list[Any] = []
         bench.wmi.add_listener(changes.append)
@@ -86,7 +78,7 @@ class TestWmSetRelation:
     def test_what_the_world_model_refuses_is_a_failure_with_the_reason(self, bench: SkillBench) -> None:
         robot = bench.element("skiros:robot")
         product, tray = bench.element("product"), bench.element("tray 1")
-        node = bench.run("WmSetRelation", Src=product, Dst=tray, Relation="skiros:contain")
+        node = run(bench, "WmSetRelation", Src=product, Dst=tray, Relation="skiros:contain")
         assert node.state is State.Failure
         assert "tray 1" in node.progress_msg or tray.id in node.progress_msg
         assert bench.holder("product") == "tray 1"
@@ -98,25 +90,25 @@ class TestWmSetProperties:
         changes: list[Any] = []
         bench.wmi.add_listener(changes.append)
         wanted = {"skiros:Weight": 0.5, "StateProperty": "Idle"}
-        assert bench.run("WmSetProperties", Src=bench.element("product"), Properties=wanted).state is State.Success
+        assert run(bench, "WmSetProperties", Src=bench.element("product"), Properties=wanted).state is State.Success
         product = bench.element("product")
         assert product.value_of("skiros:Weight") == 0.5
         assert product.value_of("skiros:StateProperty") == "Idle"
         assert len(changes) == 1
 
     def test_several_values_are_given_as_a_list(self, bench: SkillBench) -> None:
-        bench.run("WmSetProperties", Src=bench.element("product"), Properties={"CadModel": ["a", "b"]})
+        run(bench, "WmSetProperties", Src=bench.element("product"), Properties={"CadModel": ["a", "b"]})
         assert bench.element("product").getProperty("CadModel").values == ["a", "b"]
 
     def test_a_value_of_a_wrong_type_fails_and_changes_nothing(self, bench: SkillBench) -> None:
         wanted = {"StateProperty": "Idle", "skiros:Weight": "heavy"}
-        node = bench.run("WmSetProperties", Src=bench.element("product"), Properties=wanted)
+        node = run(bench, "WmSetProperties", Src=bench.element("product"), Properties=wanted)
         assert node.state is State.Failure
         assert "skiros:Weight takes values of type float, got 'heavy'" in node.progress_msg
         assert not bench.element("product").hasProperty("skiros:StateProperty")
 
     def test_relations_stay(self, bench: SkillBench) -> None:
-        bench.run("WmSetProperties", Src=bench.element("product"), Properties={"skiros:Weight": 0.5})
+        run(bench, "WmSetProperties", Src=bench.element("product"), Properties={"skiros:Weight": 0.5})
         assert bench.holder("product") == "tray 1"
 
 
@@ -126,23 +118,24 @@ class TestWmMoveObject:
         bench.library.load(["wm_move_object"])
 
     def test_the_object_is_at_the_target_and_no_longer_at_the_start(self, bench: SkillBench) -> None:
-        node = bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+        node = run(bench, "WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
         assert node.state is State.Success
         assert bench.holder("product") == "tray 2"
 
     def test_the_start_is_empty_and_the_target_full(self, bench: SkillBench) -> None:
-        bench.run("WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
+        run(bench, "WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
         states = [bench.element(f"tray {i}").value_of("skiros:ContainerState") for i in (1, 2, 3)]
         assert states == ["Empty", "Full", "Empty"]
 
     def test_without_a_target_it_is_at_the_start_again(self, bench: SkillBench) -> None:
-        node = bench.run("WmMoveObject", Object=bench.element("product"))
+        node = run(bench, "WmMoveObject", Object=bench.element("product"))
         assert node.state is State.Success
         assert bench.holder("product") == "tray 1"
         assert bench.element("tray 1").value_of("skiros:ContainerState") == "Full"
 
     def test_it_may_be_held_otherwise_than_it_was(self, bench: SkillBench) -> None:
-        bench.run(
+        run(
+            bench,
             "WmMoveObject",
             Object=bench.element("product"),
             TargetLocation=bench.element("tray 2"),
@@ -153,18 +146,17 @@ class TestWmMoveObject:
         assert bench.holder("product") == "tray 2"
 
     def test_the_start_is_found_and_unset_at_the_end(self, bench: SkillBench) -> None:
-        task = bench.task(
-            ("WmMoveObject", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 2")}),
-            ("WmMoveObject", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 3")}),
-        )
-        while task.tick() is State.Running:
-            pass
+        task = bench.commands(
+            ("WmMoveObject", "", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 2")}),
+            ("WmMoveObject", "", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 3")}),
+        ).run()
         assert task.state is State.Success
         assert bench.holder("product") == "tray 3"
         assert not task.root.children[0].params["StartLocation"].isSpecified()
 
     def test_a_start_where_the_object_is_not_fails_and_changes_nothing(self, bench: SkillBench) -> None:
-        node = bench.run(
+        node = run(
+            bench,
             "WmMoveObject",
             Object=bench.element("product"),
             StartLocation=bench.element("tray 3"),
@@ -195,7 +187,7 @@ class TestWmMoveAndTransformObject:
         params = {"Object": bench.element("product")}
         if target:
             params["TargetLocation"] = bench.element(target)
-        return bench.run("WmMoveObject", **params)
+        return run(bench, "WmMoveObject", **params)
 
     def test_the_pose_is_written_in_the_frame_of_the_target(
         self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch

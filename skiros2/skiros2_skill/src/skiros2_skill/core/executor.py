@@ -330,8 +330,11 @@ class Executor:
         except SkirosError as error:
             blackboard.drop_changes(node.element_slots, self._wmi)
             text = f"{node.label}: the world model refused what the skill changed: {error}"
-            written = self._failed(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
+            node.getInstance()._setProgress(text, EXECUTE_RAISED)
+            self._copy_progress(node)
+            self._note(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
             log.error("%s", text)
+            written = False
         if blackboard.give_changed(node, node.slots):
             self._stamp += 1
         self._look_at_world()

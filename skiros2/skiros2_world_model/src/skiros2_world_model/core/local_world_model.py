@@ -23,7 +23,7 @@ class LocalWorldModel(WorldModelAbstractInterface):
     """The port over a `WorldModel` of this process. Several may share one.
 
     :param author_name: who makes the changes.
-    :param model: the world model; None: a new one with the ontologies of this source tree.
+    :param model: the world model; None: a new one with the ontologies of this package.
     """
 
     def __init__(self, author_name: str = "test", model: WorldModel | None = None) -> None:
@@ -143,13 +143,14 @@ class LocalWorldModel(WorldModelAbstractInterface):
 
 
 def source_ontologies() -> Path:
-    """The folder of the ontologies in the source tree that this file is in.
+    """The folder of the ontologies in the source tree, or the install space, that this file is in.
 
-    :raises WmException: this file is not in a source tree; name the folder then.
+    :raises WmException: this file is in none of these; name the folder then.
     """
     for folder in Path(__file__).resolve().parents:
-        if (folder / "ontologies" / "skiros.ttl").is_file():
-            return folder / "ontologies"
+        for ontologies in (folder / "ontologies", folder / "share" / "skiros2" / "ontologies"):
+            if (ontologies / "skiros.ttl").is_file():
+                return ontologies
     raise WmException(f"no ontologies folder is above {__file__}; give WorldModel the folder to use")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -97,3 +98,17 @@ def list_param(name: str) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a list of names")
     return value
+
+
+def positive_param(name: str, default: float, most: float = math.inf) -> float:
+    """A parameter that is a number above 0.
+
+    :param most: what it may be at most.
+    :raises ConfigurationError: it is something else.
+    """
+    value = rospy.get_param(name, default)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not 0 < value <= most or math.isinf(value):
+        limit = "" if math.isinf(most) else f" and up to {most:g}"
+        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a number above 0{limit}")
+    return float(value)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
 from skiros2_skill.core.breakpoints import Break, Breakpoints
@@ -74,6 +73,9 @@ class Task:
         self._reason = "Preempted"  # why
         self._gives_up = False
         self._stuck: Stuck | None = None
+        self._tells_all = True
+        #: How often `take_changed` has answered yes.
+        self.changes = 0
         self.ended = threading.Event()
         #: What `wake` calls; set by the ticker.
         self.waker: Callable[[], None] = lambda: None
@@ -227,6 +229,11 @@ class Task:
         """
         return self._executor.failures.explanations()
 
+    def cause(self) -> Explanation | None:
+        """The failure because of which the task failed; None when no node failed."""
+        cause = self._executor.failures.cause()
+        return cause[1] if cause is not None else None
+
     def nodes(self) -> Iterator[Any]:
         """All nodes, each before its children."""
         return all_nodes(self.root)
@@ -235,13 +242,11 @@ class Task:
         """Whether a state or progress has changed since this was asked last."""
         changed = self._executor.changed
         self._executor.changed = False
+        self.changes += changed
         return changed
 
     def progress(self) -> list[NodeProgress]:
-        """The state of every node, each before its children.
-
-        :raises WrongValue: the tree has more nodes than there are ids.
-        """
+        """The state of every node, each before its children; of those for which there are ids."""
         self._number_nodes()
         return [
             NodeProgress(
@@ -259,6 +264,7 @@ class Task:
                 params=node.params.getParamMap(),
             )
             for node in self.nodes()
+            if node._id >= 0
         ]
 
     def _number_nodes(self) -> None:
@@ -269,7 +275,7 @@ class Task:
         used = {node._id for node in nodes}
         free = (number for number in range(MAX_ID + 1) if number not in used)
         for node in new:
-            number = next(free, None)
-            if number is None:
-                raise WrongValue(f"task {self.id} has {len(nodes)} nodes, more than {MAX_ID}")
-            node._id = number
+            node._id = next(free, -1)
+        if nodes[-1]._id < 0 and self._tells_all:
+            self._tells_all = False
+            log.warning("task %s has %s nodes; only the first %s are told of", self.id, len(nodes), MAX_ID + 1)

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from skiros2_common.core.abstract_skill import State
 from skiros2_skill.core.task import Task
 
 log = logging.getLogger(__name__)
@@ -151,6 +152,8 @@ class Worker:
 
     def _tell(self, scheduled: Scheduled) -> None:
         task = scheduled.task
+        if task.state is State.Idle:
+            return  # it is still being made
         now = time.monotonic()
         if task.take_changed() or task.ended.is_set() or now - scheduled.told >= self._pace.keep_alive:
             scheduled.told = now

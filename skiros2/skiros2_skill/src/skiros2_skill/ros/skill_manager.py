@@ -10,29 +10,26 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError, UnknownName
-from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.core.history import History
 from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes
-from skiros2_skill.core.task import NodeProgress, Task
+from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
+from skiros2_skill.ros.execute_action import ExecuteAction
+from skiros2_skill.ros.progress import ProgressPublisher
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
+from skiros2_skill.ros.task_starter import TaskStarter
 
 log = logging.getLogger(__name__)
 
-_WIRE_STATES = {
-    State.Success: msgs.SkillProgress.SUCCESS,
-    State.Failure: msgs.SkillProgress.FAILURE,
-    State.Running: msgs.SkillProgress.RUNNING,
-    State.Idle: msgs.SkillProgress.IDLE,
-    State.Uninitialized: msgs.SkillProgress.IDLE,
-}
+TICK_RATE = 25.0  # per second
+PREEMPT_TIMEOUT = 10.0  # s
 
 
 class SkillManager(DiscoverableNode):
@@ -42,9 +39,17 @@ class SkillManager(DiscoverableNode):
     :param prefix: ontology prefix of the robot's individual.
     :param wmi: the world model; None makes a `WorldModelInterface` with a replica.
     :param tick_rate: ticks per second.
+    :param preempt_timeout: s that a task has to end once it is preempted; see `Ticker`.
     """
 
-    def __init__(self, robot_name: str, prefix: str = "skiros", wmi: Any = None, tick_rate: float = 25.0) -> None:
+    def __init__(
+        self,
+        robot_name: str,
+        prefix: str = "skiros",
+        wmi: Any = None,
+        tick_rate: float = TICK_RATE,
+        preempt_timeout: float = PREEMPT_TIMEOUT,
+    ) -> None:
         if wmi is None:
             from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -53,11 +58,11 @@ class SkillManager(DiscoverableNode):
         self._library = SkillLibrary(wmi)
         self._registration = Registration(wmi, prefix, robot_name, rospy.get_name())
         self._tick_rate = tick_rate
-        self._debug = False
+        self._preempt_timeout = preempt_timeout
+        self._history = History()
         self._ready = threading.Event()
         self._registering = threading.Lock()
         self._ticker: Ticker | None = None
-        self._connections: list[Any] = []
         self._world_state = ""  # the last change's snapshot id
 
     @property
@@ -81,17 +86,19 @@ class SkillManager(DiscoverableNode):
         self._registration.register_skills(self._library.implementations())
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
-        self._monitor_pub = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=100)
-        self._ticker = Ticker(self._tick_rate, self._tick_pub.publish, self._publish_progress)
-        self._connections = [
-            self._tick_pub,
-            self._monitor_pub,
-            rospy.Subscriber("~set_debug", Bool, self._on_debug),
-        ]
+        self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
+        self._progress = ProgressPublisher()
+        self._ticker = ticker = Ticker(
+            self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout
+        )
+        self._starter = TaskStarter(self._library, self._wmi, ticker, self._history, lambda: self._registration.robot)
+        self._diagnosis = Diagnosis(self._history, ticker.breakpoints)
+        self._execute = ExecuteAction(self._starter, ticker)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
         ]
+        self._execute.start()
         self._ready.set()
         self.init_discovery(NAMESPACE, rospy.get_name())
         labels = ", ".join(i.label for i in self._library.implementations()) or "none"
@@ -104,15 +111,18 @@ class SkillManager(DiscoverableNode):
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
+        self._diagnosis.close()
         self._ticker.stop()
+        self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
         with self._registering:
             try:
                 self._registration.remove_skills()
             except SkirosError as error:
                 log.info("the skills of %s stay in the world model: %s", self._registration.robot_id, error)
-        for connection in self._connections:
-            connection.unregister()
+        self._progress.close()
+        self._tick_pub.unregister()
+        self._debug_sub.unregister()
         self._ticker = None
 
     # -- services ----------------------------------------------------------------------------------------------
@@ -153,12 +163,7 @@ class SkillManager(DiscoverableNode):
         if request.execution_id >= 0:
             ticker.start(request.execution_id, ticks)
             return int(request.execution_id)
-        self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
-        requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in request.skills]
-        nodes = make_nodes(requests, self._library, self._wmi)
-        task = ticker.new_task(self._wmi, request.author)
-        task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred, "The manager's robot")
-        task.root(*nodes)
+        task = self._starter.make(request.author, request.skills)
         ticker.start(task.id, ticks)
         return task.id
 
@@ -172,30 +177,19 @@ class SkillManager(DiscoverableNode):
         return execution_id
 
     def _on_debug(self, message: Any) -> None:
-        self._debug = message.data
+        self._progress.with_params = message.data
 
-    # -- progress, in the ticking thread -----------------------------------------------------------------------
+    # -- progress, in the ticking threads ----------------------------------------------------------------------
 
-    def _publish_progress(self, task: Task) -> None:
-        self._monitor_pub.publish(msgs.TreeProgress([self._progress_msg(task, node) for node in task.progress()]))
-
-    def _progress_msg(self, task: Task, node: NodeProgress) -> Any:
-        return msgs.SkillProgress(
-            robot=rospy.get_name(),
-            task_id=task.id,
-            id=node.id,
-            parent_label=node.parent_label,
-            parent_id=node.parent_id,
-            type=node.type,
-            label=node.label,
-            params=utils.serializeParamMap(node.params) if self._debug else [],
-            processor=node.processor,
-            state=_WIRE_STATES[node.state],
-            progress_code=max(-32768, min(node.progress_code, 32767)),
-            progress_period=node.progress_period,
-            progress_time=node.progress_time,
-            progress_message=node.progress_message,
-        )
+    def _on_progress(self, task: Task) -> None:
+        # It is in the history before anybody hears of its end, and who has asked for it hears of it in any case.
+        record = self._history.end(task) if task.ended.is_set() else None
+        try:
+            progress = self._progress.tell(task, self._execute.wants(task))
+            self._execute.tell(task, progress)
+        finally:
+            if record is not None:
+                self._execute.end(task, record)
 
     # -- the world model ---------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
 import time
@@ -11,11 +12,15 @@ from typing import Any
 import rospy
 from std_msgs.msg import Bool, Empty
 
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.explanation import Explanation
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.core.breakpoints import Breakpoint
+from skiros2_skill.ros.skill_run import SkillRun, SkillRunner
 from skiros2_skill.ros.utils import SkillHolder
+from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
@@ -37,8 +42,11 @@ class SkillManagerInterface:
         self._monitor_cb: Callable[[Any], None] | None = None
         self._tick_times: list[float] = []
         self.last_error = ""
-        self._get_skills = rospy.ServiceProxy(f"{manager_name}/get_skills", srvs.ResourceGetDescriptions)
-        self._command = rospy.ServiceProxy(f"{manager_name}/command", srvs.SkillCommand)
+        self._get_skills = ServicePool(f"{manager_name}/get_skills", srvs.ResourceGetDescriptions, 0.0)
+        self._command = ServicePool(f"{manager_name}/command", srvs.SkillCommand, 0.0)
+        self._why = ServicePool(f"{manager_name}/why", srvs.SkillWhy, 0.0)
+        self._breakpoint = ServicePool(f"{manager_name}/breakpoint", srvs.SkillBreakpoint, 0.0)
+        self._runner: SkillRunner | None = None
         self._debug_pub = rospy.Publisher(f"{manager_name}/set_debug", Bool, queue_size=1, latch=True)
         self._monitor_sub = rospy.Subscriber(
             f"{manager_name}/monitor", msgs.TreeProgress, self._on_progress, queue_size=100
@@ -70,6 +78,12 @@ class SkillManagerInterface:
         """Follows the manager no more."""
         for connection in (self._monitor_sub, self._tick_sub, self._debug_pub):
             connection.unregister()
+        for service in (self._get_skills, self._command, self._why, self._breakpoint):
+            service.close()
+        with self._lock:
+            runner, self._runner = self._runner, None
+        if runner is not None:
+            runner.close()
 
     def print_state(self) -> str:
         """The manager and its skills, a line each."""
@@ -87,7 +101,7 @@ class SkillManagerInterface:
         :param update: ask the manager, even when the list is known.
         """
         if update or not self._skills:
-            answer = self.call(self._get_skills, srvs.ResourceGetDescriptionsRequest())
+            answer = self.call(self._get_skills.call, srvs.ResourceGetDescriptionsRequest())
             if answer is not None:
                 with self._lock:
                     self._skills = {
@@ -126,7 +140,7 @@ class SkillManagerInterface:
             execution_id=execution_id,
             skills=[skill.toMsg() for skill in skill_list or ()],
         )
-        answer = self.call(self._command, request)
+        answer = self.call(lambda r: self._command.call(r, repeatable=False), request)
         if answer is None or not answer.ok:
             return -1
         if action in (request.START, request.TICK_ONCE):
@@ -160,10 +174,67 @@ class SkillManagerInterface:
         """Calls a service of the manager. None when it does not answer or refuses; the reason is logged."""
         try:
             return service(msg)
-        except rospy.ServiceException as error:
+        except (rospy.ServiceException, SkirosError) as error:
             self.last_error = str(error)
             log.error("%s: %s", self._name, error)
             return None
+
+    # -- running, and why it failed ----------------------------------------------------------------------------
+
+    def run(self, skill_list: Sequence[SkillHolder], monitor_cb: Callable[[Any], None] | None = None) -> SkillRun:
+        """Sends skills to run one after the other, as a task of their own. Returns what follows and cancels them.
+
+        :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
+        :raises TimedOut: the manager does not answer within 5 s.
+        """
+        with self._lock:
+            if self._runner is None:
+                self._runner = SkillRunner(self._name)
+            runner = self._runner
+        return runner.run(self._author, [skill.toMsg() for skill in skill_list], monitor_cb)
+
+    def why(self, task_id: int = -1) -> str:
+        """Why a task, or nodes in it, failed: for people, in several lines.
+
+        :param task_id: -1: the task that failed or was refused last.
+        :raises SkirosError: the manager knows no such task, or does not answer.
+        """
+        return str(self._ask_why(task_id).text)
+
+    def explanations(self, task_id: int = -1) -> list[Explanation]:
+        """Likewise, as data: why nodes failed, the one that failed last at the end."""
+        return [Explanation.from_dict(data) for data in json.loads(self._ask_why(task_id).json)]
+
+    def _ask_why(self, task_id: int) -> Any:
+        answer = self._why.call(srvs.SkillWhyRequest(task_id))
+        if not answer.ok:
+            raise UnknownName(f"{self._name}: {answer.text}")
+        return answer
+
+    def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
+        """Makes tasks pause; see `skiros2_skill.core.breakpoints`. Returns the number of the breakpoint.
+
+        :raises SkirosError: the manager refuses, or does not answer.
+        """
+        request = srvs.SkillBreakpointRequest(srvs.SkillBreakpointRequest.ADD, kind, pattern, when, 0)
+        return int(self._breakpoint.call(request, repeatable=False).number)
+
+    def remove_breakpoint(self, number: int = -1) -> None:
+        """Takes a breakpoint away.
+
+        :param number: -1: all.
+        :raises SkirosError: the manager refuses, or does not answer.
+        """
+        request = srvs.SkillBreakpointRequest(srvs.SkillBreakpointRequest.REMOVE, "", "", "", number)
+        self._breakpoint.call(request, repeatable=False)
+
+    def breakpoints(self) -> dict[int, Breakpoint]:
+        """The breakpoints by number.
+
+        :raises SkirosError: the manager does not answer.
+        """
+        answer = self._breakpoint.call(srvs.SkillBreakpointRequest(action=srvs.SkillBreakpointRequest.LIST))
+        return {b["number"]: Breakpoint(b["kind"], b["pattern"], b["when"]) for b in json.loads(answer.json)}
 
     # -- following ---------------------------------------------------------------------------------------------
 

@@ -1,0 +1,70 @@
+"""The services of a manager for those who look for a fault: `~why` and `~breakpoint`."""
+
+from __future__ import annotations
+
+import json
+import logging
+from typing import Any
+
+import rospy
+
+from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_msgs import srv as srvs
+from skiros2_skill.core.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.history import History
+from skiros2_skill.ros.progress import wire_text
+from skiros2_skill.ros.task_starter import explanations_json
+
+log = logging.getLogger(__name__)
+
+_ALL = -1
+
+
+class Diagnosis:
+    """Offers the services until `close`."""
+
+    def __init__(self, history: History, breakpoints: Breakpoints) -> None:
+        self._history = history
+        self._breakpoints = breakpoints
+        self._services = [
+            rospy.Service("~why", srvs.SkillWhy, self._on_why),
+            rospy.Service("~breakpoint", srvs.SkillBreakpoint, self._on_breakpoint),
+        ]
+
+    def close(self) -> None:
+        for service in self._services:
+            service.shutdown()
+
+    def _on_why(self, request: Any) -> Any:
+        try:
+            record = self._history.get(request.task_id)
+        except UnknownName as error:
+            return srvs.SkillWhyResponse(False, str(error), "[]")
+        return srvs.SkillWhyResponse(True, wire_text(str(record)), explanations_json(record.explanations))
+
+    def _on_breakpoint(self, request: Any) -> Any:
+        commands = {request.ADD: self._add, request.REMOVE: self._remove, request.LIST: lambda _: 0}
+        try:
+            if request.action not in commands:
+                raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(commands)}")
+            number = commands[request.action](request)
+        except SkirosError as error:
+            log.warning("breakpoint: %s refused: %s", request.action, error)
+            raise rospy.ServiceException(f"{request.action} refused: {error}") from error
+        known = [
+            {"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when}
+            for n, b in self._breakpoints.all().items()
+        ]
+        return srvs.SkillBreakpointResponse(True, number, json.dumps(known))
+
+    def _add(self, request: Any) -> int:
+        breakpoint = Breakpoint(request.kind, request.pattern, request.when)
+        number = self._breakpoints.add(breakpoint)
+        log.info("breakpoint %s: %s", number, breakpoint)
+        return number
+
+    def _remove(self, request: Any) -> int:
+        numbers = self._breakpoints.all() if request.number == _ALL else [request.number]
+        for number in numbers:
+            self._breakpoints.remove(number)
+        return int(request.number)

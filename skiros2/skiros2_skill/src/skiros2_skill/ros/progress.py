@@ -1,0 +1,125 @@
+"""What is told of the tasks of a manager while they run."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import rospy
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.params import Param
+from skiros2_common.ros import utils
+from skiros2_msgs import msg as msgs
+from skiros2_skill.core.task import NodeProgress, Task
+
+log = logging.getLogger(__name__)
+
+WIRE_STATES = {
+    State.Success: msgs.SkillProgress.SUCCESS,
+    State.Failure: msgs.SkillProgress.FAILURE,
+    State.Running: msgs.SkillProgress.RUNNING,
+    State.Idle: msgs.SkillProgress.IDLE,
+    State.Uninitialized: msgs.SkillProgress.IDLE,
+}
+
+
+class _Written(msgs.TreeProgress):  # type: ignore[misc]
+    """A message that is written once, however often it is published."""
+
+    def __init__(self, progress: list[Any]) -> None:
+        super().__init__(progress)
+        self._bytes = b""
+
+    def serialize(self, buff: Any) -> None:
+        if not self._bytes:
+            start = buff.tell()
+            super().serialize(buff)
+            self._bytes = buff.getvalue()[start:]
+        else:
+            buff.write(self._bytes)
+
+
+class ProgressPublisher:
+    """Publishes on `~monitor`. One thread at a time for each task.
+
+    Nothing is made for nobody, and while nothing changes the last message is published again as it was written.
+    """
+
+    def __init__(self) -> None:
+        self._robot = rospy.get_name()
+        self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=100)
+        self._told: dict[int, tuple[int, Any]] = {}
+        #: Whether the parameters travel too.
+        self.with_params = False
+
+    def tell(self, task: Task, wanted: bool = False) -> list[Any]:
+        """Publishes the progress of a task.
+
+        :param wanted: whether it is also wanted by others than the subscribers.
+        :returns: the `SkillProgress` of each node, each before its children; none when nobody wants it.
+        """
+        is_heard = self._publisher.get_num_connections() > 0
+        message = self._message(task) if is_heard or wanted else None
+        if task.ended.is_set():
+            self._told.pop(task.id, None)
+        if message is None:
+            return []
+        if is_heard:
+            self._publisher.publish(message)
+        progress: list[Any] = message.progress
+        return progress
+
+    def close(self) -> None:
+        self._publisher.unregister()
+
+    def _message(self, task: Task) -> Any:
+        changes, message = self._told.get(task.id, (-1, None))
+        if changes != task.changes or self.with_params:
+            message = _Written(self._nodes(task))
+            self._told[task.id] = (task.changes, message)
+        return message
+
+    def _nodes(self, task: Task) -> list[Any]:
+        return [self._node(task.id, node) for node in task.progress()]
+
+    def _node(self, task_id: int, node: NodeProgress) -> Any:
+        return msgs.SkillProgress(
+            self._robot,
+            task_id,
+            node.id,
+            wire_text(node.parent_label),
+            node.parent_id,
+            wire_text(node.type),
+            wire_text(node.label),
+            param_messages(node.params) if self.with_params else [],
+            node.processor,
+            WIRE_STATES[node.state],
+            wire_code(node.progress_code),
+            node.progress_period,
+            node.progress_time,
+            wire_text(node.progress_message),
+        )
+
+
+def wire_text(text: str) -> str:
+    """The text as messages can hold it."""
+    return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
+
+
+def wire_code(code: int) -> int:
+    """The progress code as an int16."""
+    return max(-32768, min(code, 32767))
+
+
+def param_messages(params: Mapping[str, Param]) -> list[Any]:
+    """The parameters as messages, without those whose values JSON cannot hold: skills may have any."""
+    made = []
+    for param in params.values():
+        try:
+            made.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
+        except (TypeError, ValueError, RecursionError) as error:
+            log.debug("parameter %r does not travel: %s", param.key, error)
+    return made

@@ -1,0 +1,163 @@
+"""Skills that a client has asked a manager to run, as goals of its action."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import actionlib
+
+from skiros2_common.core.errors import TimedOut
+from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.params import Param
+from skiros2_common.ros import utils
+from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_msgs import msg as msgs
+
+#: A manager that says nothing for so long counts as dead (s); it says something five times a second.
+SILENCE = 5.0
+
+_POLL = 0.01  # s, while the connection is made
+_LOOK = 0.5  # s, between two looks whether the manager is alive
+
+
+class SkillRun:
+    """A goal: skills that run, have run, or were refused. Any thread.
+
+    :param client: what it is sent with.
+    """
+
+    def __init__(self, client: actionlib.ActionClient, goal: Any, monitor_cb: Callable[[Any], None] | None) -> None:
+        self._watch = ServerWatch(client)
+        self._monitor_cb = monitor_cb
+        self._ended = threading.Event()
+        self._begun = threading.Event()
+        self._task = -1
+        self._result: Any = None
+        self._handle = client.send_goal(goal, self._on_transition, self._on_feedback)
+
+    @property
+    def task(self) -> int:
+        """The id of the task, -1 while it is not known and when it was refused."""
+        return self._task
+
+    @property
+    def done(self) -> bool:
+        """Whether the skills have ended or were refused."""
+        return self._ended.is_set()
+
+    def cancel(self) -> None:
+        """Asks the manager to end these skills, and no others. Returns at once."""
+        self._handle.cancel()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits for the end. Returns `done`.
+
+        :param timeout: s; None: as long as the manager lives.
+        :raises TimedOut: the manager is not there any more.
+        """
+        return self._wait(self._ended, timeout)
+
+    def wait_for_task(self, timeout: float | None = None) -> int:
+        """Waits until the skills run. Returns the id of the task; -1 when they were refused, or in time do not run.
+
+        :raises TimedOut: the manager is not there any more.
+        """
+        self._wait(self._begun, timeout)
+        return self._task
+
+    def result(self, timeout: float | None = None) -> Any:
+        """Waits for the end. Returns the `ExecuteSkillsResult`.
+
+        :param timeout: s; None: as long as the manager lives.
+        :raises TimedOut: the end did not come in time, or the manager is not there any more.
+        """
+        if not self.wait(timeout):
+            raise TimedOut(f"{self._watch.name}: no result within {timeout:g} s")
+        return self._result
+
+    def succeeded(self, timeout: float | None = None) -> bool:
+        """Waits for the end. Returns whether the skills have succeeded; raises as `result`."""
+        return bool(self.result(timeout).state == msgs.SkillProgress.SUCCESS)
+
+    def params(self, timeout: float | None = None) -> dict[str, Param]:
+        """Waits for the end. Returns the parameters by key as they were then; raises as `result`."""
+        return utils.deserializeParamMap(self.result(timeout).params)
+
+    def explanations(self, timeout: float | None = None) -> list[Explanation]:
+        """Waits for the end. Returns why nodes failed, the one that failed last at the end; raises as `result`."""
+        return [Explanation.from_dict(data) for data in json.loads(self.result(timeout).explanation or "[]")]
+
+    def _wait(self, event: threading.Event, timeout: float | None) -> bool:
+        end = None if timeout is None else time.monotonic() + timeout
+        while True:
+            left = _LOOK if end is None else min(_LOOK, end - time.monotonic())
+            if event.wait(max(0.0, left)):
+                return True
+            if end is not None and time.monotonic() >= end:
+                return False
+            if self._watch.silence() > SILENCE:
+                raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
+            if self._watch.late_result(self._handle) > SILENCE:
+                raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
+
+    # Called by threads of ROS.
+
+    def _on_feedback(self, _: Any, feedback: Any) -> None:
+        self._task = feedback.task_id
+        self._begun.set()
+        if self._monitor_cb is not None:
+            self._monitor_cb(feedback)
+
+    def _on_transition(self, handle: Any) -> None:
+        if handle.get_comm_state() != actionlib.CommState.DONE:
+            return
+        result = handle.get_result()
+        if result is None:  # the goal is lost
+            text = "the manager knows nothing of these skills any more: it was started anew"
+            result = msgs.ExecuteSkillsResult(self._task, msgs.SkillProgress.FAILURE, -1, text, [], "[]")
+        self._result = result
+        self._task = result.task_id
+        self._ended.set()
+        self._begun.set()
+
+
+class SkillRunner:
+    """The client of a manager's action. Any thread.
+
+    :param manager_name: the manager's node name.
+    """
+
+    def __init__(self, manager_name: str) -> None:
+        self._client = actionlib.ActionClient(f"{manager_name}/execute", msgs.ExecuteSkillsAction)
+        self._watch = ServerWatch(self._client)
+        self._lock = threading.Lock()  # actionlib gives two threads the same goal id
+
+    def run(
+        self,
+        author: str,
+        skills: Sequence[Any],
+        monitor_cb: Callable[[Any], None] | None = None,
+        patience: float = 5.0,
+    ) -> SkillRun:
+        """Sends a goal.
+
+        :param skills: as `ResourceDescription`.
+        :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
+        :param patience: s to wait for a manager that is not there.
+        :raises TimedOut: there is none.
+        """
+        end = time.monotonic() + patience
+        while not self._watch.is_connected():
+            if time.monotonic() > end:
+                raise TimedOut(f"{self._watch.name}: no manager answers within {patience:g} s")
+            time.sleep(_POLL)
+        with self._lock:
+            return SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb)
+
+    def close(self) -> None:
+        """No more goals, and no news of those that run."""
+        self._client.stop()

@@ -1,0 +1,85 @@
+"""From the skills in a message to a task."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.explanation import START, Explanation
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.ros import utils
+from skiros2_skill.core.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.request import SkillRequest, make_nodes
+from skiros2_skill.core.task import Task
+from skiros2_skill.core.ticker import Ticker
+
+log = logging.getLogger(__name__)
+
+#: The progress code of a task that was refused.
+REFUSED_CODE = -1
+
+
+class TaskRefused(Refused):
+    """A task that cannot be made. `record` tells why."""
+
+    def __init__(self, record: Record) -> None:
+        super().__init__(record.message)
+        self.record = record
+
+
+class TaskStarter:
+    """Makes the tasks of a manager. Any thread.
+
+    :param robot: called for the robot's element, which is `Robot` for skills that are given none.
+    """
+
+    def __init__(self, library: SkillLibrary, wmi: Any, ticker: Ticker, history: History, robot: Any) -> None:
+        self._library = library
+        self._wmi = wmi
+        self._ticker = ticker
+        self._history = history
+        self._robot = robot
+
+    def make(self, author: str, skills: Sequence[Any]) -> Task:
+        """A task that runs these skills one after the other; the ticker has it, and it is not started.
+
+        :param skills: as `ResourceDescription`.
+        :raises TaskRefused: it cannot be made; this is kept in the history.
+        """
+        try:
+            return self._make(author, skills)
+        except SkirosError as error:
+            text = str(error)
+        except Exception as error:  # a client has to hear of our own mistakes too
+            log.exception("a task of %s", author or "somebody")
+            text = f"internal error: {type(error).__name__}: {error}"
+        text = one_line(text)
+        record = Record(REFUSED, author, State.Idle, REFUSED_CODE, text, [_explanation(skills, text)])
+        self._history.refuse(record)
+        raise TaskRefused(record)
+
+    def _make(self, author: str, skills: Sequence[Any]) -> Task:
+        self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
+        requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in skills]
+        nodes = make_nodes(requests, self._library, self._wmi)
+        task = self._ticker.new_task(self._wmi, author)
+        task.root.params.addParam("Robot", self._robot(), ParamTypes.Inferred, "The manager's robot")
+        task.root(*nodes)
+        self._history.begin(task)
+        return task
+
+
+def _explanation(skills: Sequence[Any], text: str) -> Explanation:
+    if len(skills) == 1:
+        return Explanation(START, skills[0].type, skills[0].name, -1, REFUSED_CODE, text)
+    return Explanation(START, ":Root", "", -1, REFUSED_CODE, text)
+
+
+def explanations_json(explanations: Iterable[Explanation]) -> str:
+    """Explanations as a JSON list."""
+    return json.dumps([explanation.to_dict() for explanation in explanations])

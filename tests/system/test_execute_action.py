@@ -1,0 +1,295 @@
+"""The action `~execute` and the service `~why` of a skill manager, on real nodes."""
+
+import json
+from pathlib import Path
+
+import actionlib
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+
+from skiros2_common.core.explanation import EXECUTE, INFERENCE, START
+from skiros2_common.core.world_element import Element
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.ros import Ros, wait_until
+
+pytestmark = pytest.mark.timeout(90)
+
+ROBOT = "/test_robot"
+TESTS = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def robot(ros: Ros):
+    """A world model with a blank scene, and one robot with the skills of `support.hand_skills`."""
+    path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
+    ros.launch(
+        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
+        primitive_list="[add, stay, give_up, weigh]", env={**ros.master.env, "PYTHONPATH": path},
+    )  # fmt: skip
+    ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+    client = SkillManagerInterface(ROBOT, "tests")
+    yield client
+    client.shutdown()
+
+
+def skill(robot, label, **values):
+    holder = robot.get_skill(label)
+    for key, value in values.items():
+        holder.ph.specify(key, value)
+    return holder
+
+
+# -- what goals become -------------------------------------------------------------------------------------------------
+
+
+def test_a_goal_succeeds_with_the_parameters_as_they_are_at_the_end(robot):
+    run = robot.run([skill(robot, "add", A=2.0, B=3.0)])
+    result = run.result(30)
+    assert (result.state, result.code, result.message) == (msgs.SkillProgress.SUCCESS, 1, "Success")
+    params = run.params()
+    assert {key: params[key].value for key in ("A", "B", "Sum")} == {"A": 2.0, "B": 3.0, "Sum": 5.0}
+    assert params["Robot"].value.getProperty("skiros:SkillMgr").value == ROBOT
+    assert run.explanations() == []
+    assert run.task == result.task_id >= 0
+
+
+def test_the_parameters_that_were_inferred_are_in_the_result(robot):
+    wmi = WorldModelInterface("tests")
+    box, product = boxed_product(wmi)
+    run = robot.run([skill(robot, "weigh", Container=box)])
+    assert run.succeeded(30)
+    assert run.params()["Object"].value.id == product.id
+
+
+def test_a_goal_that_fails_is_answered_with_code_message_and_explanation(robot):
+    run = robot.run([skill(robot, "add", B=1.0), skill(robot, "give_up")])
+    result = run.result(30)
+    assert (result.state, result.code) == (msgs.SkillProgress.FAILURE, -7)
+    assert result.message == "skiros:Give-give_up(Failure): too heavy"
+    (why,) = run.explanations()
+    assert (why.stage, why.code, why.message, why.path) == (EXECUTE, -7, "too heavy", ["give_up"])
+    assert run.params()["Sum"].value == 2.0, "what was done before the failure is told too"
+
+
+def test_goals_run_side_by_side_and_cancelling_one_leaves_the_others(robot):
+    runs = [robot.run([skill(robot, "stay")]) for _ in range(3)]
+    tasks = [run.wait_for_task(30) for run in runs]
+    assert len(set(tasks)) == 3
+    assert -1 not in tasks
+    runs[1].cancel()
+    result = runs[1].result(30)
+    assert (result.state, result.code, result.message) == (msgs.SkillProgress.FAILURE, -1, "Preempted")
+    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
+    assert not runs[0].done
+    assert not runs[2].done
+    assert robot.preempt_all() == -1
+    assert [run.result(30).message for run in (runs[0], runs[2])] == ["Preempted", "Preempted"]
+
+
+def test_an_actionlib_client_sees_the_states_of_the_protocol(robot):
+    client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
+    assert client.wait_for_server(rospy.Duration(30))
+
+    def end_of(*skills):
+        client.send_goal(msgs.ExecuteSkillsGoal("tests", [s.toMsg() for s in skills]))
+        assert client.wait_for_result(rospy.Duration(30))
+        return client.get_state(), client.get_goal_status_text()
+
+    assert end_of(skill(robot, "add", B=1.0)) == (GoalStatus.SUCCEEDED, "Success")
+    assert end_of(skill(robot, "give_up")) == (GoalStatus.ABORTED, "skiros:Give-give_up(Failure): too heavy")
+    assert end_of() == (GoalStatus.REJECTED, "a task needs at least one skill, the list is empty")
+
+    fed = []
+    client.send_goal(
+        msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()]), feedback_cb=lambda f: fed.append(f)
+    )
+    wait_until(lambda: fed, what="feedback")
+    client.cancel_goal()
+    assert client.wait_for_result(rospy.Duration(30))
+    assert (client.get_state(), client.get_goal_status_text()) == (GoalStatus.PREEMPTED, "Preempted")
+    client.action_client.stop()
+
+
+def test_feedback_tells_the_tree_when_something_changes_and_only_then(ros, robot):
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    fed = []
+    run = robot.run([skill(robot, "add", B=1.0), skill(robot, "stay")], monitor_cb=fed.append)
+    task = run.wait_for_task(30)
+    running = [(":Root", msgs.SkillProgress.RUNNING), ("skiros:Add", msgs.SkillProgress.SUCCESS)]
+    running.append(("skiros:Stay", msgs.SkillProgress.RUNNING))
+    assert [(node.type, node.state) for node in fed[-1].progress] == running
+    monitor.clear()
+    for _ in range(2):  # the monitor repeats itself each second
+        monitor.wait_for(lambda m: m.progress[0].id == task)
+        monitor.clear()
+    assert len(fed) == 1
+    run.cancel()
+    run.result(30)
+    assert {feedback.task_id for feedback in fed} == {task}
+
+
+def test_a_task_goes_on_when_its_client_disappears(ros, robot):
+    other = SkillManagerInterface(ROBOT, "somebody else")
+    task = other.run([skill(robot, "stay")]).wait_for_task(30)
+    other.shutdown()
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    monitor.wait_for(lambda m: m.progress[0].id == task)
+    assert robot.preempt_one(task) == task
+    monitor.wait_for(lambda m: m.progress[0].id == task and m.progress[0].progress_code == -1)
+
+
+def test_goals_are_answered_when_the_manager_ends(ros, robot):
+    run = robot.run([skill(robot, "stay")])
+    run.wait_for_task(30)
+    ros.stop()
+    assert run.result(30).message == "Preempted"
+
+
+# -- goals that cannot be followed ------------------------------------------------------------------------------------
+
+DEEP = "[" * 100_000
+
+
+@pytest.mark.parametrize(
+    ("skills", "named"),
+    [
+        ([], "a task needs at least one skill"),
+        ([msgs.ResourceDescription("skiros:Ad", "", [])], "no skill of type skiros:Ad; near: skiros:Add"),
+        ([msgs.ResourceDescription("skiros:Add", "nobody", [])], "no implementation 'nobody'"),
+        ([msgs.ResourceDescription("skiros:Add", "add", [])], "required parameter 'B' (float) is not set"),
+        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("{")])], "parameter is not JSON"),
+        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param(DEEP)])], "parameter is not JSON"),
+        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("7")])], "expected a JSON object"),
+        ([msgs.ResourceDescription("", "", [])], "no skill of type"),
+    ],
+)
+def test_a_goal_that_cannot_be_followed_is_rejected_with_the_reason(robot, skills, named):
+    client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
+    assert client.wait_for_server(rospy.Duration(30))
+    client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
+    assert client.wait_for_result(rospy.Duration(30))
+    assert client.get_state() == GoalStatus.REJECTED
+    result = client.get_result()
+    client.action_client.stop()
+    assert named in result.message
+    assert "\n" not in result.message
+    assert (result.task_id, result.state, result.code) == (-1, msgs.SkillProgress.FAILURE, -1)
+    (why,) = json.loads(result.explanation)
+    assert (why["stage"], why["message"]) == (START, result.message)
+    assert robot.explanations()[0].message == result.message
+    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30), "the manager lives"
+
+
+# -- why --------------------------------------------------------------------------------------------------------------
+
+
+def test_why_tells_of_a_task_that_has_failed(robot):
+    wmi = WorldModelInterface("tests")
+    box = Element("skiros:LargeBox", "an empty box")
+    box.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    wmi.add_element(box)
+    run = robot.run([skill(robot, "weigh", Container=box)])
+    result = run.result(30)
+    assert "\n" not in result.message
+    text = robot.why(run.task)
+    assert text.startswith(f"task {run.task} by tests has failed: skiros:Weigh-weigh(Failure): ")
+    (why,) = robot.explanations(run.task)
+    assert why.stage == INFERENCE
+    assert why == run.explanations()[0]
+
+
+def test_why_without_a_task_tells_of_the_one_that_failed_last(ros, robot):
+    answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(-1)
+    assert (answer.ok, answer.text) == (False, "no task has failed or was refused")
+    robot.run([skill(robot, "give_up")]).result(30)
+    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
+    assert "skiros:Give-give_up(Failure): too heavy" in robot.why()
+    assert robot.execute(skill_list=[skill(robot, "add")]) == -1
+    assert robot.why().startswith("a task by tests was refused: skiros:Add-add: required parameter 'B'")
+
+
+def test_why_tells_of_tasks_that_run_and_of_unknown_ones(ros, robot):
+    task = robot.run([skill(robot, "stay")]).wait_for_task(30)
+    assert robot.why(task) == f"task {task} by tests runs: nothing has failed"
+    answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(4711)
+    assert not answer.ok
+    assert "task 4711 neither runs nor is it among the last 100" in answer.text
+
+
+# -- breakpoints ------------------------------------------------------------------------------------------------------
+
+
+def test_a_breakpoint_pauses_the_task_that_comes_to_it(ros, robot):
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    number = robot.set_breakpoint("node", "give_up")
+    assert [(n, b.kind, b.pattern, b.when) for n, b in robot.breakpoints().items()] == [
+        (number, "node", "give_up", "start")
+    ]
+    run = robot.run([skill(robot, "add", B=1.0), skill(robot, "give_up")])
+    reached = monitor.wait_for(lambda m: "breakpoint" in m.progress[0].progress_message)
+    assert [node.state for node in reached.progress[1:]] == [msgs.SkillProgress.SUCCESS, msgs.SkillProgress.IDLE]
+    robot.remove_breakpoint(number)
+    assert robot.breakpoints() == {}
+    assert robot.execute(run.task) == run.task
+    assert run.result(30).code == -7
+
+
+@pytest.mark.parametrize(
+    ("request_", "named"),
+    [
+        ({"action": "dance"}, "unknown action 'dance', expected one of: add, remove, list"),
+        ({"action": "add", "kind": "nod", "pattern": "x"}, "a breakpoint of kind 'nod', expected one of: node"),
+        ({"action": "add", "kind": "node"}, "without a name or pattern"),
+        ({"action": "remove", "number": 7}, "no breakpoint 7"),
+    ],
+)
+def test_a_breakpoint_that_cannot_be_is_refused_with_the_reason(ros, robot, request_, named):
+    with pytest.raises(rospy.ServiceException) as refused:
+        ros.service(f"{ROBOT}/breakpoint", srvs.SkillBreakpoint)(**request_)
+    assert named in str(refused.value)
+
+
+# -- parameters of the node -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"tick_rate": 0}, "parameter /test_robot/tick_rate is 0, expected a number above 0 and up to 1000"),
+        ({"tick_rate": "fast"}, "parameter /test_robot/tick_rate is 'fast', expected a number above 0 and up to 1000"),
+        ({"preempt_timeout": -1.5}, "parameter /test_robot/preempt_timeout is -1.5, expected a number above 0"),
+    ],
+)
+def test_a_rate_or_a_time_that_cannot_be_ends_the_node_with_one_line(ros, arguments, named):
+    launch = ros.launch("skiros2", "skill_mgr.launch", libraries_list="[skiros2_std_skills]", **arguments)
+    launch.wait_for_line(named.replace("[", r"\["))
+    launch.wait()
+    assert "Traceback" not in launch.output
+
+
+def test_the_tick_rate_is_that_of_the_parameter(ros):
+    path = f"{TESTS}:{ros.master.env['PYTHONPATH']}"
+    ros.launch(
+        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
+        primitive_list="[stay]", tick_rate=5.0, env={**ros.master.env, "PYTHONPATH": path},
+    )  # fmt: skip
+    ros.service(f"{ROBOT}/command", srvs.SkillCommand)
+    assert rospy.get_param(f"{ROBOT}/tick_rate") == 5.0
+    client = SkillManagerInterface(ROBOT, "tests")
+    client.execute(skill_list=[skill(client, "stay")])
+    rate = wait_until(lambda: len(client._tick_times) >= 6 and client.get_tick_rate(), what="ticks")
+    assert 4.0 < rate < 6.0
+    client.shutdown()
+
+
+def boxed_product(wmi):
+    box, product = Element("skiros:LargeBox", "a box"), Element("skiros:Product", "a product")
+    box.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    wmi.add_element(box)
+    product.addRelation(box.id, "skiros:contain", "-1")
+    wmi.add_element(product)
+    return box, product

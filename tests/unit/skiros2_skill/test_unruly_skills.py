@@ -8,6 +8,7 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.conditions import ConditionFunction
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.primitive_thread import PrimitiveThreadBase
 from skiros2_skill.core.skill import ParallelFf, Selector, Sequential, Skill, SkillBase
 from unit.skiros2_skill.skills import (
     CONTAINER,
@@ -272,6 +273,41 @@ def test_what_a_thread_of_a_skill_does_after_its_end_touches_nobody_else(bench):
     for task in (first, second):
         assert (node_of(task).state, node_of(task).progress_msg) == (State.Success, "at once")
         assert task.root.params.getParamValue("Text") == "words"
+
+
+def test_a_thread_that_goes_on_after_the_preemption_does_not_keep_others_from_the_skill(bench):
+    """Its instance is not used again: what the thread does later reaches nobody."""
+    go_on, started = threading.Event(), threading.Semaphore(0)
+
+    class slow(PrimitiveThreadBase):
+        def createDescription(self):
+            self.setDescription(describe("Slow", [("Text", str, OPTIONAL)])(), "slow")
+
+        def run(self):
+            params = self.params
+            started.release()
+            if not go_on.wait(5):
+                return self.fail("nobody came", 1)
+            params["Text"].value = "from the thread"
+            return self.success("done")
+
+    bench.load(slow)
+    first, second = bench.task(bench.node("slow")), bench.task(bench.node("slow"), Text="words")
+    first.tick()
+    assert started.acquire(timeout=5)
+    first.preempt()
+    assert first.tick() is State.Failure
+    assert not bench.library.by_label("slow").busy
+    second.tick()
+    assert started.acquire(timeout=5)
+    second.preempt()
+    second.tick()
+    go_on.set()
+    third = bench.task(bench.node("slow"))
+    while third.tick() is State.Running:
+        started.acquire(timeout=0.01)
+    assert (third.state, node_of(third).progress_msg) == (State.Success, "done")
+    assert second.root.params.getParamValue("Text") == "words"
 
 
 def test_a_child_is_not_taken_out_of_the_tree_while_it_runs(bench):

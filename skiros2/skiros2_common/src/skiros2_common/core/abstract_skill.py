@@ -75,6 +75,11 @@ class SkillCore(SkillDescription):
         """Whether a compound's subtree is made anew at each start."""
         return self._expand_on_start
 
+    @property
+    def _works_on(self) -> bool:
+        """Whether code of the skill goes on outside of its hooks. If so when it has ended, it is not used again."""
+        return False
+
     # -- progress ----------------------------------------------------------------------------------------------
 
     @property

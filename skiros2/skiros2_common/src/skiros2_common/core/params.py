@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time as time_module
 from collections.abc import ItemsView, KeysView, ValuesView
+from copy import deepcopy
 from enum import Enum
 from typing import Any
 
@@ -88,8 +89,8 @@ class Param(Property):
 
     def setDefault(self) -> None:
         """Sets the values back to the default."""
-        # An abstract element may get data while the skill runs: the declared one stays as it is.
-        self._set([v.view() if isinstance(v, Element) else v for v in self._default])
+        # The skill may change what it gets: an abstract element, a dict. What was declared stays as it is.
+        self._set([_own(v) for v in self._default])
 
     @property
     def description(self) -> str:
@@ -291,6 +292,13 @@ class ParamHandler:
 
 def _is_abstract(value: Any) -> bool:
     return isinstance(value, Element) and value.isAbstract()
+
+
+def _own(value: Any) -> Any:
+    """A value that may be changed in place, with a copy in its place."""
+    if isinstance(value, Element):
+        return value.view()
+    return deepcopy(value) if isinstance(value, (dict, list, set)) else value
 
 
 def _is_plain(datatype: type) -> bool:

@@ -22,6 +22,10 @@ class PrimitiveThreadBase(PrimitiveBase):
         self._outcome: tuple[State, str, int] | None = None
         self._running = threading.local()
 
+    @property
+    def _works_on(self) -> bool:
+        return self._thread is not None and self._thread.is_alive()
+
     def preStart(self) -> bool:
         """To override: called before the thread starts. False fails the start."""
         return True
@@ -31,7 +35,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         raise NotImplementedError(f"{self.__class__.__name__} has to define run")
 
     def onStart(self) -> bool:
-        if self._thread is not None and self._thread.is_alive():
+        if self._works_on:
             return self.startError("the thread of an earlier start has not ended", -1)
         if self.preStart() is False:
             return False

@@ -125,10 +125,12 @@ def _adopt(node: SkillWrapper, implementation: Implementation, params: ParamHand
     if node.hasInstance() and node.implementation is implementation:
         node.getInstance()._params = params
         node.adopt_description()
+        node.rise()
         return
     node.release()
     instance = implementation.acquire()
     instance._params = params
     node.implementation = implementation
     node.setInstance(instance)
+    node.rise()
     node.expanded = False

@@ -23,13 +23,12 @@ from skiros2_skill.core.devices import free_devices
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
     HOLD_FAILED,
-    PRE_FAILED,
     START_RAISED,
     Failure,
     Failures,
     unmet,
 )
-from skiros2_skill.core.hooks import RAISED, Hooks, give_reason, refusal
+from skiros2_skill.core.hooks import RAISED, Hooks, refusal
 from skiros2_skill.core.inside import LeftBehind
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.pauses import Pauses
@@ -158,15 +157,12 @@ class Executor:
         node.volatile = any(_is_volatile(c, self._wmi) for c in node._hold_conditions)
         node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
         node.seen_stamp = -1
-        refused = self._hooks.call(node, "onStart", lambda: self._start_instance(node), START_RAISED)
-        if refused and refused is not RAISED:
-            give_reason(node, f"{node.label}: onStart returned {refused}", PRE_FAILED)
+        refused = self._hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused is RAISED:
             self.end(node, _FAILURE)
             return False
         if refused:
-            self.failures.note(node, Failure(START, node._progress_code, node._progress_msg))
             self._close(node, _FAILURE)
             return False
         self._give_changes(node)
@@ -296,7 +292,9 @@ class Executor:
         if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
             self._stamp += 1
         node.getInstance()._setState(state)
-        if not isinstance(node.getInstance(), SkillBase):
+        if isinstance(node.getInstance(), SkillBase):
+            node.rest()  # it has made the subtree
+        else:
             node.release()
         self.set_state(node, state)
         if self._pauses:

@@ -8,9 +8,17 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State, as_state
-from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT
+from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
-from skiros2_skill.core.failures import EXECUTE_RAISED, POST_FAILED, PREEMPT_RAISED, Failure, Failures
+from skiros2_skill.core.failures import (
+    EXECUTE_RAISED,
+    POST_FAILED,
+    PRE_FAILED,
+    PREEMPT_RAISED,
+    START_RAISED,
+    Failure,
+    Failures,
+)
 from skiros2_skill.core.inside import Inside, LeftBehind
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -79,6 +87,15 @@ class Hooks:
         except Exception as error:
             self.raised(node, error, code, late)
             return RAISED
+
+    def on_start(self, node: SkillWrapper, start: Callable[[SkillWrapper], str]) -> Any:
+        """What `start`, which calls `onStart`, answers: the no in words, else ""; `RAISED` when it raises."""
+        refused = self.call(node, "onStart", lambda: start(node), START_RAISED)
+        if refused and refused is not RAISED:
+            give_reason(node, f"{node.label}: onStart returned {refused}", PRE_FAILED)
+            instance = node._instance
+            self._failures.note(node, Failure(START, instance._progress_code, instance._progress_msg))
+        return refused
 
     def on_preempt(self, node: SkillWrapper) -> State:
         """The state that `onPreempt` answers: Running, Success or Failure."""

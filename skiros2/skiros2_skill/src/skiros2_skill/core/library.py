@@ -30,7 +30,7 @@ class Implementation:
         self._library = library
         self.declared: Any = self._make()
         self._free: list[Any] = []
-        self._used = 0
+        self._running = 0
         self._lock = threading.Lock()  # tasks may be ticked by several threads
 
     @property
@@ -47,8 +47,8 @@ class Implementation:
 
     @property
     def busy(self) -> bool:
-        """Whether an instance is in use."""
-        return self._used > 0
+        """Whether an instance runs."""
+        return self._running > 0
 
     @property
     def module(self) -> str:
@@ -58,32 +58,23 @@ class Implementation:
     def acquire(self) -> Any:
         """An instance that nobody else uses until it is released.
 
-        :raises UnknownName: a new one cannot be made.
+        :raises ConfigurationError: a new one cannot be made.
         """
         with self._lock:
             instance = self._free.pop() if self._free else None
-            self._used += 1
-        if instance is not None:
-            return instance
-        try:
-            return self._make()
-        except SkirosError:
-            with self._lock:
-                self._used -= 1
-            raise
+        return instance if instance is not None else self._make()
 
     def release(self, instance: Any) -> None:
         """Gives an instance back."""
         if isinstance(instance, SkillBase):
             instance._expands_into = None
         with self._lock:
-            self._used -= 1
             self._free.append(instance)
 
-    def retire(self) -> None:
-        """An instance is not given back: its code has not returned, so nobody may use it any more."""
+    def count(self, change: int) -> None:
+        """Notes that one more (1) or one less (-1) instance runs."""
         with self._lock:
-            self._used -= 1
+            self._running += change
 
     def _make(self) -> Any:
         """A loaded instance.

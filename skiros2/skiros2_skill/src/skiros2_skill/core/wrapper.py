@@ -40,6 +40,7 @@ class SkillWrapper(SkillInterface):
         self.runs_after_children = False
         self.locked: list[str] = []
         self.verdict: tuple[str, int] | None = None
+        self._rests = True
         self.abandoned = False  # its instance is not to be used again
         if instanciator is not None:
             self._wmi = instanciator.wmi
@@ -85,6 +86,7 @@ class SkillWrapper(SkillInterface):
     def setInstance(self, instance: Any) -> None:
         """Takes an implementation: its label, parameters and conditions become the node's."""
         self._instance = instance
+        self.abandoned = False
         self._label = instance.label
         self._description = instance
         self._processor = Sequential()
@@ -116,17 +118,30 @@ class SkillWrapper(SkillInterface):
 
     def release(self) -> None:
         """Gives the implementation back for others to use; the node keeps its parameters and progress."""
-        if self.abandoned:
-            self.retire()
-        elif self._instance is not None:
-            self.implementation.release(self._instance)
-            self._instance = None
+        instance = self._instance
+        if instance is None:
+            return
+        self.rest()
+        if not (self.abandoned or instance._works_on):
+            self.implementation.release(instance)
+        self._instance = None
 
     def retire(self) -> None:
         """Leaves the implementation behind: one of its hooks has not returned, so nobody may use it any more."""
-        if self._instance is not None:
-            self.implementation.retire()
-            self._instance = None
+        self.abandoned = True
+        self.release()
+
+    def rise(self) -> None:
+        """The implementation is to run."""
+        if self._rests:
+            self._rests = False
+            self.implementation.count(1)
+
+    def rest(self) -> None:
+        """The implementation does not run: who chooses one for another node may take it as free."""
+        if not self._rests:
+            self._rests = True
+            self.implementation.count(-1)
 
     @property
     def own_pre_conditions(self) -> list[Any]:

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from skiros2_common.command_line.layout import Branch, Screen, table, tree
+from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.command_line import program
-from skiros2_world_model.command_line.connection import NotThere, connect
-from skiros2_world_model.command_line.layout import Branch, Screen, table, tree
+from skiros2_world_model.command_line.connection import connect
 from skiros2_world_model.command_line.values import point
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -157,7 +158,7 @@ def test_set_gives_values_the_types_of_the_ontology(run, model: WorldModel) -> N
     assert run("set", "skiros:Part-90", "PositionX", "-1.5").status == 0
     assert run("set", "skiros:Part-90", "PositionY", "--", "-1e-3").status == 0
     assert run("get", "skiros:Part-90", "PositionY", "--json").json == [-0.001]
-    assert model.history.changes("skiros:Part-90")[-1].author == program._user()
+    assert model.history.changes("skiros:Part-90")[-1].author == program.user()
 
 
 def test_where_the_ontology_declares_no_type_the_text_tells_it(run) -> None:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.command_line.answer import REFUSED, Answer
 from skiros2_world_model.command_line.changes import changed_lines, difference
-from skiros2_world_model.command_line.layout import Screen
 from skiros2_world_model.command_line.reading import element_answer, predicates_of, scene_tree
 from skiros2_world_model.command_line.values import entry_json, point, shown_time
 from skiros2_world_model.core.history_entry import HistoryEntry, Point

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import getpass
-import json
-import os
-import shutil
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
+from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.layout import Screen
 from skiros2_world_model.command_line import past, reading, validating, writing
-from skiros2_world_model.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
-from skiros2_world_model.command_line.connection import NotThere, connect
-from skiros2_world_model.command_line.layout import Screen
-from skiros2_world_model.command_line.values import finite
+from skiros2_world_model.command_line.connection import connect
 
 Command = Callable[[Any, argparse.Namespace, Screen], Answer]
 
@@ -34,46 +28,27 @@ def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
     :param name: the command.
     :param arguments: of the command line; None: of this process's.
     """
-    given = [a for a in (sys.argv[1:] if arguments is None else arguments) if not _is_remapping(a)]
-    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
-    status = _run(name, given)
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:  # who reads has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    sys.exit(status)
+    end(_run(name, given_arguments(arguments)))
 
 
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
     parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may stand anywhere
     arguments = parse(given)
-    try:
+
+    def work() -> Answer:
         wm = None
         if name != "validate_scene" and (name != "diff" or past.needs_world_model(arguments)):
-            wm = connect(arguments.wm, getattr(arguments, "author", "") or _user())
-        answer = command(wm, arguments, _screen())
-    except NotThere as error:
-        return _fail(parser.prog, error, NOT_THERE)
-    except SkirosError as error:
-        return _fail(parser.prog, error, USAGE if name in _OF_FILES else REFUSED)
-    except KeyboardInterrupt:
-        return 130
-    lines = answer.lines
-    if arguments.json:
-        data = answer.data() if callable(answer.data) else answer.data
-        lines = [json.dumps(finite(data), ensure_ascii=False, indent=2)]
-    try:
-        sys.stdout.writelines(f"{line}\n" for line in lines)
-    except BrokenPipeError:
-        return 0
-    return answer.status
+            wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
+        return command(wm, arguments, screen())
+
+    return answered(parser.prog, work, arguments.json, USAGE if name in _OF_FILES else REFUSED)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     command, add_arguments, *epilog = _COMMANDS[name]
     description = (command.__doc__ or "").partition("\n\n")[0]
-    parser = _Parser(prog=name, description=description, epilog=" ".join([*epilog, _statuses(name)]))
+    parser = Parser(prog=name, description=description, epilog=" ".join([*epilog, _statuses(name)]))
     add_arguments(parser)
     parser.add_argument(
         "--context",
@@ -93,38 +68,6 @@ def _statuses(name: str) -> str:
     results = _RESULTS.get(name, "0 done, 1 refused or not found")
     trouble = "2 trouble" if name == "diff" else "2 wrong usage"
     return f"Exit status: {results}, {trouble}, {NOT_THERE} no master or no world model."
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """Wrong usage, in one line."""
-        self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def _fail(program: str, error: Exception, status: int) -> int:
-    sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
-    return status
-
-
-def _screen() -> Screen:
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    try:
-        "├".encode(sys.stdout.encoding or "ascii")
-    except UnicodeEncodeError:
-        return Screen(width, fancy=False)
-    return Screen(width)
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):
-        return "command line"
-
-
-def _is_remapping(argument: str) -> bool:
-    """What rosrun and roslaunch give to every node."""
-    return argument.startswith("__") and ":=" in argument
 
 
 def _view(parser: argparse.ArgumentParser) -> None:
@@ -167,7 +110,7 @@ def _save(parser: argparse.ArgumentParser) -> None:
 
 
 def _author(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--author", default=_user(), metavar="NAME", help="who changes it (default: %(default)s)")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="who changes it (default: %(default)s)")
 
 
 def _history(parser: argparse.ArgumentParser) -> None:

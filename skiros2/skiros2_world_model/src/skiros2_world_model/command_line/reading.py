@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.command_line.answer import Answer
-from skiros2_world_model.command_line.layout import Branch, Screen, table, tree
 from skiros2_world_model.command_line.values import element_json, shown, shown_values, summary
 from skiros2_world_model.core.datatypes import PYTHON_TYPES
 from skiros2_world_model.core.prefixes import Prefixes

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any, Protocol
 
-from skiros2_world_model.command_line.answer import OK, REFUSED, Answer
-from skiros2_world_model.command_line.layout import Screen, table
+from skiros2_common.command_line.answer import OK, REFUSED, Answer
+from skiros2_common.command_line.layout import Screen, table
 from skiros2_world_model.core.report import VIOLATION, Report
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Iterable
@@ -118,12 +117,3 @@ def point(text: str, now: float) -> Point:
 def shown_time(stamp: float) -> str:
     """A time (s since the epoch) as local date and time."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))
-
-
-def finite(data: Any) -> Any:
-    """The data with texts for infinite numbers and for what is no number, which JSON has not."""
-    if isinstance(data, dict):
-        return {key: finite(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [finite(value) for value in data]
-    return str(data) if isinstance(data, float) and not math.isfinite(data) else data

@@ -1,0 +1,106 @@
+"""What the programs of all packages share: their usage errors, their screen, how they answer and how they end."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import json
+import math
+import os
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from skiros2_common.command_line.answer import NOT_THERE, OK, REFUSED, USAGE, Answer
+from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.master import NotThere
+from skiros2_common.core.errors import SkirosError
+
+#: Exit status of a command that was interrupted by Ctrl-C.
+INTERRUPTED = 130
+
+
+class Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """Wrong usage, in one line."""
+        self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def given_arguments(arguments: Sequence[str] | None = None) -> list[str]:
+    """The arguments without what rosrun and roslaunch give to every node.
+
+    :param arguments: None: those of this process.
+    """
+    given = sys.argv[1:] if arguments is None else arguments
+    return [a for a in given if not (a.startswith("__") and ":=" in a)]
+
+
+def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: int = REFUSED) -> int:
+    """Does the work of a command and prints its answer; what goes wrong is one line on stderr.
+
+    :param refused: the exit status when it is refused.
+    :returns: the exit status.
+    """
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
+    try:
+        answer = work()
+    except NotThere as error:
+        return _fail(program, error, NOT_THERE)
+    except SkirosError as error:
+        return _fail(program, error, refused)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # it prints by itself, and who reads has seen enough
+        return OK
+    lines = answer.lines
+    if as_json:
+        data = answer.data() if callable(answer.data) else answer.data
+        lines = [json.dumps(finite(data), ensure_ascii=False, indent=2)]
+    try:
+        sys.stdout.writelines(f"{line}\n" for line in lines)
+    except BrokenPipeError:
+        return OK
+    return answer.status
+
+
+def end(status: int) -> NoReturn:
+    """Ends the process, also when nobody reads what it has printed."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # who reads has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(status)
+
+
+def _fail(program: str, error: Exception, status: int) -> int:
+    """An error, in one line."""
+    sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
+    return status
+
+
+def screen() -> Screen:
+    """What this process prints on."""
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    try:
+        "├".encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return Screen(width, fancy=False)
+    return Screen(width)
+
+
+def user() -> str:
+    """Who runs this process."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "command line"
+
+
+def finite(data: Any) -> Any:
+    """The data with texts for infinite numbers and for what is no number, which JSON has not."""
+    if isinstance(data, dict):
+        return {key: finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [finite(value) for value in data]
+    return str(data) if isinstance(data, float) and not math.isfinite(data) else data

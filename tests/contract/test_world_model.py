@@ -525,6 +525,40 @@ def test_each_change_is_told_once_in_order_with_its_author(world, wm):
     assert all(a.snapshot_id == b.prev_snapshot_id for a, b in zip(told[-5:], told[-4:], strict=False))
 
 
+def test_marks_of_the_present_tell_which_elements_are_the_same(world, wm):
+    tray, part, other = (world.add("skiros:LargeBox"), world.add("skiros:Part"), world.add("skiros:Part"))
+    present = wm.present()
+    if wm.version == -1:
+        assert present is None
+        return
+
+    def marks():
+        element = wm.present().element
+        return [element(e.id) for e in (tray, part, other)]
+
+    before = marks()
+    assert marks() == before
+    assert all(before)
+    wm.set_relation(tray, "skiros:contain", part, True)
+    related = marks()
+    assert related[0] is not before[0]
+    assert related[1] is not before[1]
+    assert related[2] is before[2]
+    part = wm.get_element(part.id)
+    part.setProperty("skiros:Weight", 4.5)
+    wm.update_element(part)
+    weighed = marks()
+    assert [a is b for a, b in zip(weighed, related, strict=True)] == [True, False, True]
+    wm.remove_element(other)
+    assert marks()[2] is None
+
+
+def test_marks_of_the_present_change_with_the_ontologies(wm):
+    present = wm.present()
+    wm.add_class("skiros:NewAtPresent", "skiros:Part")
+    assert present is None or wm.present().ontology is not present.ontology
+
+
 def test_the_version_changes_with_every_change_or_is_not_known(world, wm):
     wm.get_scene()
     before = wm.version

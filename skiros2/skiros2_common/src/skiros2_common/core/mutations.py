@@ -1,4 +1,5 @@
-"""A mark that changes with every change of a property, parameter or element in this process.
+"""A mark that changes with every change of a property, parameter or element in this process, and of a world model as
+it is known here.
 
 Who keeps the mark and finds it unchanged later knows that nothing was changed in between.
 """

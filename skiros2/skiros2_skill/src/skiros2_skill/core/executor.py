@@ -1,8 +1,7 @@
 """The tick: how a node starts, runs and ends.
 
-An executor belongs to one task and is used by one thread at a time. What a node reads (parameters above, elements,
-hold-conditions) is read again only when a parameter of the task or the world model has changed since; `_stamp`
-counts these changes.
+An executor belongs to one task and is used by one thread at a time. What a node reads is read again only when it has
+changed since; see `Readings`.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import EXCEPTION, HOLD, PARAMETER, POST, START
+from skiros2_common.core.explanation import EXCEPTION, POST, START
 from skiros2_common.core.mutations import mutations
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.breakpoints import Break, Breakpoints
@@ -22,7 +21,6 @@ from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.devices import free_devices
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
-    HOLD_FAILED,
     START_RAISED,
     Failure,
     Failures,
@@ -32,6 +30,7 @@ from skiros2_skill.core.hooks import RAISED, Hooks, refusal
 from skiros2_skill.core.inside import LeftBehind
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.pauses import Pauses
+from skiros2_skill.core.readings import Readings
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -58,19 +57,18 @@ class Executor:
         self._wmi = wmi
         self._wake = wake
         self._pauses = Pauses(breakpoints)
-        self._stamp = 0
-        self._version = -1
         #: Nodes that were preempted and need more time.
         self.ending: list[SkillWrapper] = []
         self.failures = Failures(wmi)
         self._hooks = Hooks(self.failures)
         self.inside = self._hooks.inside
+        self._readings = Readings(wmi, self.inside)
         #: Whether a state or a progress has changed since it was last set to False.
         self.changed = True
 
     def tick(self, root: SkillInterface) -> State:
         """One tick of a tree. Nodes that were preempted and need more time are ticked too."""
-        self._look_at_world()
+        self._readings.look()
         for node in list(self.ending):
             self._tick_ending(node)
         state: State = root._state
@@ -85,7 +83,7 @@ class Executor:
     @property
     def has_seen_world(self) -> bool:
         """Whether nothing has changed in the world model since it was looked at last. Any thread."""
-        return self._wmi is None or (self._version != -1 and self._wmi.version == self._version)
+        return self._readings.are_up_to_date
 
     # -- one node ----------------------------------------------------------------------------------------------
 
@@ -130,7 +128,7 @@ class Executor:
                 return _FAILURE
         elif self.ending and node in self.ending:
             return _RUNNING
-        if (node.seen_stamp != self._stamp or node.volatile) and not self._renew(node):
+        if (node.seen_stamp != self._readings.stamp or node.volatile) and not self._renew(node):
             return self._fail_running(node)
         return self._run(node)
 
@@ -143,20 +141,23 @@ class Executor:
             candidates = node.candidates()
         except SkirosError as error:
             return self._refuse(node, Failure(START, START_RAISED, str(error)))
+        stamp = self._readings.stamp
         failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi)
-        return self._begin(node) if failure is None else self._refuse(node, failure)
+        return self._begin(node, stamp) if failure is None else self._refuse(node, failure)
 
-    def _begin(self, node: SkillWrapper) -> bool:
-        """Makes the subtree and calls `onStart`."""
+    def _begin(self, node: SkillWrapper, stamp: int) -> bool:
+        """Makes the subtree and calls `onStart`.
+
+        :param stamp: when its parameters were read.
+        """
         instance = node.getInstance()
         instance._start_progress()
         instance._waker = self._wake
         node._input = {key: list(p.values) for key, p in node._params.items()}
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
-        node.volatile = any(_is_volatile(c, self._wmi) for c in node._hold_conditions)
         node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
-        node.seen_stamp = -1
+        mark = mutations.mark
         refused = self._hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused is RAISED:
@@ -165,8 +166,9 @@ class Executor:
         if refused:
             self._close(node, _FAILURE)
             return False
+        is_as_read = mutations.mark == mark
         self._give_changes(node)
-        self._look_at_world()
+        self._readings.begin(node, stamp if is_as_read else -1)
         return True
 
     def _start_instance(self, node: SkillWrapper) -> str:
@@ -188,24 +190,8 @@ class Executor:
 
     def _renew(self, node: SkillWrapper) -> bool:
         """Before a running node is ticked: its parameters and hold-conditions. False when one does not hold."""
-        if node.seen_stamp == self._stamp:
-            return not node.volatile or self._holds(node)
-        try:
-            blackboard.take(node, node.slots)
-            self.inside.call(node, "the reading of its elements", blackboard.renew, node.slots, self._wmi)
-        except SkirosError as error:
-            return self._failed(node, Failure(PARAMETER, HOLD_FAILED, str(error)))
-        if node._hold_conditions and not self._holds(node):
-            return False
-        node.seen_stamp = self._stamp
-        return True
-
-    def _holds(self, node: SkillWrapper) -> bool:
-        failure = self._unmet(HOLD, node, node._hold_conditions)
+        failure = self._readings.renew(node)
         return failure is None or self._failed(node, failure)
-
-    def _unmet(self, stage: str, node: SkillWrapper, conditions: list[Any]) -> Failure | None:
-        return self.inside.call(node, "its conditions", unmet, stage, conditions, node._params, self._wmi)
 
     def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
         """Tells and notes a failure of a node. Returns False."""
@@ -234,7 +220,7 @@ class Executor:
         state = self._tick_children(node) if isinstance(node._instance, SkillBase) else self._hooks.execute(node)
         self._copy_progress(node)
         if state is _RUNNING and mutations.mark == mark:
-            self._look_at_world()
+            self._readings.look()
             return _RUNNING  # nothing to write or to pass on
         if self._give_changes(node):
             return _RUNNING if state is _RUNNING else self.end(node, state)
@@ -249,7 +235,7 @@ class Executor:
             return self._hooks.raised(node, error, EXECUTE_RAISED)
         if not node.runs_after_children:
             return state
-        if node.seen_stamp != self._stamp:
+        if node.seen_stamp != self._readings.stamp:
             self._renew(node)
         return self._hooks.execute(node, state)
 
@@ -275,7 +261,9 @@ class Executor:
                 child.visitPreempt(self)
         self.free(node)
         if state is _SUCCESS and node._post_conditions and not preempted:
-            failure = self._unmet(POST, node, node._post_conditions)
+            failure = self.inside.call(
+                node, "its conditions", unmet, POST, node._post_conditions, node._params, self._wmi
+            )
             if failure is not None:
                 instance._setProgress(failure.message, failure.code)
                 self._note(node, failure)
@@ -290,7 +278,7 @@ class Executor:
             state = _FAILURE
         self.free(node)
         if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
-            self._stamp += 1
+            self._readings.note_parameter()
         node.getInstance()._setState(state)
         if isinstance(node.getInstance(), SkillBase):
             node.rest()  # it has made the subtree
@@ -299,7 +287,7 @@ class Executor:
         self.set_state(node, state)
         if self._pauses:
             self._pauses.after(node)
-        self._look_at_world()
+        self._readings.look()
         return state
 
     def free(self, node: SkillWrapper) -> None:
@@ -308,12 +296,6 @@ class Executor:
             self.inside.call(node, FREEING, free_devices, node, self._wmi)
 
     # -- helpers -----------------------------------------------------------------------------------------------
-
-    def _look_at_world(self) -> None:
-        version = self._wmi.version if self._wmi is not None else 0
-        if version != self._version or version == -1:
-            self._version = version
-            self._stamp += 1
 
     def _give_changes(self, node: SkillWrapper) -> bool:
         """Writes what the skill changed: its elements to the world model, its parameters to the nodes above.
@@ -333,9 +315,10 @@ class Executor:
             self._note(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
             log.error("%s", text)
             written = False
+        node.watch = None
         if blackboard.give_changed(node, node.slots):
-            self._stamp += 1
-        self._look_at_world()
+            self._readings.note_parameter()
+        self._readings.look()
         return written
 
     def set_state(self, node: SkillInterface, state: State) -> None:
@@ -345,8 +328,3 @@ class Executor:
     def _copy_progress(self, node: SkillWrapper) -> None:
         if node.copy_progress():
             self.changed = True
-
-
-def _is_volatile(condition: Any, wmi: Any) -> bool:
-    relation = getattr(condition, "relation", None)
-    return condition.volatile or (relation is not None and wmi.get_reasoner(relation) is not None)

@@ -36,6 +36,7 @@ class SkillWrapper(SkillInterface):
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
         self.seen_stamp = -1
+        self.watch: Any = None
         self.volatile = False
         self.runs_after_children = False
         self.locked: list[str] = []

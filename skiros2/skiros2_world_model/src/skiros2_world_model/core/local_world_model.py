@@ -11,6 +11,7 @@ from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.validation import validate
@@ -64,6 +65,10 @@ class LocalWorldModel(WorldModelAbstractInterface):
     @property
     def version(self) -> int:
         return self.model.number
+
+    def present(self) -> Present:
+        with self.model.lock:
+            return Present(self._ontology, self.model.scene().node)
 
     def add_listener(self, callback: Callable[[Change], None]) -> None:
         self.model.add_listener(callback)

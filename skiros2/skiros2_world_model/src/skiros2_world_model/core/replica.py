@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from skiros2_common.core.mutations import mutations
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, Change
 from skiros2_world_model.core.scene import Node, Provenance, Scene
@@ -127,14 +128,18 @@ class Replica:
             self._apply(change)
             self._snapshot_id = change.snapshot_id
             self._number = change.number
-            self._version += 1
+            self._count()
         self._progress.notify_all()
 
     def _forget(self) -> None:
         """The scene is not known any more."""
         self._snapshot_id = None
-        self._version += 1
+        self._count()
         self._progress.notify_all()
+
+    def _count(self) -> None:
+        self._version += 1
+        mutations.note()
 
     def _load(self, snapshot: Snapshot) -> None:
         made = Provenance(snapshot.number, 0.0, "")
@@ -149,7 +154,7 @@ class Replica:
             self._scene = scene
             self._snapshot_id = snapshot.snapshot_id
             self._number = snapshot.number
-            self._version += 1
+            self._count()
             session = _session_of(snapshot.snapshot_id)
             self._waiting = {
                 before: change

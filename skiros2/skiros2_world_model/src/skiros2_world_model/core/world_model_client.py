@@ -14,6 +14,7 @@ from skiros2_common.core.world_element import REASONER_PROPERTY, Element, Relati
 from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
 from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
+from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.requests import added_elements, changes_left, written, written_properties
@@ -38,6 +39,10 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     @abstractmethod
     def version(self) -> int:
         """Changes whenever something that a condition may read may have changed; -1: not known, always read anew."""
+
+    def present(self) -> Present | None:
+        """What tells whether an element is the same later; None: not known, it may have changed at any time."""
+        return None
 
     def catch_up(self) -> None:
         """Makes sure that what is read from here on is no older than this call. Blocks for a call of the server.

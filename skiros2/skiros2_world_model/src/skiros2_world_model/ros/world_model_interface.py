@@ -18,6 +18,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Change, Operation, Outcome
 from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
@@ -67,6 +68,13 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     @property
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
+
+    def present(self) -> Present | None:
+        if self._replica is None:
+            return None
+        ontology = self._ontology
+        self._replica.refresh()
+        return Present(ontology, self._replica.scene().node)
 
     def catch_up(self) -> None:
         if self._replica is not None:

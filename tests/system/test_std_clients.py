@@ -16,9 +16,14 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
+from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.task import Task
+from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.wrapper import SkillWrapper
 from skiros2_std_skills import action_client_primitive
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
+from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.ros import wait_until
 
 pytestmark = pytest.mark.usefixtures("ros_master")
@@ -234,6 +239,42 @@ def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pyte
     assert "has not been heard of" in skill.progress_msg
 
 
+@pytest.fixture
+def slow_ticker() -> Iterator[Ticker]:
+    """Ticks a task once in the time of these tests, unless it is woken."""
+    ticker = Ticker(rate=0.01)
+    yield ticker
+    ticker.stop()
+
+
+def started(ticker: Ticker, skill: type) -> Task:
+    """A task of a skill."""
+    wmi = LocalWorldModel("tests")
+    library = SkillLibrary(wmi)
+    library.add(skill)
+    task = ticker.new_task(wmi, "tests")
+    task.root(SkillWrapper("Job", "", library))
+    ticker.start(task.id)
+    return task
+
+
+def test_the_result_of_an_action_wakes_the_tree(server: Server, slow_ticker: Ticker) -> None:
+    class connected(job_action):
+        build_client_onstart = False
+        wish = "long"
+
+        def buildClient(self) -> actionlib.SimpleActionClient:
+            client = super().buildClient()
+            assert client.wait_for_server(rospy.Duration.from_sec(5))
+            return client
+
+    task = started(slow_ticker, connected)
+    wait_until(lambda: server.goals and task.root.children[0].progress_code > 0)
+    server.go_on.set()
+    assert task.ended.wait(15)
+    assert task.root.children[0].progress_msg == "stopped"
+
+
 class job_service(PrimitiveServiceClient):
     def createDescription(self) -> None:
         self.setDescription(Job(), "job_service")
@@ -278,6 +319,12 @@ def test_the_answer_of_a_service_decides(switch: dict[str, Any], on_start: bool)
     skill.start()
     assert run(skill) is State.Failure
     assert (skill.progress_msg, skill.progress_code) == ("stuck", -3)
+
+
+def test_the_answer_of_a_service_wakes_the_tree(switch: dict[str, Any], slow_ticker: Ticker) -> None:
+    task = started(slow_ticker, job_service)
+    assert task.ended.wait(15)
+    assert task.root.children[0].progress_msg == "on"
 
 
 def test_a_service_that_raises_is_a_failure_with_its_text(switch: dict[str, Any]) -> None:

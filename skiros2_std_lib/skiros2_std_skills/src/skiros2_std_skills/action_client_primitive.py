@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import queue
-from abc import ABC, abstractmethod
 from typing import Any
 
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveActionClient"]
 
@@ -19,7 +18,7 @@ __all__ = ["PrimitiveActionClient"]
 SERVER_TIMEOUT = 5.0
 
 
-class PrimitiveActionClient(PrimitiveBase, ABC):
+class PrimitiveActionClient(ClientPrimitive):
     """Sends a goal to an action server and follows it. Override `buildClient` and `buildGoal`, and where needed
     `onFeedback` and `onDone`.
 
@@ -38,7 +37,6 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
 
     def __init__(self) -> None:
         super().__init__()
-        self.client: Any = None
         self.fb: queue.Queue[Any] = queue.Queue()
         self.res: queue.Queue[tuple[int, Any]] = queue.Queue()
         self._goal: Any = None  # waits to be sent
@@ -47,13 +45,9 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
 
     # -- to override -------------------------------------------------------------------------------------------
 
-    @abstractmethod
-    def createDescription(self) -> None:
-        """To override: `self.setDescription(Description(), "label")`."""
-
     def buildClient(self) -> Any:
         """To override: the `actionlib.SimpleActionClient`."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define buildClient")
+        return super().buildClient()
 
     def buildGoal(self) -> Any:
         """To override: the goal message, from the parameters. Called at each start."""
@@ -74,16 +68,8 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
 
     # -- hooks of the skill ------------------------------------------------------------------------------------
 
-    def onInit(self) -> bool:
-        if not self.build_client_onstart:
-            self.client = self.buildClient()
-        return True
-
     def onStart(self) -> bool:
-        if self.build_client_onstart:
-            if self.client is not None:
-                self.client.action_client.stop()
-            self.client = self.buildClient()
+        super().onStart()
         self._goal = self.buildGoal()
         self._watch = ServerWatch(self.client)
         return True
@@ -101,14 +87,11 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
             status, result = self.res.get()
             return self.onDone(status, result)
         if self.client.gh is not None and self._watch.late_result(self.client.gh) > SERVER_TIMEOUT:
-            return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", -104)
+            return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", LOST)
         if self._watch.silence() > SERVER_TIMEOUT:
-            return self.fail(f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s", -102)
+            text = f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s"
+            return self.fail(text, NO_ANSWER)
         return self.step(self._progress_msg)
-
-    def onPreempt(self) -> State:
-        self._give_up()
-        return self.fail("Stopped, the goal is cancelled", -103)
 
     def onEnd(self) -> bool:
         # The client stays until the next start: closed now, it might take an unsent cancellation with it.
@@ -135,9 +118,11 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
 
     def _feedbackCb(self, msg: Any) -> None:
         self.fb.put(msg)
+        self.wake()
 
     def _doneCb(self, status: int, msg: Any) -> None:
         self.res.put((status, msg))
+        self.wake()
 
     # -- inside ------------------------------------------------------------------------------------------------
 
@@ -145,6 +130,10 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
         if self._goal is None:
             self.client.cancel_goal()
             self.client.stop_tracking_goal()
+
+    def _close_client(self) -> None:
+        if self.client is not None:
+            self.client.action_client.stop()
 
     def _forget_answers(self) -> None:
         self.fb = queue.Queue()
@@ -158,7 +147,7 @@ class PrimitiveActionClient(PrimitiveBase, ABC):
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
             return self.step("Goal sent")
         if watch.silence() > SERVER_TIMEOUT:
-            return self.fail(f"There is no action server {watch.name}", -101)
+            return self.fail(f"There is no action server {watch.name}", NO_SERVER)
         return self.step(f"Waiting for the action server {watch.name}")
 
     def _ended_untold(self) -> bool:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any
 
-import rospy
-
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_std_skills.client_primitive import NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveServiceClient"]
 
@@ -18,25 +16,24 @@ __all__ = ["PrimitiveServiceClient"]
 class _Call:
     """One call in a thread of its own. `answer` or `error` is set when `ended`."""
 
-    def __init__(self, client: Any, request: Any) -> None:
+    def __init__(self, client: Any, request: Any, on_end: Callable[[], None]) -> None:
         self.answer: Any = None
         self.error = ""
+        self.ended = False
         self.began_at = time.monotonic()
-        self._thread = threading.Thread(target=self._run, args=(client, request), name="service call", daemon=True)
-        self._thread.start()
+        arguments = (client, request, on_end)
+        threading.Thread(target=self._run, args=arguments, name="service call", daemon=True).start()
 
-    @property
-    def ended(self) -> bool:
-        return not self._thread.is_alive()
-
-    def _run(self, client: Any, request: Any) -> None:
+    def _run(self, client: Any, request: Any, on_end: Callable[[], None]) -> None:
         try:
             self.answer = client(request)
-        except (rospy.ServiceException, rospy.ROSException) as error:
-            self.error = str(error)
+        except Exception as error:  # whatever it is: the skill tells
+            self.error = str(error) or type(error).__name__
+        self.ended = True
+        on_end()
 
 
-class PrimitiveServiceClient(PrimitiveBase, ABC):
+class PrimitiveServiceClient(ClientPrimitive):
     """Calls a service in a thread of its own, so that the tree goes on meanwhile. Override `buildClient`,
     `buildRequest` and `onDone`.
 
@@ -55,16 +52,11 @@ class PrimitiveServiceClient(PrimitiveBase, ABC):
 
     def __init__(self) -> None:
         super().__init__()
-        self.client: Any = None
         self._call: _Call | None = None
-
-    @abstractmethod
-    def createDescription(self) -> None:
-        """To override: `self.setDescription(Description(), "label")`."""
 
     def buildClient(self) -> Any:
         """To override: the `rospy.ServiceProxy`."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define buildClient")
+        return super().buildClient()
 
     def buildRequest(self) -> Any:
         """To override: the request message, from the parameters. Called at each start."""
@@ -74,28 +66,21 @@ class PrimitiveServiceClient(PrimitiveBase, ABC):
         """To override: called with the answer, by the thread that ticks. Returns `success(...)` or `fail(...)`."""
         return self.success("Done")
 
-    def onInit(self) -> bool:
-        if not self.build_client_onstart:
-            self.client = self.buildClient()
-        return True
-
     def onStart(self) -> bool:
-        if self.build_client_onstart:
-            self.client = self.buildClient()
-        self._call = _Call(self.client, self.buildRequest())
+        super().onStart()
+        self._call = _Call(self.client, self.buildRequest(), self.wake)
         return True
-
-    def onPreempt(self) -> State:
-        self._call = None
-        return self.fail("Stopped, the answer is dropped", -103)
 
     def execute(self) -> State:
         call = self._call
         assert call is not None
         if call.ended:
             self._call = None
-            return self.fail(call.error, -101) if call.error else self.onDone(call.answer)
+            return self.fail(call.error, NO_SERVER) if call.error else self.onDone(call.answer)
         if self.call_timeout_sec is not None and time.monotonic() - call.began_at > self.call_timeout_sec:
             self._call = None
-            return self.fail(f"No answer from {self.client.resolved_name} within {self.call_timeout_sec} s", -102)
+            return self.fail(f"No answer from {self.client.resolved_name} within {self.call_timeout_sec} s", NO_ANSWER)
         return self.step(f"Waiting for {self.client.resolved_name}")
+
+    def _give_up(self) -> None:
+        self._call = None

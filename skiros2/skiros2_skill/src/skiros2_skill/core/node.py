@@ -209,17 +209,6 @@ class SkillInterface(SkillCore):
         self._hold_conditions += [c.copy() for c in other.hold_conditions]
         self._post_conditions += [c.copy() for c in other.post_conditions]
 
-    def addParam(
-        self,
-        key: str,
-        value: Any,
-        param_type: Any,
-        options: Any = [],  # noqa: B006 - the contract's default, never changed
-        description: str = "",
-    ) -> None:
-        """Declares a parameter; see `SkillDescription.addParam`."""
-        super().addParam(key, value, param_type, options, description)
-
     def addPreCondition(self, condition: Any, modify_description: bool = False) -> None:
         """Adds a pre-condition; with `modify_description` to the description too."""
         super().addPreCondition(condition)

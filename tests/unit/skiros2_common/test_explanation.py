@@ -38,7 +38,7 @@ EXAMPLE = Explanation(
             parts=[Finding("ConditionProperty", "Idle", {}, "idle", "busy")],
         )
     ],
-    candidates=[Candidates("Gripper", "skiros:Gripper", 2, [Left("with skiros:State = 'Idle'", 0)])],
+    candidates=[Candidates("Gripper", "skiros:Gripper", 2, [Left("with skiros:State = 'Idle'", 0, "Free")])],
     params=[Origin("Object", "skiros:Part-12-PartA", "above", ["look"]), Origin("Gripper", "", "unset")],
     tried=[Explanation("start", "skiros:Pick", "pick_slow", -1, -1, "busy")],
     stamp=1001.5,
@@ -55,7 +55,7 @@ findings = st.recursive(
     lambda parts: st.builds(Finding, names, names, st.just({}), names, names, parts=st.lists(parts, max_size=2)),
     max_leaves=3,
 )
-left = st.lists(st.builds(Left, names, numbers), max_size=2)
+left = st.lists(st.builds(Left, names, numbers, names), max_size=2)
 explanations = st.builds(
     Explanation,
     stage=st.sampled_from(STAGES),
@@ -90,7 +90,7 @@ def test_the_text_tells_what_was_expected_found_and_changed_and_where_the_values
         "nearest: skiros:Part-9: skiros:at skiros:Table-5",
         "skiros:Part-12 skiros:at was last changed at ",
         "by /robot_2",
-        "parameter 'Gripper': 2 skiros:Gripper in the scene, none with skiros:State = 'Idle'",
+        "parameter 'Gripper': 2 skiros:Gripper in the scene, none with skiros:State = 'Idle' [Free]",
         "parameter Object = skiros:Part-12-PartA (from look)",
         "parameter Gripper is unset",
         "skiros:Pick-pick_slow failed (start, code -1)",

@@ -262,7 +262,11 @@ def test_when_nothing_fits_the_message_tells_what_ruled_it_out(bench):
     bench.load(primitive(Take, "take"))
     node = bench.node("take", Container=empty)
     assert bench.run(node).state is State.Failure
-    assert "skiros:Product fits parameter 'Object'" in node.progress_msg
+    assert (
+        f"parameter 'Object': 2 skiros:Product in the scene, none with {empty!r} skiros:contain it [Contains] "
+        f"({bench.product!r}: {bench.tray!r} skiros:contain it; "
+        f"{bench.other_product!r}: {bench.other_tray!r} skiros:contain it)"
+    ) in node.progress_msg
 
 
 def test_when_there_is_no_element_of_the_type_the_message_says_so(bench):
@@ -425,4 +429,4 @@ def test_modify_description_may_add_parameters_and_conditions(bench):
     bench.load(work)
     node = bench.node("work")
     bench.run(node)
-    assert "skiros:ContainerState = Empty" in node.progress_msg
+    assert "2 skiros:LargeBox in the scene, none with skiros:ContainerState = 'Empty'" in node.progress_msg

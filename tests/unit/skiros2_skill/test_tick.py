@@ -380,7 +380,7 @@ def test_a_second_skill_does_not_get_a_locked_device(bench, arm):
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=running_for(3)))
     first, second = bench.node("move"), bench.node("move")
     bench.run(Skill("", ParallelFs())(first, second))
-    assert "skiros:StateProperty = Idle" in second.progress_msg
+    assert "skiros:StateProperty = 'Idle'" in second.progress_msg
 
 
 @pytest.mark.parametrize("how", ["exception", "failure", "preempt", "start"])

@@ -93,6 +93,14 @@ class ConditionBase:
         """What is so, when `evaluate` has answered False; "" when no more is known."""
         return ""
 
+    def said_of(self, key: str, ph: ParamHandler) -> str:
+        """The condition in words that follow on a number of elements that a parameter may be."""
+        return f"for which [{self._label}] holds"
+
+    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+        """As `found`, of the element in one parameter, without its name."""
+        return self.found(ph, wmi).removeprefix(self._name(key)).lstrip(": ")
+
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         """Elements of which it would hold, at most `MOST_NAMED`."""
         return []

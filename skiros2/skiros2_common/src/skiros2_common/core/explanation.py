@@ -107,10 +107,15 @@ class Left:
     """How many candidates a condition left, of those that the ones before it had left.
 
     :param condition: as it is said of one candidate.
+    :param label: of the condition.
     """
 
     condition: str
     count: int
+    label: str
+
+    def __str__(self) -> str:
+        return f"{self.count or 'none'} {self.condition} [{self.label}]"
 
 
 @dataclass
@@ -132,8 +137,7 @@ class Candidates:
     def __str__(self) -> str:
         if not self.total:
             return f"no {self.wanted} in the scene for parameter {self.key!r}"
-        counts = [f"{self.total} {self.wanted} in the scene"]
-        counts += [f"{left.count or 'none'} {left.condition}" for left in self.left]
+        counts = [f"{self.total} {self.wanted} in the scene", *map(str, self.left)]
         nearest = f" ({'; '.join(map(str, self.nearest))})" if self.nearest else ""
         return f"parameter {self.key!r}: {', '.join(counts)}{nearest}"
 

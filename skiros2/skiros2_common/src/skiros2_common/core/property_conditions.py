@@ -90,6 +90,21 @@ class ConditionProperty(_OfProperty):
         self._operator = operator
         self._desired_value = value
 
+    @property
+    def value(self) -> Any:
+        """The value that the property is compared with."""
+        return self._desired_value
+
+    @property
+    def is_value(self) -> bool:
+        """Whether the property has to have a value, a text, number or bool: these an index finds."""
+        is_plain = isinstance(self._desired_value, (str, int, float)) and self._desired_value != ""
+        return is_plain and self._operator == "=" and self._desired_state
+
+    def said_of(self, key: str, ph: ParamHandler) -> str:
+        has = "with" if self._desired_state else "without"
+        return f"{has} {self._property} {self._operator} {self._desired_value!r}"
+
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self._property, self._operator, self._desired_value)
 
@@ -114,9 +129,7 @@ class ConditionProperty(_OfProperty):
         return f"{'' if self._desired_state else 'not '}{compared}{self._desired_value!r}"
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        plain = isinstance(self._desired_value, (str, int, float))  # what an index finds
-        prop = self._property if plain and self._operator == "=" and self._desired_state else ""
-        others = self._others(self._subject_key, ph, wmi, prop, self._desired_value)
+        others = self._others(self._subject_key, ph, wmi, self._property if self.is_value else "", self._desired_value)
         fitting = (e for e in others if self._holds_of(e) == self._desired_state)
         return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
@@ -161,6 +174,9 @@ class ConditionHasProperty(_OfProperty):
 
     def expected(self) -> str:
         return f"{'a' if self._desired_state else 'no'} value"
+
+    def said_of(self, key: str, ph: ParamHandler) -> str:
+        return f"with {self.expected()} of {self._property}"
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         others = self._others(self._subject_key, ph, wmi)

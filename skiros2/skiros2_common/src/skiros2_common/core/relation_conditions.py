@@ -69,6 +69,14 @@ class ConditionRelation(ConditionBase):
             told += self._related(subj, obj, wmi)
         return "; ".join(told)
 
+    def said_of(self, key: str, ph: ParamHandler) -> str:
+        for other in self.getKeys():
+            self._remember(other, ph)
+        relation = self._relation if self._desired_state else f"not {self._relation}"
+        if key == self._subject_key:
+            return f"{relation} {self._name(self._object_key)}"
+        return f"with {self._name(self._subject_key)} {relation} it"
+
     def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
         """What the elements have along the relation, in words."""
         reasoner = wmi.get_reasoner(self._relation)
@@ -77,16 +85,32 @@ class ConditionRelation(ConditionBase):
             return [f"{subj!r} {', '.join(names) or 'has no known relation to'} {obj!r}"]
         told = []
         if reasoner is None and subj.id:
-            objects = _named([r["dst"] for r in wmi.get_relations(subj.id, self._relation, "")], wmi)
-            told.append(f"{subj!r} {self._relation} {objects}")
+            told.append(f"{subj!r} {self._relation} {self._objects(subj, wmi)}")
         if reasoner is None and obj.id:
-            subjects = _named([r["src"] for r in wmi.get_relations("", self._relation, obj.id)], wmi)
-            told.append(f"{subjects} {self._relation} {obj!r}")
+            told.append(f"{self._subjects(obj, wmi)} {self._relation} {obj!r}")
         return told
+
+    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+        element = self._side(key, ph, wmi)
+        if element is None or not element.id or not self._desired_state or not self.is_stored(wmi):
+            return super().instead(key, ph, wmi)
+        if key == self._subject_key:
+            return f"{self._relation} {self._objects(element, wmi)}"
+        return f"{self._subjects(element, wmi)} {self._relation} it"
+
+    def _objects(self, subj: Element, wmi: Any) -> str:
+        return _named((r["dst"] for r in wmi.get_relations(subj.id, self._relation, "")), wmi)
+
+    def _subjects(self, obj: Element, wmi: Any) -> str:
+        return _named((r["src"] for r in wmi.get_relations("", self._relation, obj.id)), wmi)
+
+    def is_stored(self, wmi: Any) -> bool:
+        """Whether the scene holds the relation, so that it has an index of it; no reasoner computes it."""
+        return not self.abstract and wmi.get_reasoner(self._relation) is None
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         subj, obj = self._side(self._subject_key, ph, wmi), self._side(self._object_key, ph, wmi)
-        if subj is None or obj is None or wmi.get_reasoner(self._relation) is not None:
+        if subj is None or obj is None or not (self.abstract or self.is_stored(wmi)):
             return []  # a reasoner may take long
         state = self._desired_state
         relation = self._relation if state else f"not {self._relation}"
@@ -101,7 +125,7 @@ class ConditionRelation(ConditionBase):
         return bool(wmi.check_relation(subj, self._relation, obj, True, self.abstract))
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        if wmi.get_reasoner(self._relation) is not None:
+        if not self.is_stored(wmi):
             return []
         return [change for key in self.getKeys() for change in self._last(key, self._relation, ph, wmi)]
 
@@ -156,9 +180,6 @@ class AbstractConditionRelation(ConditionRelation):
 
     def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
         return [f"the ontology does not allow {subj.type} {self._relation} {obj.type}"]
-
-    def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        return []
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         return self.evaluate(ph, wmi)  # the ontology is not an effect

@@ -113,6 +113,9 @@ class ConditionOnType(ConditionBase):
     def expected(self) -> str:
         return f"a {self._type}"
 
+    def said_of(self, key: str, ph: ParamHandler) -> str:
+        return f"of class {self._type}"
+
     def found(self, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(self._subject_key, ph, wmi)
         if element is None:

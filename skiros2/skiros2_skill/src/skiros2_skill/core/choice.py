@@ -12,6 +12,7 @@ from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Slot, Source
 from skiros2_skill.core.devices import free_devices, lock_devices
+from skiros2_skill.core.emptiness import candidates_of, told
 from skiros2_skill.core.failures import PRE_FAILED, START_RAISED, Failure, unmet
 from skiros2_skill.core.inference import infer, inferable
 from skiros2_skill.core.library import Implementation
@@ -79,9 +80,11 @@ def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Impl
     _check_classes(params, implementation.declared.params, wmi)
     unset = {param.key for param in inferable(params)}
     if unset:
-        nothing = infer(params, conditions, wmi, _ids_above(node))
-        if nothing is not None:
-            raise DoesNotFit(INFERENCE, f"Pre-condition failed: {nothing}")
+        search = infer(params, conditions, wmi, _ids_above(node))
+        if search is not None:
+            candidates = candidates_of(search)
+            text = f"Pre-condition failed: {told(search, candidates)}"
+            raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
         _check_classes(params, implementation.declared.params, wmi)
     failure = unmet(PRE, conditions, params, wmi)
     if failure is not None:

@@ -1,50 +1,26 @@
 """Finding elements for unset parameters, so that all pre-conditions that speak of them hold.
 
-A constraint search with backtracking: the parameter with the fewest candidates is bound first, and a condition is
-checked as soon as all its keys are bound. Candidates are tried preferred ones first, then ordered by id, so that the
-same scene gives the same answer.
+A constraint search with backtracking. Parameters that no condition links are searched apart. Of the others the one
+with the fewest candidates is bound first; a relation to an element that is bound, or a value that a property has to
+have, gives the candidates without a look at all elements. A condition is checked as soon as all its keys are bound, a
+reasoner's last. Candidates are tried preferred ones first, then ordered by id: the same scene gives the same answer.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
-from skiros2_common.core.conditions import ConditionRelation
+from skiros2_common.core.conditions import (
+    ConditionFunction,
+    ConditionOr,
+    ConditionProperty,
+    ConditionRelation,
+)
+from skiros2_common.core.names import id_order
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-
-_NUMBER = re.compile(r"(\d+)$")
-
-
-@dataclass(frozen=True)
-class Nothing:
-    """Why no elements were found: the parameter whose candidates ran out, and the condition that ruled out the last."""
-
-    key: str
-    wanted: str
-    candidates: int
-    condition: Any = None
-
-    def __str__(self) -> str:
-        if not self.candidates:
-            return f"no {self.wanted} in the scene for parameter {self.key!r}"
-        blamed = f": {self.condition.getDescription()} does not hold" if self.condition is not None else ""
-        return f"none of {self.candidates} {self.wanted} fits parameter {self.key!r}{blamed}"
-
-
-def infer(params: ParamHandler, conditions: Sequence[Any], wmi: Any, preferred: Collection[str] = ()) -> Nothing | None:
-    """Sets the unset Required and Inferred element parameters. Returns why that is not possible, None when it was.
-
-    An Inferred parameter that no condition speaks of, and that no element of the scene fits, stays unset.
-
-    :param conditions: the pre-conditions.
-    :param preferred: ids of elements to try first.
-    """
-    search = _Search(params, conditions, wmi, preferred)
-    return search.run()
 
 
 def inferable(params: ParamHandler) -> list[Param]:
@@ -56,96 +32,215 @@ def inferable(params: ParamHandler) -> list[Param]:
     ]
 
 
-class _Search:
+def infer(params: ParamHandler, conditions: Sequence[Any], wmi: Any, preferred: Collection[str] = ()) -> Search | None:
+    """Sets the unset Required and Inferred element parameters.
+
+    An Inferred parameter that no condition speaks of, and that no element of the scene fits, stays unset.
+
+    :param conditions: the pre-conditions.
+    :param preferred: ids of elements to try first.
+    :returns: None; where nothing fits the search, with the keys that nothing fits in `failed`.
+    """
+    search = Search(params, conditions, wmi, preferred)
+    return None if search.run() else search
+
+
+class Search:
+    """A search for the values of some parameters.
+
+    :param params: as for `infer`; while it runs they hold what is tried.
+    """
+
     def __init__(self, params: ParamHandler, conditions: Sequence[Any], wmi: Any, preferred: Collection[str]) -> None:
-        self._params = params
-        self._wmi = wmi
+        self.params = params
+        self.wmi = wmi
+        #: The keys that are searched together and for which there is nothing.
+        self.failed: list[str] = []
+        #: What the element for each key has to be like.
+        self.patterns = {p.key: p.value or p.default or Element("") for p in inferable(params)}
+        #: Those that speak of unset parameters, quick ones first.
+        self.conditions = sorted(
+            (c for c in conditions if not self.patterns.keys().isdisjoint(c.getKeys())), key=self._cost
+        )
+        self._keys = {id(c): frozenset(c.getKeys()) for c in self.conditions}
+        self._links = [c for c in self.conditions if self.is_link(c)]
         self._preferred = preferred
-        self._patterns = {p.key: p.value or p.default or Element("") for p in inferable(params)}
-        self._conditions = [c for c in conditions if any(key in self._patterns for key in c.getKeys())]
-        self._resolved: dict[str, list[Element]] = {}
-        self._nothing: Nothing | None = None
+        self._known: dict[str, list[Element]] = {}
+        self._verdicts: dict[tuple[int, str, str], bool] = {}
 
-    def run(self) -> Nothing | None:
-        mentioned = {key for c in self._conditions for key in c.getKeys()}
-        for key in list(self._patterns):
-            param = self._params.getParamMap()[key]
-            if key not in mentioned and param.paramTypeIs(ParamTypes.Inferred) and not self._of_type(key):
-                del self._patterns[key]
-        if not self._patterns or self._bind(set(self._patterns)):
-            return None
-        for key in self._patterns:
-            self._params.getParamMap()[key].setDefault()
-        return self._nothing
+    def run(self) -> bool:
+        """Sets all parameters, or none."""
+        for keys in self._linked_keys():
+            if not self._bind(frozenset(keys)):
+                self.failed = keys
+                for key in self.patterns:
+                    self.params._params[key].setDefault()
+                return False
+        for key in self.patterns:
+            param = self.params._params[key]
+            if param.isSpecified():
+                param.assign(param.value)
+        return True
 
-    def _bind(self, unbound: set[str]) -> bool:
+    # -- conditions --------------------------------------------------------------------------------------------
+
+    def is_link(self, condition: Any) -> bool:
+        """Whether it is a relation that the scene has an index of."""
+        return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored(self.wmi)
+
+    def _cost(self, condition: Any) -> int:
+        """A rank: conditions are checked in its order."""
+        if isinstance(condition, ConditionOr):
+            return max((self._cost(part) for part in condition.conditions), default=0) or 1
+        if isinstance(condition, ConditionRelation):
+            if not condition.abstract and not condition.is_stored(self.wmi):
+                return 4
+            return 0 if condition.desired_state else 2
+        return 3 if isinstance(condition, ConditionFunction) else 1
+
+    def holds(self, condition: Any, key: str, element: Element) -> bool:
+        """Whether a condition holds with an element as the value of a parameter, and the others as they are."""
+        param = self.params._params[key]
+        before, param._values = param._values, [element]
+        try:
+            return bool(condition.evaluate(self.params, self.wmi))
+        finally:
+            param._values = before
+
+    @contextmanager
+    def tried(self, key: str, element: Element) -> Iterator[None]:
+        """While an element is the value of a parameter."""
+        param = self.params._params[key]
+        before, param._values = param._values, [element]
+        try:
+            yield
+        finally:
+            param._values = before
+
+    def _linked_keys(self) -> list[list[str]]:
+        """The unset keys, those together that conditions link."""
+        groups: list[list[str]] = []
+        mentioned = {key for keys in self._keys.values() for key in keys}
+        for key in self.patterns:
+            if any(key in group for group in groups):
+                continue
+            is_optional = key not in mentioned and self.params._params[key].paramTypeIs(ParamTypes.Inferred)
+            if is_optional and not self._candidates(key):
+                continue
+            group = [key]
+            for member in group:
+                near = {k for keys in self._keys.values() if member in keys for k in keys}
+                group += [k for k in self.patterns if k in near and k not in group]
+            groups.append(group)
+        return groups
+
+    # -- the search --------------------------------------------------------------------------------------------
+
+    def _bind(self, unbound: frozenset[str]) -> bool:
         if not unbound:
             return True
         key, candidates = self._most_constrained(unbound)
-        param = self._params.getParamMap()[key]
+        param = self.params._params[key]
         rest = unbound - {key}
-        checks = [c for c in self._conditions if key in c.getKeys() and not rest.intersection(c.getKeys())]
-        blamed = None
-        before = list(param.values)
+        checks = [c for c in self._of(key) if rest.isdisjoint(self._keys[id(c)]) and not self._is_bound(c, key)]
         for candidate in candidates:
-            param.assign(candidate)
-            blamed = next((c for c in checks if not c.evaluate(self._params, self._wmi)), None)
-            if blamed is None and self._bind(rest):
-                return True
-        param.assign(before)
-        if self._nothing is None or blamed is not None or not candidates:
-            wanted = self._patterns[key].type or "element"
-            self._nothing = Nothing(key, wanted, len(candidates) or len(self._of_type(key)), blamed)
-        return False
+            if all(self._fits(c, key, candidate) for c in checks):
+                param._values = [candidate]
+                if self._bind(rest):
+                    return True
+        return False  # what the parameter was tried with last stays; nobody reads it before it is bound again
 
-    def _most_constrained(self, unbound: set[str]) -> tuple[str, list[Element]]:
-        best: tuple[str, list[Element]] | None = None
-        for key in self._patterns:
-            if key not in unbound:
-                continue
-            candidates = self._candidates(key, unbound)
-            if best is None or len(candidates) < len(best[1]):
-                best = (key, candidates)
-        assert best is not None
-        return best[0], sorted(best[1], key=self._order)
+    def _fits(self, condition: Any, key: str, candidate: Element) -> bool:
+        """As `holds`, but a condition that speaks of no other unset parameter is checked once for an element."""
+        if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
+            return self.holds(condition, key, candidate)
+        asked = (id(condition), key, candidate.id)
+        verdict = self._verdicts.get(asked)
+        if verdict is None:
+            verdict = self._verdicts[asked] = self.holds(condition, key, candidate)
+        return verdict
 
-    def _candidates(self, key: str, unbound: set[str]) -> list[Element]:
-        """What the scene has for a parameter, given what is bound so far."""
+    def _most_constrained(self, unbound: frozenset[str]) -> tuple[str, list[Element]]:
+        """The key with the fewest candidates, and these. One that a relation constrains is preferred to others, as
+        its candidates are known without a look at all elements."""
+        found = {
+            key: ids for key in self.patterns if key in unbound and (ids := self._related(key, unbound)) is not None
+        }
+        if found:
+            key = min(found, key=lambda k: len(found[k]))
+            wanted = self._indexed(key)
+            elements = (self.wmi.find_element(eid) for eid in found[key])
+            return key, self.ordered(e for e in elements if e is not None and self._is_like(e, wanted))
+        domains = {key: self._candidates(key) for key in self.patterns if key in unbound}
+        if len(domains) > 1:
+            domains = {key: self._filtered(key) for key in domains}
+        key = min(domains, key=lambda k: len(domains[k]))
+        return key, domains[key]
+
+    def _filtered(self, key: str) -> list[Element]:
+        """The candidates for a key that are left by quick conditions on it alone."""
+        alone = [c for c in self._of(key) if self._cost(c) <= 1 and self._keys[id(c)] & self.patterns.keys() == {key}]
+        return [e for e in self._candidates(key) if all(self._fits(c, key, e) for c in alone)]
+
+    def _related(self, key: str, unbound: Collection[str]) -> set[str] | None:
+        """The ids that relations to elements that are bound leave for a key; None when there are no such relations."""
         related: set[str] | None = None
-        for condition in self._conditions:
-            ids = self._related(condition, key, unbound)
-            if ids is not None:
-                related = ids if related is None else related & ids
-        if related is None:
-            return self._of_type(key)
-        found = (self._wmi.find_element(eid) for eid in related)
-        pattern = self._patterns[key]
-        return [e for e in found if e is not None and (not pattern.type or e.isInstance(pattern, self._wmi))]
+        for link in self._links:
+            if key in self._keys[id(link)]:
+                ids = self.linked(link, key, unbound)
+                if ids is not None:
+                    related = ids if related is None else related & ids
+        return related
 
-    def _related(self, condition: Any, key: str, unbound: set[str]) -> set[str] | None:
-        """The ids that a relation to an element that is bound leaves for a parameter; None when it says nothing."""
-        if type(condition) is not ConditionRelation or not condition.desired_state:
-            return None
-        is_subject = condition.subject_key == key
-        other_key = condition.object_key if is_subject else condition.subject_key
-        if key not in condition.getKeys() or other_key == key or other_key in unbound:
-            return None
-        other = self._params.getParamMap().get(other_key)
-        if other is None or not other.isSpecified() or self._wmi.get_reasoner(condition.relation) is not None:
+    def _is_bound(self, condition: Any, key: str) -> bool:
+        """Whether the candidates for a key are those that the condition, a link, has left."""
+        other = self._keys[id(condition)] - {key}
+        return condition in self._links and all(self.params.isSpecified(k) for k in other) and bool(other)
+
+    def _of(self, key: str) -> list[Any]:
+        """The conditions that speak of a key."""
+        return [c for c in self.conditions if key in self._keys[id(c)]]
+
+    def linked(self, link: Any, key: str, unbound: Collection[str] = ()) -> set[str] | None:
+        """The ids that a link leaves for a key; None when its other side is not bound."""
+        is_subject = link.subject_key == key
+        other_key = link.object_key if is_subject else link.subject_key
+        other = self.params._params.get(other_key)
+        if other_key == key or other_key in unbound or other is None or not other.isSpecified():
             return None
         if is_subject:
-            return {r["src"] for r in self._wmi.get_relations("", condition.relation, other.value.id)}
-        return {r["dst"] for r in self._wmi.get_relations(other.value.id, condition.relation, "")}
+            return {r["src"] for r in self.wmi.get_relations("", link.relation, other.value.id)}
+        return {r["dst"] for r in self.wmi.get_relations(other.value.id, link.relation, "")}
 
-    def _of_type(self, key: str) -> list[Element]:
-        if key not in self._resolved:
-            self._resolved[key] = list(self._wmi.resolve_elements(self._patterns[key]))
-        return self._resolved[key]
+    # -- elements ----------------------------------------------------------------------------------------------
 
-    def _order(self, element: Element) -> tuple[bool, str, int]:
-        number = _NUMBER.search(element.id)
-        return (
-            element.id not in self._preferred,
-            element.id[: number.start()] if number else element.id,
-            int(number.group(1)) if number else -1,
-        )
+    def like(self, key: str) -> list[Element]:
+        """All elements that a key's pattern describes, ordered."""
+        return self._resolved(self.patterns[key])
+
+    def _candidates(self, key: str) -> list[Element]:
+        """The elements that a key's pattern and the values that properties have to have describe, ordered."""
+        if key not in self._known:
+            self._known[key] = self._resolved(self._indexed(key))
+        return self._known[key]
+
+    def _resolved(self, wanted: Element) -> list[Element]:
+        found = self.wmi.resolve_elements(wanted)
+        return self.ordered([e for e in found if self._is_like(e, wanted)] if wanted.getRelations() else found)
+
+    def _indexed(self, key: str) -> Element:
+        """A key's pattern with the values that properties have to have, which the scene has an index of."""
+        wanted = self.patterns[key]
+        for c in self.conditions:
+            if type(c) is ConditionProperty and self._keys[id(c)] == {key} and c.is_value:
+                wanted = wanted.copy() if wanted is self.patterns[key] else wanted
+                if not wanted.hasProperty(c.property):
+                    wanted.setProperty(c.property, c.value)
+        return wanted
+
+    def _is_like(self, element: Element, wanted: Element) -> bool:
+        return not wanted.type or element.isInstance(wanted, self.wmi)
+
+    def ordered(self, elements: Iterable[Element]) -> list[Element]:
+        """In the order in which they are tried."""
+        return sorted(elements, key=lambda e: (e.id not in self._preferred, id_order(e.id)))

@@ -122,3 +122,10 @@ def test_the_world_model_form_of_an_element_parameter():
     assert param.toElement().getProperty("skiros:DataType").value == "skiros:Product"
     param.value = Element("skiros:Product", "", "skiros:Product-4")
     assert param.toElement().hasRelation("-1", "skiros:hasValue", "skiros:Product-4")
+
+
+def test_iterating_parameters_gives_their_keys():
+    handler = ParamHandler()
+    handler.addParam("A", 1, ParamTypes.Required)
+    handler.addParam("B", 2, ParamTypes.Optional)
+    assert list(handler) == ["A", "B"]

@@ -10,6 +10,7 @@ from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import MOST_NAMED, Change, Finding, Near
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.places import Place
 from skiros2_common.core.world_element import Element
 
 
@@ -20,6 +21,9 @@ class ConditionBase:
     :param subj: key of the parameter.
     :param desired_state: whether the fact has to hold or not to hold.
     """
+
+    #: Where it was added to a skill; None: not known.
+    place: Place | None = None
 
     #: Whether the fact may change without a change of the world model or of a parameter.
     volatile = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as time_module
-from collections.abc import ItemsView, KeysView, ValuesView
+from collections.abc import ItemsView, Iterator, KeysView, ValuesView
 from copy import deepcopy
 from enum import Enum
 from typing import Any
@@ -149,6 +149,9 @@ class ParamHandler:
 
     def __len__(self) -> int:
         return len(self._params)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._params)
 
     def keys(self) -> KeysView[str]:
         return self._params.keys()

@@ -8,6 +8,7 @@ from typing import Any
 from skiros2_common.core import conditions as cond
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.places import Place, authors_place
 from skiros2_common.core.world_element import Element
 
 ParamOptions = Enum("ParamOptions", "Consume Output Unspecify Lock RespectType")
@@ -29,6 +30,7 @@ class SkillDescription:
         self._hold_conditions: list[Any] = []
         self._post_conditions: list[Any] = []
         self._available_for_planning = True
+        self._places: dict[str, Place | None] = {}  # where each parameter was declared
         self._wmi: Any = None
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -97,6 +99,10 @@ class SkillDescription:
         self._hold_conditions = [c.copy() for c in holdin]
         self._post_conditions = [c.copy() for c in postin]
 
+    def place_of(self, key: str) -> Place | None:
+        """The file and line in which a parameter was declared."""
+        return self._places.get(key)
+
     # -- declaring ---------------------------------------------------------------------------------------------
 
     def createDescription(self) -> None:
@@ -119,6 +125,7 @@ class SkillDescription:
         if isinstance(options, str):
             options, description = [], options
         self._params.addParam(key, value, param_type, description)
+        self._places[key] = authors_place()
         chosen = list(options) if isinstance(options, (list, tuple, set)) else [options]
         self._options.pop(key, None)
         if chosen:
@@ -157,14 +164,17 @@ class SkillDescription:
 
     def addPreCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold when the skill starts."""
+        condition.place = authors_place()
         self._pre_conditions.append(condition)
 
     def addHoldCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold at each tick while the skill runs."""
+        condition.place = authors_place()
         self._hold_conditions.append(condition)
 
     def addPostCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold when the skill has succeeded."""
+        condition.place = authors_place()
         self._post_conditions.append(condition)
 
     # -- making conditions -------------------------------------------------------------------------------------

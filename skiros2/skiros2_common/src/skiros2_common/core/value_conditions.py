@@ -94,6 +94,10 @@ class ConditionOnType(ConditionBase):
         super().__init__(clabel, subj, True)
         self._type = full_name(value)
 
+    @property
+    def wanted_type(self) -> str:
+        return self._type
+
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self._type)
 

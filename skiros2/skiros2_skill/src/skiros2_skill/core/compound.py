@@ -8,6 +8,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import SkillCore, State
 from skiros2_common.core.errors import WrongType
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.places import authors_place
 from skiros2_skill.core.groups import Skill
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Processor
@@ -67,6 +68,7 @@ class SkillBase(SkillInterface):
         if isinstance(stype, Processor):
             return self.getNode(stype)
         node = self.getSkill(stype, slabel)
+        node.place = authors_place()
         node._remaps.update(remap if isinstance(remap, Mapping) else {})
         for key, values in (specify or {}).items():
             node.specifyParam(key, values)

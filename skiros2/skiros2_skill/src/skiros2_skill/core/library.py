@@ -14,6 +14,7 @@ from skiros2_common.core.names import full_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.compound import SkillBase
+from skiros2_skill.core.lint import NOT_DESCRIBED, NOTE, Fault, Linter
 
 log = logging.getLogger(__name__)
 
@@ -97,6 +98,14 @@ class Implementation:
         return instance
 
 
+class FaultySkill(ConfigurationError):
+    """A skill has faults that keep it from loading."""
+
+    def __init__(self, faults: Sequence[Fault]) -> None:
+        super().__init__("; ".join(map(str, faults)))
+        self.faults = faults
+
+
 class SkillLibrary:
     """The implementations that were loaded, by type and label.
 
@@ -107,6 +116,8 @@ class SkillLibrary:
         self.wmi = wmi
         self._loader = PluginLoader()
         self._by_type: dict[str, list[Implementation]] = {}
+        self._linter = Linter((), wmi)
+        self._faulty: dict[type, FaultySkill] = {}
         self._libraries: list[str] = []
         self._loaded: set[type] = set()
 
@@ -118,16 +129,22 @@ class SkillLibrary:
         :raises ConfigurationError: a package does not exist or cannot be imported.
         """
         for package in packages:
-            self._loader.load(package, (PrimitiveBase, SkillBase))
+            for cls in self._loader.load(package, (PrimitiveBase, SkillBase)):
+                self._linter.add(cls)
             self._libraries.append(package)
 
     def load(self, names: Iterable[str]) -> None:
-        """Loads implementations by class name or `module.Class`.
+        """Loads implementations by class name or `module.Class`. Those with faults are reported, and the rest loads.
 
         :raises ConfigurationError: no library has such a skill, or it cannot be loaded.
         """
         for name in names:
-            self.add(self.find(name))
+            cls = self.find(name)
+            try:
+                self._check(cls, tree=True)
+                self.add(cls)
+            except FaultySkill as error:
+                log.error("skill %s is not loaded: %s", name, error)
 
     def find(self, name: str) -> type:
         """The class of that name, or `module.Class`, in the libraries.
@@ -143,10 +160,12 @@ class SkillLibrary:
         """Loads the implementation that a class defines; None when it is loaded already.
 
         :raises ConfigurationError: it cannot be loaded, or another one has its type and label.
+        :raises FaultySkill: its description or tree is wrong.
         """
         if cls in self._loaded:
             return None
         implementation = Implementation(cls, self.wmi, self)
+        self._check(cls, tree=False)
         for other in self._by_type.get(implementation.type, ()):
             if other.label == implementation.label:
                 raise ConfigurationError(
@@ -157,6 +176,22 @@ class SkillLibrary:
         self._loaded.add(cls)
         log.debug("loaded %s-%s from %s", implementation.type, implementation.label, implementation.module)
         return implementation
+
+    def _check(self, cls: type, tree: bool) -> None:
+        """
+        :raises FaultySkill: the skill's description or tree is wrong.
+        """
+        if cls in self._faulty:
+            raise self._faulty[cls]
+        self._linter.add(cls)
+        faults = self._linter.lint(cls, tree)
+        errors = [fault for fault in faults if fault.blocks and fault.code != NOT_DESCRIBED]  # loading tells that
+        for fault in faults:
+            if tree and fault.severity != NOTE and fault not in errors:
+                log.warning("%s", fault)
+        if errors:
+            self._faulty[cls] = FaultySkill(errors)
+            raise self._faulty[cls]
 
     # -- looking up --------------------------------------------------------------------------------------------
 
@@ -201,11 +236,11 @@ class SkillLibrary:
                 continue
             try:
                 implementation = Implementation(cls, self.wmi, self)
+                if implementation.type == stype and (not label or implementation.label == label):
+                    self._check(cls, tree=True)
+                    self.add(cls)
             except ConfigurationError as error:
                 log.debug("%s", error)
-                continue
-            if implementation.type == stype and (not label or implementation.label == label):
-                self.add(cls)
 
     def _no_such_class(self, name: str) -> str:
         known = sorted(c.__name__ for c in self._loader.list())
@@ -216,6 +251,10 @@ class SkillLibrary:
         return f"skill {name!r}: no class of that name in {where}{hint}{failures}"
 
     def _no_such_skill(self, stype: str, label: str) -> str:
+        for error in self._faulty.values():
+            names = {fault.skill for fault in error.faults}
+            if f"{stype}-{label}" in names or (not label and any(name.startswith(f"{stype}-") for name in names)):
+                return f"skill {stype}{f' labelled {label!r}' if label else ''} was not loaded: {error}"
         if label and self._by_type.get(stype):
             labels = ", ".join(repr(i.label) for i in self._by_type[stype])
             return f"skill {stype} has no implementation {label!r}; it has: {labels}"

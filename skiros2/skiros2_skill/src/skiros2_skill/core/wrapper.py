@@ -8,6 +8,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.places import Place
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
 
@@ -29,6 +30,8 @@ class SkillWrapper(SkillInterface):
         self._label = plabel
         self._asked_label = plabel
         self._instanciator = instanciator
+        #: Where a compound has put it into its tree; None: not known.
+        self.place: Place | None = None
         # The executor's notes on the node while it runs.
         self.implementation: Any = None
         self.expanded = False

@@ -111,6 +111,10 @@ class OntologyAbstractInterface(ABC):
         """The individuals of a class in the ontologies (templates), and with `recursive` of all classes under it."""
         return self._ontology.individuals(self._name(parent_class), recursive)
 
+    def knows(self, name: str) -> bool:
+        """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
+        return self._ontology.knows(self._name(name))
+
     def get_type(self, uri: str) -> str:
         """What something is: the class of an element or individual, `owl:Class` of a class, and so on.
 

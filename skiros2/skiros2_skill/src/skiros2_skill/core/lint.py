@@ -1,0 +1,186 @@
+"""Checks of skills before they run: what can be told from descriptions and trees alone.
+
+Whatever depends on values, or may be added while a skill runs, is no error. Errors keep a skill from loading, except
+for a child that no library has: it may be loaded later.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from skiros2_common.core.places import Place, is_authors
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_skill.core.compound import SkillBase
+
+ERROR, WARNING, NOTE = "error", "warning", "note"
+
+UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that is wrong with a skill.
+
+    :param severity: `ERROR`, `WARNING` or `NOTE`.
+    :param code: a name for the kind of fault.
+    :param skill: `type-label`.
+    :param file, line: where; "" and 0 when the source is not known.
+    """
+
+    severity: str
+    code: str
+    skill: str
+    text: str
+    file: str = ""
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.severity}: [{self.code}] {self.skill}: {self.text}"
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @property
+    def blocks(self) -> bool:
+        """Whether it keeps the skill from loading."""
+        return self.severity == ERROR and self.code != UNKNOWN_SKILL
+
+
+class Described:
+    """A class that implements a skill, with what it declares, not made ready to run: its `onInit` is not called.
+
+    :raises Exception: what its constructor or `createDescription` raises.
+    """
+
+    def __init__(self, cls: type, wmi: Any) -> None:
+        self.cls = cls
+        self.skill: Any = cls()
+        self.skill._wmi = wmi
+        self.skill._create()
+        #: Whether it may declare parameters while it runs.
+        self.is_open = any("addParam" in names for names in _names_in_hooks(cls))
+
+    @property
+    def name(self) -> str:
+        return f"{self.skill.type}-{self.skill.label}"
+
+    @property
+    def is_compound(self) -> bool:
+        return isinstance(self.skill, SkillBase)
+
+    def fault(self, severity: str, code: str, text: str, place: Place | None = None) -> Fault:
+        """A fault of it, there or, when that is not known, where the class begins."""
+        file, line = place or class_place(self.cls)
+        return Fault(severity, code, self.name, text, file, line)
+
+
+class Linter:
+    """Checks the skills of some libraries.
+
+    :param classes: all classes that implement skills.
+    :param wmi: the world model, whose ontologies are asked; None: names are not looked up.
+    """
+
+    def __init__(self, classes: Iterable[type], wmi: Any = None) -> None:
+        self.wmi = wmi
+        self._waiting = list(classes)
+        self._described: dict[type, Described | Fault] = {}
+
+    def add(self, cls: type) -> None:
+        """One more class that implements a skill."""
+        if cls not in self._described and cls not in self._waiting:
+            self._waiting.append(cls)
+
+    def lint(self, cls: type, tree: bool = True) -> list[Fault]:
+        """What is wrong with the skill that a class implements, by file and line.
+
+        :param tree: whether a compound's `expand` is tried and its tree checked too.
+        """
+        from skiros2_skill.core.lint_description import description_faults
+        from skiros2_skill.core.lint_tree import tree_faults
+
+        found = self._describe(cls)
+        if isinstance(found, Fault):
+            return [found]
+        faults = [*description_faults(found, self.wmi), *(tree_faults(found, self) if tree else ())]
+        return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
+
+    def options(self, stype: str, label: str) -> list[Described]:
+        """The implementations of a type, with that label where one is given."""
+        found = self._matching(stype, label)
+        return found or [d for d in self.all() if d.skill.type == stype and label in ("", d.skill.label)]
+
+    def all(self) -> list[Described]:
+        """All that could be described."""
+        while self._waiting:
+            self._describe(self._waiting[0])
+        return [d for d in self._described.values() if isinstance(d, Described)]
+
+    def _matching(self, stype: str, label: str) -> list[Described]:
+        known = [d for d in self._described.values() if isinstance(d, Described)]
+        return [d for d in known if d.skill.type == stype and label in ("", d.skill.label)]
+
+    def _describe(self, cls: type) -> Described | Fault:
+        if cls in self._waiting:
+            self._waiting.remove(cls)
+        if cls not in self._described:
+            try:
+                self._described[cls] = Described(cls, self.wmi)
+            except Exception as error:
+                self._described[cls] = _undescribed(cls, error)
+        return self._described[cls]
+
+
+def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str] = ()) -> list[Fault]:
+    """What is wrong with the skills of some Python packages, and with modules that cannot be imported.
+
+    :param used: further packages, whose skills the trees may use.
+    :raises ConfigurationError: a package does not exist or cannot be imported.
+    """
+    bases = (PrimitiveBase, SkillBase)
+    loader, others = PluginLoader(), PluginLoader()
+    classes = [cls for package in packages for cls in loader.load(package, bases)]
+    known = [cls for package in used for cls in others.load(package, bases)]
+    linter = Linter(dict.fromkeys([*classes, *known]), wmi)
+    faults = [_not_imported(module, cause) for module, cause in loader.failures.items()]
+    return faults + [fault for cls in dict.fromkeys(classes) for fault in linter.lint(cls)]
+
+
+def class_place(cls: type) -> Place:
+    """The file and line in which a class begins; ("", 0) when the source is not there."""
+    try:
+        return inspect.getsourcefile(cls) or "", inspect.getsourcelines(cls)[1]
+    except (OSError, TypeError):
+        return "", 0
+
+
+def _not_imported(module: str, cause: str) -> Fault:
+    place = re.match(r"(.+), line (\d+): (.*)", cause, re.DOTALL)
+    file, line, text = place.groups() if place else ("", "0", cause)
+    return Fault(ERROR, "not-imported", module, text, file, int(line))
+
+
+def _undescribed(cls: type, error: Exception) -> Fault:
+    place = class_place(cls)
+    trace = error.__traceback__
+    while trace is not None:
+        if is_authors(trace.tb_frame):
+            place = trace.tb_frame.f_code.co_filename, trace.tb_lineno
+        trace = trace.tb_next
+    text = f"describing it raised {type(error).__name__}: {error}"
+    return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *place)
+
+
+def _names_in_hooks(cls: type) -> Iterable[tuple[str, ...]]:
+    """The names that the methods of a class use, but for those that describe it and those of the base classes."""
+    for base in cls.__mro__:
+        if base in (PrimitiveBase, SkillBase):
+            return
+        for name, method in vars(base).items():
+            if inspect.isfunction(method) and name not in ("createDescription", "modifyDescription"):
+                yield method.__code__.co_names

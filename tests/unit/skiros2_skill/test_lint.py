@@ -1,0 +1,191 @@
+"""Faults of skills are found before they run: each planted one, with file and line, and none where there are none."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import skiros2_demo_skills
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.library import FaultySkill, SkillLibrary
+from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Linter, lint_libraries
+from skiros2_skill.core.skill import SkillBase
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+from unit.skiros2_skill.skills import REQUIRED, Note, Work, contains, describe, primitive
+
+FAULTY = Path(__file__).parents[2] / "libraries"
+_MARK = re.compile(r"# (error|warning): ([\w-]+)")
+
+
+@pytest.fixture(scope="module")
+def wmi():
+    return LocalWorldModel("test")
+
+
+@pytest.fixture
+def faulty_path(monkeypatch):
+    monkeypatch.syspath_prepend(str(FAULTY))
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] == "faulty_skills"]:
+        del sys.modules[name]
+
+
+def planted():
+    for path in sorted((FAULTY / "faulty_skills").glob("*.py")):
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            for severity, code in _MARK.findall(line):
+                if not line.startswith('"""'):
+                    yield path.name, number, severity, code
+
+
+def found(packages, wmi):
+    return [f for f in lint_libraries(packages, wmi) if f.severity != NOTE]
+
+
+def test_each_planted_fault_is_found_once_with_its_file_and_line(faulty_path, wmi):
+    faults = found(["faulty_skills"], wmi)
+    assert sorted((Path(f.file).name, f.line, f.severity, f.code) for f in faults) == sorted(planted())
+
+
+def test_the_texts_name_what_was_expected(faulty_path, wmi):
+    texts = {f.code: f.text for f in found(["faulty_skills"], wmi) if f.severity == ERROR}
+    assert "near: skiros:Say" in texts["unknown-skill"] or "there are: say" in texts["unknown-skill"]
+    by_skill = {(f.skill, f.code): f.text for f in found(["faulty_skills"], wmi)}
+    assert by_skill["skiros:Tell-wrong_values", "unknown-specify"] == (
+        "specify of 'Tmies': skiros:Say has no such parameter; near: Times"
+    )
+    assert by_skill["skiros:Tell-wrong_types", "wrong-type"] in (
+        "'Text' of skiros:Say is str, 'Volume' of the compound is float",
+        "'Object' of skiros:Fetch-fetch is skiros:Product, 'Listener' of the compound is sumo:Agent",
+    )
+    assert "'Object' is skiros:Product in the description skiros:Fetch, here sumo:Object" in " ".join(
+        f.text for f in found(["faulty_skills"], wmi) if f.skill == "skiros:Fetch-widened"
+    )
+
+
+@pytest.mark.parametrize("package", ["skiros2_demo_skills", "skiros2_std_skills"])
+def test_our_own_libraries_have_no_faults(package):
+    demo = Path(skiros2_demo_skills.__file__).parents[2] / "owl"
+    wmi = LocalWorldModel("test", WorldModel(source_ontologies(), demo))
+    faults = lint_libraries([package], wmi, used=["skiros2_std_skills"])
+    assert [f for f in faults if f.severity != NOTE and "skiros2_msgs" not in f.text] == []
+
+
+# -- what is no fault --------------------------------------------------------------------------------------------------
+
+
+def compound(name, expand, params=(), **attributes):
+    def create(self):
+        self.setDescription(describe(name, params)(), name.lower())
+        self.__dict__.update(attributes)
+
+    return type(name.lower(), (SkillBase,), {"createDescription": create, "expand": expand})
+
+
+def faults_of(wmi, *classes):
+    return [f for cls in classes for f in Linter(classes, wmi).lint(cls) if f.severity in (ERROR, WARNING)]
+
+
+def test_a_remap_of_a_key_that_a_descendant_has(wmi):
+    inner = compound("Inner", lambda self, skill: skill(self.skill("Note")))
+    middle = compound("Middle", lambda self, skill: skill(self.skill("Inner", remap={"Text": "Line"})))
+    outer = compound(
+        "Outer", lambda self, skill: skill(self.skill("Middle", remap={"Line": "Words"})), [("Words", str, REQUIRED)]
+    )
+    assert [f for f in faults_of(wmi, primitive(Note, "note"), inner, middle, outer) if f.code == "unknown-remap"] == []
+    assert faults_of(wmi, primitive(Note, "note"), middle, inner, outer)[0].skill != "skiros:Outer-outer"
+
+
+def test_parameters_that_are_declared_when_the_skill_starts(wmi):
+    def on_start(self):
+        self.addParam("Later", str, ParamTypes.Optional)
+        return True
+
+    late = primitive(Work, "late", onStart=on_start)
+    late.onStart = on_start
+    user = compound(
+        "User", lambda self, skill: skill(self.skill("Work", "late", remap={"Later": "A"}, specify={"B": 1}))
+    )
+    assert faults_of(wmi, late, user) == []
+
+
+def test_a_tree_that_depends_on_values_is_not_checked(wmi):
+    def expand(self, skill):
+        for _ in range(self.params["Count"].value):
+            skill(self.skill("Nothing", remap={"A": "B"}))
+
+    faults = Linter([], wmi).lint(compound("Many", expand, [("Count", int, REQUIRED)]))
+    assert [(f.severity, f.code) for f in faults] == [(NOTE, "not-checked")]
+
+
+def test_a_tree_that_is_made_at_each_start_is_not_tried(wmi):
+    tried = []
+    anew = compound("Anew", lambda self, skill: tried.append(1), _expand_on_start=True)
+    assert Linter([], wmi).lint(anew) == []
+    assert tried == []
+
+
+def test_trying_a_tree_changes_nothing_in_the_world_model(bench):
+    def expand(self, skill):
+        self.wmi.add_element(Element("skiros:Product", "made by lint"))
+
+    before = bench.wmi.version
+    faults = Linter([], bench.wmi).lint(compound("Writes", expand))
+    assert [f.code for f in faults] == ["not-checked"]
+    assert bench.wmi.version == before
+
+
+def test_narrowed_types_and_more_parameters(wmi):
+    class narrow(primitive(Work, "narrow")):
+        def createDescription(self):
+            self.setDescription(describe("Grab", [("Object", Element("sumo:Object"), REQUIRED)])(), "narrow")
+            self.addParam("Object", Element("skiros:Product"), REQUIRED)
+            self.addParam("Force", 1.0, ParamTypes.Optional)
+
+    assert faults_of(wmi, narrow) == []
+
+
+def test_numbers_fit_each_other(wmi):
+    count = describe("Count", [("Number", int, REQUIRED)])
+    user = compound(
+        "User", lambda self, skill: skill(self.skill("Count", remap={"Number": "Value"})), [("Value", 1.0, REQUIRED)]
+    )
+    assert faults_of(wmi, primitive(count, "count"), user) == []
+
+
+def test_a_sibling_may_set_what_another_requires(wmi):
+    user = compound("User", lambda self, skill: skill(self.skill("Note"), self.skill("Tell")))
+    tell = describe("Tell", [("Text", "", ParamTypes.Optional)])
+    assert faults_of(wmi, primitive(Note, "note"), primitive(tell, "tell"), user) == []
+
+
+def test_a_locked_device_is_no_contradiction(wmi):
+    from unit.skiros2_skill.skills import LOCKED_ARM
+
+    assert faults_of(wmi, primitive(describe("Weld", [LOCKED_ARM]), "weld")) == []
+
+
+# -- loading -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_skill_with_errors_is_not_loaded_and_the_rest_is(faulty_path, wmi, caplog):
+    library = SkillLibrary(wmi)
+    library.import_libraries(["faulty_skills"])
+    library.load(["wrong_remaps", "say", "unknown_key", "fetch", "right", "unknown_names", "no_such_skill"])
+    loaded = {i.label for i in library.implementations()}
+    assert loaded == {"say", "fetch", "right", "unknown_names", "no_such_skill"}
+    errors = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
+    assert any(
+        re.search(r"skill wrong_remaps is not loaded: .*trees\.py:\d+: error: \[unknown-remap\]", e) for e in errors
+    )
+    with pytest.raises(UnknownName, match=r"was not loaded: .*trees\.py:\d+: error"):
+        library.candidates("skiros:Tell", "wrong_remaps")
+
+
+def test_a_faulty_description_is_refused_wherever_it_comes_from(bench):
+    with pytest.raises(FaultySkill, match=r"skills\.py:\d+: error: \[unknown-key\].*speaks of 'Box'"):
+        bench.load(primitive(describe("Odd", [], pre=[contains("Box", "Robot")]), "odd"))

@@ -187,5 +187,5 @@ def test_a_skill_with_errors_is_not_loaded_and_the_rest_is(faulty_path, wmi, cap
 
 
 def test_a_faulty_description_is_refused_wherever_it_comes_from(bench):
-    with pytest.raises(FaultySkill, match=r"skills\.py:\d+: error: \[unknown-key\].*speaks of 'Box'"):
+    with pytest.raises(FaultySkill, match=r"test_lint\.py:\d+: error: \[unknown-key\].*speaks of 'Box'"):
         bench.load(primitive(describe("Odd", [], pre=[contains("Box", "Robot")]), "odd"))

@@ -8,7 +8,7 @@ from types import FrameType
 #: A file and a line.
 Place = tuple[str, int]
 
-_OWN = ("skiros2_common.core.", "skiros2_skill.core.")
+_OWN = ("skiros2_common.core.", "skiros2_skill.core.", "skiros2_skill.testing.")
 
 
 def is_authors(frame: FrameType) -> bool:

@@ -83,6 +83,7 @@ def test_each_implementation_that_was_tried_tells_why_not(bench):
     explanation = only(bench.run(node))
     assert explanation.stage == START
     assert [(tried.label, tried.stage) for tried in explanation.tried] == [("take_one", PRE), ("take_two", PRE)]
+    assert explanation.path == ["Take"]
 
 
 def test_a_task_that_was_preempted_says_so(bench):

@@ -19,6 +19,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
 
@@ -179,4 +180,7 @@ def _place(node: SkillInterface) -> tuple[int, ...]:
 
 
 def _name(node: SkillInterface) -> str:
-    return node._label or node._processor.printType()
+    """A skill that no implementation was chosen for goes by its type, an unnamed node by its processor."""
+    if node._label:
+        return node._label
+    return node._type.partition(":")[2] if isinstance(node, SkillWrapper) else node._processor.printType()

@@ -108,7 +108,7 @@ class Linter:
         if isinstance(found, Fault):
             return [found]
         faults = [*description_faults(found, self.wmi), *(tree_faults(found, self) if tree else ())]
-        return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
+        return _in_order(faults)
 
     def options(self, stype: str, label: str) -> list[Described]:
         """The implementations of a type, with that label where one is given."""
@@ -148,7 +148,11 @@ def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str]
     known = [cls for package in used for cls in others.load(package, bases)]
     linter = Linter(dict.fromkeys([*classes, *known]), wmi)
     faults = [_not_imported(module, cause) for module, cause in loader.failures.items()]
-    return faults + [fault for cls in dict.fromkeys(classes) for fault in linter.lint(cls)]
+    return _in_order(faults + [fault for cls in classes for fault in linter.lint(cls)])
+
+
+def _in_order(faults: Iterable[Fault]) -> list[Fault]:
+    return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
 
 
 def class_place(cls: type) -> Place:

@@ -1,0 +1,47 @@
+"""`rosrun skiros2_skill lint`, as it is called in CI: no master, no world model."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+from support.ros import install_environment
+
+LIBRARIES = Path(__file__).parents[1] / "libraries"
+
+
+def lint(*arguments: str) -> subprocess.CompletedProcess[str]:
+    env = install_environment()
+    env["PYTHONPATH"] = os.pathsep.join([str(LIBRARIES), env["PYTHONPATH"]])
+    env["ROS_MASTER_URI"] = "http://127.0.0.1:1"  # where nobody is
+    command = ["rosrun", "skiros2_skill", "lint", *arguments]
+    return subprocess.run(command, env=env, cwd=LIBRARIES, capture_output=True, text=True, timeout=60)
+
+
+def test_the_installed_libraries_have_no_faults() -> None:
+    done = lint("skiros2_demo_skills", "skiros2_std_skills")
+    assert (done.stdout, done.stderr, done.returncode) == ("0 errors, 0 warnings\n", "", 0)
+
+
+def test_faults_are_told_with_file_and_line_from_here() -> None:
+    done = lint("faulty_skills")
+    assert done.returncode == 1
+    *lines, summary = done.stdout.splitlines()
+    assert summary == "21 errors, 6 warnings"
+    assert len(lines) == 27
+    assert all(line.startswith("faulty_skills/") for line in lines)
+
+
+def test_faults_as_json() -> None:
+    faults = json.loads(lint("faulty_skills", "--json").stdout)
+    assert {"severity", "code", "skill", "text", "file", "line"} == set(faults[0])
+
+
+def test_a_package_that_is_not_there_is_wrong_usage() -> None:
+    done = lint("nobodys_skills")
+    assert (done.stderr, done.returncode) == (
+        "lint: library 'nobodys_skills': there is no Python package of that name\n",
+        2,
+    )

@@ -62,6 +62,17 @@ def test_a_module_that_cannot_be_imported_is_reported_with_its_cause_and_the_res
     assert "No module named 'no_such_thing'" in loader.failures["lib_broken.worse"]
 
 
+def test_a_module_that_exits_is_reported_like_any_other(package, tmp_path):
+    """As a script without a guard does; also when it is a package."""
+    leaves = "import sys\nsys.exit('nothing to do')\n"
+    name = package("lib_exits", arm=PLUGIN.format("Arm"), script=leaves, tools__arm=PLUGIN.format("Arm"))
+    (tmp_path / name / "tools" / "__init__.py").write_text(leaves)
+    loader = PluginLoader()
+    assert [p.__name__ for p in loader.load(name, Base)] == ["Arm"]
+    assert "line 2: SystemExit: nothing to do" in loader.failures["lib_exits.script"]
+    assert "SystemExit: nothing to do" in loader.failures["lib_exits.tools"]
+
+
 def test_a_package_that_does_not_exist_is_a_configuration_error_that_names_it():
     with pytest.raises(ConfigurationError, match="library 'no_such_library': there is no Python package of that name"):
         PluginLoader().load("no_such_library", Base)

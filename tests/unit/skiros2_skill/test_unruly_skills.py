@@ -1,5 +1,6 @@
 """Skills whose code does what it should not: each fails by itself with a clear message, and the next task runs."""
 
+import sys
 import threading
 
 import numpy as np
@@ -24,6 +25,10 @@ from unit.skiros2_skill.skills import (
 
 def raises(*_):
     raise RuntimeError("out of coffee")
+
+
+def exits(*_):
+    sys.exit("I am off")
 
 
 def compound(**body):
@@ -69,6 +74,28 @@ def test_a_sibling_may_do_what_a_skill_that_raised_did_not(bench):
     assert bench.run(Skill("", Selector())(bench.node("bad"), bench.node("good"))).state is State.Success
 
 
+@pytest.mark.parametrize(
+    ("hook", "code"), [("onStart", -404), ("execute", -405), ("onEnd", -405), ("onPreempt", -406), ("run", -405)]
+)
+def test_a_skill_that_exits_ends_itself_alone(bench, hook, code):
+    """`sys.exit()` is no `Exception`; it would end the thread that ticks, silently."""
+    if hook == "run":
+        create = lambda self: self.setDescription(describe("Off")(), "off")  # noqa: E731
+        bench.load(type("off", (PrimitiveThreadBase,), {"createDescription": create, "run": exits}))
+    else:
+        hooks = {"execute": lambda self: self.step() if hook == "onPreempt" else self.success(), hook: exits}
+        bench.load(primitive(describe("Off"), "off", **hooks))
+    task = bench.task(bench.node("off"))
+    task.tick()
+    if hook == "onPreempt":
+        task.preempt()
+    task.run()
+    assert task.state is State.Failure
+    assert node_of(task).progress_code == code
+    assert "SystemExit: I am off" in node_of(task).progress_msg
+    assert runs_on(bench)
+
+
 @pytest.mark.parametrize(("kind", "code"), [("pre", -404), ("hold", -405), ("post", -405)])
 def test_a_condition_that_raises_fails_its_skill_alone(bench, kind, code):
     """As exceptions in hooks do: the rest of the task goes on."""
@@ -111,13 +138,14 @@ def test_a_processor_of_a_library_that_raises_fails_its_node_alone(bench):
     assert unruly.children[0].state is State.Failure
 
 
+@pytest.mark.parametrize(("what", "said"), [(raises, "RuntimeError: out of coffee"), (exits, "SystemExit: I am off")])
 @pytest.mark.parametrize("hook", ["createDescription", "onInit", "modifyDescription", "__init__"])
-def test_a_skill_that_cannot_be_loaded_says_where_and_the_rest_loads(bench, hook):
+def test_a_skill_that_cannot_be_loaded_says_where_and_the_rest_loads(bench, hook, what, said):
     unruly = primitive(Work, "unruly")
-    setattr(unruly, hook, raises)
-    with pytest.raises(ConfigurationError, match=rf"{__name__}.unruly.*|out of coffee") as refused:
+    setattr(unruly, hook, what)
+    with pytest.raises(ConfigurationError, match="unruly cannot be loaded") as refused:
         bench.load(unruly)
-    assert "RuntimeError: out of coffee" in str(refused.value)
+    assert said in str(refused.value)
     assert f"{__file__}, line " in str(refused.value)
     assert runs_on(bench)
 

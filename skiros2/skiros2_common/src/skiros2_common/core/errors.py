@@ -55,3 +55,7 @@ class TimedOut(SkirosError, TimeoutError):
 
 class ConfigurationError(SkirosError, ValueError):
     """A mistake in launch parameters, files or names, which no restart mends."""
+
+
+#: What code of libraries may raise without ending the thread or the node that calls it; `sys.exit()` is an exception.
+FOREIGN_ERRORS = (Exception, SystemExit)

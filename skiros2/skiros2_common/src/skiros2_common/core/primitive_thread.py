@@ -6,6 +6,7 @@ import threading
 import traceback
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.primitive import PrimitiveBase
 
 
@@ -75,7 +76,7 @@ class PrimitiveThreadBase(PrimitiveBase):
                 raise TypeError(f"{self._label}.run returned {state!r}, expected success(...) or fail(...)")
             message, code = getattr(self._running, "report", ("", 0))
             outcome = (state, message, code)
-        except Exception:
+        except FOREIGN_ERRORS:
             outcome = (State.Failure, traceback.format_exc(), -405)
         finally:
             self._outcome = outcome

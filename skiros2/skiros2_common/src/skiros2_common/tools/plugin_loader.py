@@ -11,7 +11,7 @@ import traceback
 from types import ModuleType
 from typing import Any
 
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError
 
 log = logging.getLogger(__name__)
 
@@ -80,31 +80,27 @@ class PluginLoader:
             if error.name and (name == error.name or name.startswith(error.name + ".")):
                 raise ConfigurationError(f"library {name!r}: there is no Python package of that name") from None
             raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
-        except Exception as error:
+        except FOREIGN_ERRORS as error:
             raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
 
     def _modules(self, package: ModuleType) -> builtins.list[ModuleType]:
         modules = [package]
-        if not hasattr(package, "__path__"):
-            return modules
-        prefix = package.__name__ + "."
-        names = sorted(info.name for info in pkgutil.walk_packages(package.__path__, prefix, self._skip))
-        for name in names:
+        found = pkgutil.iter_modules(getattr(package, "__path__", []), package.__name__ + ".")
+        for name in sorted(info.name for info in found):
             try:
-                modules.append(importlib.import_module(name))
-            except Exception as error:
+                module = importlib.import_module(name)
+            except FOREIGN_ERRORS as error:
                 self._report(name, error)
+            else:
+                modules += self._modules(module)
         return modules
 
-    def _skip(self, name: str) -> None:
-        """walk_packages could not import a subpackage; `_modules` imports it again and reports it."""
-
-    def _report(self, name: str, error: Exception) -> None:
+    def _report(self, name: str, error: Exception | SystemExit) -> None:
         self.failures[name] = _cause(error)
         log.error("module %s cannot be imported and is skipped: %s", name, self.failures[name])
 
 
-def _cause(error: Exception) -> str:
+def _cause(error: Exception | SystemExit) -> str:
     """The error with the file and line it came from."""
     if isinstance(error, SyntaxError):
         return f"{error.filename}, line {error.lineno}: {error.msg}"

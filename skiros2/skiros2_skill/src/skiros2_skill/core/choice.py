@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Sequence
 from typing import Any
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, INFERENCE, PARAMETER, PRE, START
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
@@ -34,7 +34,7 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -
             failure = error.failure
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
-        except Exception:  # of a condition's own code
+        except FOREIGN_ERRORS:  # of a condition's own code
             failure = Failure(EXCEPTION, START_RAISED, traceback.format_exc())
         else:
             node.slots = slots

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, POST, START
 from skiros2_common.core.mutations import mutations
 from skiros2_skill.core import blackboard
@@ -231,7 +231,7 @@ class Executor:
             state: State = node._processor.processChildren(node._children, self)
         except (LeftBehind, Break):
             raise
-        except Exception as error:  # of a processor, or a node, with code of its own
+        except FOREIGN_ERRORS as error:  # of a processor, or a node, with code of its own
             return self._hooks.raised(node, error, EXECUTE_RAISED)
         if not node.runs_after_children:
             return state

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
@@ -73,7 +73,7 @@ def unmet(stage: str, conditions: Sequence[Any], params: ParamHandler, wmi: Any)
         text = "; ".join(_told(c, params, wmi) for c in failed)
     except SkirosError as error:
         return Failure(stage, code, f"{words}: {error}")
-    except Exception:
+    except FOREIGN_ERRORS:
         return Failure(EXCEPTION, raised, traceback.format_exc())
     return Failure(stage, code, f"{words}: {text}", conditions=failed, params=params)
 

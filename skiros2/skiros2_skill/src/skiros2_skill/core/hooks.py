@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State, as_state
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
 from skiros2_skill.core.failures import (
@@ -61,7 +62,7 @@ class Hooks:
                 self.inside.leave(notes)
         except LeftBehind:
             raise
-        except Exception as error:
+        except FOREIGN_ERRORS as error:
             return self.raised(node, error, EXECUTE_RAISED, late)
         if answer is _RUNNING or answer is _SUCCESS:
             return _SUCCESS if answer is _SUCCESS else _RUNNING
@@ -84,7 +85,7 @@ class Hooks:
                 self.inside.leave(notes)
         except LeftBehind:
             raise
-        except Exception as error:
+        except FOREIGN_ERRORS as error:
             self.raised(node, error, code, late)
             return RAISED
 
@@ -125,7 +126,7 @@ class Hooks:
             self._failures.note(node, failure)
         return _FAILURE
 
-    def raised(self, node: SkillWrapper, error: Exception, code: int, late: bool = False) -> State:
+    def raised(self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False) -> State:
         """Tells and notes what the code of a node raised, in an `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
         message = str(error) if preempted else traceback.format_exc()

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.tools.plugin_loader import PluginLoader
@@ -88,7 +88,7 @@ class Implementation:
             loaded = instance.init(self._wmi, self._library)
         except SkirosError as error:
             raise ConfigurationError(f"skill {name} cannot be loaded: {error}") from error
-        except Exception as error:
+        except FOREIGN_ERRORS as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             raise ConfigurationError(
                 f"skill {name} cannot be loaded: {place.filename}, line {place.lineno}: {type(error).__name__}: {error}"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
 from skiros2_skill.core.breakpoints import Break, Breakpoints
@@ -175,7 +176,7 @@ class Task:
             return State.Running
         except LeftBehind:
             raise
-        except Exception as error:
+        except FOREIGN_ERRORS as error:
             log.exception("task %s: the tick raised; the task ends", self.id)
             return self._stop(EXCEPTION, f"the tick raised {type(error).__name__}: {error}")
 

@@ -3,20 +3,40 @@
 import pytest
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.conditions import ConditionBase
 from skiros2_common.core.explanation import (
+    ABOVE,
+    CHANGED,
+    DEFAULT,
     EXCEPTION,
     EXECUTE,
+    FIXED,
+    GIVEN,
     HOLD,
     INFERENCE,
+    INFERRED,
     PARAMETER,
     POST,
     PRE,
     PREEMPT,
     START,
+    UNSET,
     Explanation,
 )
-from skiros2_skill.core.skill import ParallelFf, RetryOnFail, Selector, Serial, Skill, SkillWrapper
-from unit.skiros2_skill.skills import CONTAINER, OBJECT, Take, Work, contains, describe, primitive, running_for
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.skill import ParallelFf, RetryOnFail, Selector, Serial, Skill, SkillBase, SkillWrapper
+from unit.skiros2_skill.skills import (
+    CONTAINER,
+    OBJECT,
+    OPTIONAL,
+    REQUIRED,
+    Take,
+    Work,
+    contains,
+    describe,
+    primitive,
+    running_for,
+)
 
 
 def raises(skill):
@@ -104,6 +124,178 @@ def test_the_path_leads_to_the_node_and_the_id_is_that_of_the_progress(bench):
     (shown,) = (node for node in task.progress() if node.label == "work")
     assert only(task).path == ["outer", "|ff|", "work"]
     assert only(task).node == shown.id > 0
+
+
+# -- where the values came from ----------------------------------------------------------------------------------------
+
+
+TEXT = ("Text", str, OPTIONAL)
+FAILING = describe("Failing", [TEXT])
+
+
+def failing(bench, description=FAILING, **hooks):
+    """A skill that fails."""
+    bench.load(primitive(description, "failing", **{"execute": lambda s: s.fail("no", 1), **hooks}))
+
+
+def within(bench, expand, params=(TEXT,)):
+    """A compound with this `expand`."""
+    described = describe("Outer", params)
+
+    class outer(SkillBase):
+        def createDescription(self):
+            self.setDescription(described(), "outer")
+
+        def expand(self, skill):
+            expand(self, skill)
+
+    bench.load(outer)
+    return "outer"
+
+
+def origin(task, key="Text"):
+    """Where the last failing node's parameter came from."""
+    (found,) = (o for o in task.explanations()[-1].params if o.key == key)
+    return (found.value, found.source, found.by)
+
+
+def test_a_value_was_given_by_the_one_who_started_the_task(bench):
+    failing(bench)
+    task = bench.run(bench.node("failing", Text="hi"))
+    assert origin(task) == ("'hi'", GIVEN, [])
+    assert origin(task, "Robot") == (repr(bench.robot), GIVEN, [])
+    assert "parameter Text = 'hi' (given)" in str(task.explanations()[0])
+
+
+def test_a_value_was_fixed_in_the_tree(bench):
+    failing(bench)
+    outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", specify={"Text": "fixed"})))
+    assert origin(bench.run(bench.node(outer))) == ("'fixed'", FIXED, [])
+
+
+def test_a_value_is_the_default_or_missing(bench):
+    failing(bench, describe("Failing", [("Text", "hello", REQUIRED), ("Other", str, OPTIONAL)]))
+    task = bench.run(bench.node("failing"))
+    assert origin(task) == ("'hello'", DEFAULT, [])
+    assert origin(task, "Other") == ("", UNSET, [])
+
+
+def test_a_value_came_from_the_compound_around(bench):
+    failing(bench)
+    outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", remap={"Text": "Words"})),
+                   [("Words", str, REQUIRED)])  # fmt: skip
+    assert origin(bench.run(bench.node(outer, Words="hi"))) == ("'hi'", ABOVE, ["outer"])
+
+
+def test_a_value_came_from_a_sibling(bench):
+    def produce(self):
+        self.params["Text"].value = "made"
+        return self.success()
+
+    failing(bench)
+    bench.load(primitive(describe("Produce", [TEXT]), "produce", execute=produce))
+    assert origin(bench.run(bench.node("produce"), bench.node("failing"))) == ("'made'", ABOVE, ["produce"])
+    outer = within(bench, lambda self, skill: skill(self.skill("Produce"), self.skill("Failing")))
+    assert origin(bench.run(bench.node(outer))) == ("'made'", ABOVE, ["produce"])
+
+
+def test_a_value_was_inferred_by_the_conditions_that_speak_of_it(bench):
+    never = lambda d: d.getPropCond("Heavy", "skiros:Weight", "Object", ">", 1.0, True)  # noqa: E731
+    failing(bench, describe("Failing", [CONTAINER, OBJECT], pre=[contains()], post=[never]), execute=State.Success)
+    task = bench.run(bench.node("failing", Object=bench.product))
+    assert task.explanations()[0].stage == POST
+    assert origin(task, "Container") == (repr(bench.tray), INFERRED, ["Contains"])
+    assert origin(task, "Object") == (repr(bench.product), GIVEN, [])
+
+
+def test_what_a_compound_inferred_reaches_its_children_with_its_name(bench):
+    failing(bench, describe("Failing", [("Container", Element("skiros:Container"), OPTIONAL)]))
+    described = describe("Fetch", [CONTAINER, OBJECT], pre=[contains()])
+
+    class fetch(SkillBase):
+        def createDescription(self):
+            self.setDescription(described(), "fetch")
+
+        def expand(self, skill):
+            skill(self.skill("Failing"))
+
+    bench.load(fetch)
+    task = bench.run(bench.node("fetch", Object=bench.product))
+    assert origin(task, "Container") == (repr(bench.tray), ABOVE, ["fetch"])
+
+
+def test_a_value_was_changed_by_the_skill_s_own_code_or_by_a_node_below(bench):
+    def change(self):
+        self.params["Text"].value = "mine"
+        return self.fail("no", 1)
+
+    failing(bench, execute=change)
+    assert origin(bench.run(bench.node("failing", Text="hi"))) == ("'mine'", CHANGED, [])
+    never = lambda d: d.getPropCond("Heavy", "skiros:Weight", "Robot", ">", 1.0, True)  # noqa: E731
+    described = describe("Outer", [TEXT], post=[never])
+
+    class outer(SkillBase):
+        def createDescription(self):
+            self.setDescription(described(), "outer")
+
+        def expand(self, skill):
+            skill(self.skill("Produce"))
+
+    def produce(self):
+        self.params["Text"].value = "made"
+        return self.success()
+
+    bench.load(outer, primitive(describe("Produce", [TEXT]), "produce", execute=produce))
+    assert origin(bench.run(bench.node("outer"))) == ("'made'", CHANGED, ["produce"])
+
+
+def test_a_refused_start_tells_where_the_values_came_from_for_each_implementation(bench):
+    bench.load(primitive(Take, "take_one"), primitive(Take, "take_two"))
+    node = SkillWrapper("Take", "", bench.library)
+    node.specifyParam("Object", bench.product)
+    node.specifyParam("Container", bench.other_tray)
+    (explanation,) = bench.run(node).explanations()
+    for tried in explanation.tried:
+        assert {o.key: o.source for o in tried.params} == {"Object": GIVEN, "Container": GIVEN, "Robot": GIVEN}
+
+
+# -- what a condition says of itself -----------------------------------------------------------------------------------
+
+
+def test_a_failed_condition_is_explained_and_told_in_one_line(bench):
+    bench.load(primitive(Take, "take"))
+    explanation = only(bench.run(bench.node("take", Object=bench.product, Container=bench.other_tray)))
+    (finding,) = explanation.findings
+    assert (finding.kind, finding.label) == ("ConditionRelation", "Contains")
+    assert finding.values == {"Container": repr(bench.other_tray), "Object": repr(bench.product)}
+    assert finding.found in explanation.message
+    assert "\n" not in explanation.message
+
+
+def test_an_empty_inference_has_the_candidates_of_each_parameter(bench):
+    empty = bench.add("skiros:LargeBox", "empty")
+    bench.load(primitive(Take, "take"))
+    explanation = only(bench.run(bench.node("take", Container=empty)))
+    (candidates,) = explanation.candidates
+    assert (candidates.key, candidates.total, candidates.emptied) == ("Object", 2, True)
+    assert str(candidates) in explanation.message
+
+
+def test_a_condition_whose_explanation_raises_is_told_by_its_description(bench):
+    class Broken(ConditionBase):
+        def holds(self, ph, wmi):
+            return False
+
+        def fact(self):
+            return "it is so"
+
+        def _nearest(self, ph, wmi):
+            raise RuntimeError("broken")
+
+    bench.load(primitive(describe("Odd", pre=[lambda d: Broken("Broken", "Robot", True)]), "odd"))
+    explanation = only(bench.run(bench.node("odd")))
+    assert explanation.message == "Pre-condition failed: [Broken] it is so"
+    assert [f.expected for f in explanation.findings] == ["[Broken] it is so"]
 
 
 # -- memory ------------------------------------------------------------------------------------------------------------

@@ -153,7 +153,8 @@ class Origin:
 
     :param value: as a text; "" when unset.
     :param source: `GIVEN`, `FIXED`, `DEFAULT`, `ABOVE`, `INFERRED`, `CHANGED` or `UNSET`.
-    :param by: for `ABOVE` the node that put it there, for `INFERRED` the conditions that speak of it.
+    :param by: for `ABOVE` the node that put it there, for `INFERRED` the conditions that speak of it, for `CHANGED` the
+        node below that did; [] when it was the skill's own code.
     """
 
     key: str
@@ -172,7 +173,7 @@ class Origin:
             return f"from {by}"
         if self.source == INFERRED:
             return f"inferred by {by}" if by else "inferred"
-        return "changed by the skill" if self.source == CHANGED else self.source
+        return f"changed by {by or 'the skill'}" if self.source == CHANGED else self.source
 
 
 @dataclass

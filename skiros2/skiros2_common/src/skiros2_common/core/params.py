@@ -33,6 +33,8 @@ class Param(Property):
         self._param_type = param_type
         self._default: list[Any] = list(self._values)
         self._last_update = 0.0
+        #: For the parameters of a running tree: values that a node below has put here, and its label.
+        self.given_by: tuple[list[Any] | None, str] = (None, "")
 
     @property
     def default(self) -> Any:

@@ -201,7 +201,14 @@ def _give(node: SkillInterface, param: Param) -> bool:
             node.printState(), param.key, name, error,
         )  # fmt: skip
         return False
+    above.given_by = (above._values, node._label)
     return True
+
+
+def giver_of(param: Param) -> str:
+    """The label of the node below that has put the values of a parameter there; "" when none has."""
+    values, label = param.given_by
+    return label if values is param._values else ""
 
 
 def _assign(param: Param, values: list[Any], name: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
@@ -16,6 +17,7 @@ from skiros2_skill.core.emptiness import candidates_of, told
 from skiros2_skill.core.failures import PRE_FAILED, START_RAISED, Failure, unmet
 from skiros2_skill.core.inference import infer, inferable
 from skiros2_skill.core.library import Implementation
+from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
@@ -27,8 +29,11 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -
     tried: list[Failure] = []
     for implementation in candidates:
         params = ParamHandler(implementation.declared.params.getCopy())
+        conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
+        slots: list[Slot] = []
         try:
-            slots = _found_params(node, params, implementation, wmi)
+            slots += blackboard.fix(node, params)
+            _find_params(node, slots, params, implementation.declared.params, conditions, wmi)
             _adopt(node, implementation, params)
         except DoesNotFit as error:
             failure = error.failure
@@ -46,6 +51,7 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -
             node.release()
             failure = refused
         failure.label = implementation.label
+        failure.origins = partial(origins, node, slots, conditions)
         tried.append(failure)
     if len(tried) == 1:
         return tried[0]
@@ -63,12 +69,15 @@ class DoesNotFit(SkirosError):
         self.failure = failure or Failure(stage, PRE_FAILED, text)
 
 
-def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Implementation, wmi: Any) -> list[Slot]:
-    """Sets the parameters that an implementation would run with: fixed, taken from above, inferred.
+def _find_params(
+    node: SkillWrapper, slots: list[Slot], params: ParamHandler, declared: ParamHandler, conditions: list[Any], wmi: Any
+) -> None:
+    """Sets the parameters that an implementation would run with: beside those that are fixed, from above and inferred.
 
+    :param declared: what the implementation declares.
+    :param conditions: the pre-conditions.
     :raises SkirosError: one does not fit, or a pre-condition does not hold.
     """
-    slots = blackboard.fix(node, params)
     blackboard.take(node, slots)
     given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
     blackboard.renew(slots, wmi)
@@ -76,8 +85,7 @@ def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Impl
         if value is not None and not params.getParamValues(key):
             raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, which is not in the scene")
 
-    conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
-    _check_classes(params, implementation.declared.params, wmi)
+    _check_classes(params, declared, wmi)
     unset = {param.key for param in inferable(params)}
     if unset:
         search = infer(params, conditions, wmi, _ids_above(node))
@@ -85,16 +93,14 @@ def _found_params(node: SkillWrapper, params: ParamHandler, implementation: Impl
             candidates = candidates_of(search)
             text = f"Pre-condition failed: {told(search, candidates)}"
             raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
-        _check_classes(params, implementation.declared.params, wmi)
-    failure = unmet(PRE, conditions, params, wmi)
-    if failure is not None:
-        raise DoesNotFit(PRE, failure.message, failure)
-
+        _check_classes(params, declared, wmi)
     for slot in slots:
         if slot.param.key in unset and slot.param.isSpecified():
             slot.source = Source.Inferred
         slot.known = slot.param.values
-    return slots
+    failure = unmet(PRE, conditions, params, wmi)
+    if failure is not None:
+        raise DoesNotFit(PRE, failure.message, failure)
 
 
 def _check_classes(params: ParamHandler, declared: ParamHandler, wmi: Any) -> None:

@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -44,7 +45,7 @@ class Failure:
     :param stage, code, message: as in `Explanation`.
     :param label: of the implementation; "" for that of the node.
     :param conditions: those that do not hold of `params`.
-    :param origins: where the values of the parameters came from.
+    :param origins: tells where the values of the parameters came from; None: those of the node.
     :param late: the node had failed or was ended already: this is not why.
     """
 
@@ -55,7 +56,7 @@ class Failure:
     conditions: Sequence[Any] = ()
     params: ParamHandler | None = None
     candidates: list[Candidates] = field(default_factory=list)
-    origins: list[Origin] = field(default_factory=list)
+    origins: Callable[[], list[Origin]] | None = None
     tried: Sequence[Failure] = ()
     late: bool = False
 
@@ -145,7 +146,7 @@ class Failures:
             path,
             self._findings(failure),
             failure.candidates,
-            failure.origins,
+            failure.origins() if failure.origins is not None else _origins(node),
             [self._explanation(node, tried, []) for tried in failure.tried],
             time.time(),
         )
@@ -162,6 +163,10 @@ class Failures:
                 wanted = condition.getDescription()
                 findings.append(Finding(type(condition).__name__, condition.label, {}, wanted, f"not {wanted}"))
         return findings
+
+
+def _origins(node: SkillInterface) -> list[Origin]:
+    return origins(node, node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
 
 
 def _path(node: SkillInterface) -> list[SkillInterface]:

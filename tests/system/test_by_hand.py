@@ -1,4 +1,4 @@
-"""The commands of the section "Run a skill by hand" of docs/skills.md, one after the other, with what they print there."""
+"""The section "Run a skill by hand" of docs/skills.md: its commands, one after the other, and what they print there."""
 
 import doctest
 import re
@@ -14,6 +14,7 @@ from support.ros import Ros, wait_until
 pytestmark = pytest.mark.timeout(180)
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs/skills.md"
+RESULT = "/test_robot/execute/result"
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -41,8 +42,7 @@ def test_the_commands_print_what_the_document_says(ros: Ros) -> None:
         for command, wanted in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE):
             program = ros.program("bash", "-c", command.removesuffix("&"))
             if command.endswith("&"):
-                topic = "/test_robot/execute/result"
-                wait_until(lambda: any("rostopic" in node for node in ros.master.subscribers(topic)), what=command)
+                wait_until(lambda: any("rostopic" in n for n in ros.master.subscribers(RESULT)), what=command)
                 waiting.append(program)
                 continue
             printed = ""

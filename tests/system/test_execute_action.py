@@ -1,13 +1,16 @@
 """The action `~execute` and the service `~why` of a skill manager, on real nodes."""
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import actionlib
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
+from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import EXECUTE, INFERENCE, START
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
@@ -284,6 +287,65 @@ def test_the_tick_rate_is_that_of_the_parameter(ros):
     rate = wait_until(lambda: len(client._tick_times) >= 6 and client.get_tick_rate(), what="ticks")
     assert 4.0 < rate < 6.0
     client.shutdown()
+
+
+# -- managers that die, goals that are odd ----------------------------------------------------------------------------
+
+
+def test_a_goal_of_a_manager_that_was_killed_is_known_to_be_lost(ros, robot):
+    run = robot.run([skill(robot, "stay")])
+    task = run.wait_for_task(30)
+    ros.kill_node(ROBOT)  # it is started anew
+    result = run.result(60)
+    assert (result.task_id, result.state) == (task, msgs.SkillProgress.FAILURE)
+    assert "it was started anew" in result.message
+    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
+    assert robot.execute(skill_list=[skill(robot, "add", B=1.0)]) >= 0, "commands reach the new one too"
+
+
+def test_a_manager_that_is_gone_is_not_waited_for(ros, robot):
+    run = robot.run([skill(robot, "stay")])
+    run.wait_for_task(30)
+    pid = ros.master.node_pid(ROBOT)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        with pytest.raises(TimedOut, match="has said nothing for 5 s"):
+            run.result()
+        with pytest.raises(TimedOut, match=r"no result within 0\.1 s"):
+            run.result(0.1)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def test_a_cancellation_that_comes_before_its_goal_or_for_none_harms_nobody(ros, robot):
+    run = robot.run([skill(robot, "stay")])
+    run.wait_for_task(30)
+    results = ros.messages(f"{ROBOT}/execute/result", msgs.ExecuteSkillsActionResult)
+    status = ros.messages(f"{ROBOT}/execute/status", GoalStatusArray)
+    cancel = rospy.Publisher(f"{ROBOT}/execute/cancel", GoalID, queue_size=10)
+    goals = rospy.Publisher(f"{ROBOT}/execute/goal", msgs.ExecuteSkillsActionGoal, queue_size=10)
+    wait_until(lambda: cancel.get_num_connections() and goals.get_num_connections(), what="the manager")
+    wait_until(results._subscriber.get_num_connections, what="the manager's results")
+    cancel.publish(GoalID(id="nobody's"))
+    cancel.publish(GoalID(id="early"))
+    goal = msgs.ExecuteSkillsGoal("tests", [skill(robot, "stay").toMsg()])
+    status.wait_for(lambda m: any(s.goal_id.id == "early" for s in m.status_list))
+    goals.publish(msgs.ExecuteSkillsActionGoal(goal_id=GoalID(id="early"), goal=goal))
+    early = results.wait_for(lambda m: m.status.goal_id.id == "early")
+    assert early.status.status == GoalStatus.RECALLED
+    for _ in range(2):  # the second one is the first one
+        goals.publish(msgs.ExecuteSkillsActionGoal(goal_id=GoalID(id="twice"), goal=goal))
+    cancel.publish(GoalID(id="twice"))
+    results.wait_for(lambda m: m.status.goal_id.id == "twice")
+    assert not run.done
+    cancel.unregister()
+    goals.unregister()
+
+
+def test_a_hundred_goals_at_once_are_all_answered(robot):
+    runs = [robot.run([skill(robot, "add", A=float(number), B=1.0)]) for number in range(100)]
+    assert [run.params(60)["Sum"].value for run in runs] == [number + 1.0 for number in range(100)]
+    assert len({run.task for run in runs}) == 100
 
 
 def boxed_product(wmi):

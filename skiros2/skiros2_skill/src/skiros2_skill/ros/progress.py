@@ -10,6 +10,7 @@ from typing import Any
 import rospy
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
@@ -120,6 +121,6 @@ def param_messages(params: Mapping[str, Param]) -> list[Any]:
     for param in params.values():
         try:
             made.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
-        except (TypeError, ValueError, RecursionError) as error:
+        except (SkirosError, TypeError, ValueError, RecursionError) as error:
             log.debug("parameter %r does not travel: %s", param.key, error)
     return made

@@ -11,7 +11,6 @@ import rospy
 from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import SkirosError, UnknownName
-from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.history import History
@@ -21,7 +20,7 @@ from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
-from skiros2_skill.ros.progress import ProgressPublisher
+from skiros2_skill.ros.progress import ProgressPublisher, param_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_skill.ros.task_starter import TaskStarter
@@ -131,7 +130,7 @@ class SkillManager(DiscoverableNode):
         self._ready.wait()
         return srvs.ResourceGetDescriptionsResponse(
             [
-                msgs.ResourceDescription(i.type, i.label, utils.serializeParamMap(i.declared.params))
+                msgs.ResourceDescription(i.type, i.label, param_messages(i.declared.params.getParamMap()))
                 for i in self._library.implementations()
             ]
         )

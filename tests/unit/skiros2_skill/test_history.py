@@ -1,0 +1,99 @@
+"""What a manager remembers of its tasks, for those who ask why."""
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.explanation import EXECUTE
+from skiros2_skill.core.history import REFUSED, History, Record, one_line
+from unit.skiros2_skill.skills import Work, primitive
+
+
+@pytest.fixture
+def history():
+    return History()
+
+
+def ended(bench, task_id, execute=State.Success):
+    """A task with that id, which has ended."""
+    bench.load(primitive(Work, f"work {task_id}", execute=execute))
+    task = bench.task(bench.node(f"work {task_id}"))
+    task.id = task_id
+    return task.run(1)
+
+
+def refused(message):
+    return Record(REFUSED, "tests", State.Idle, -1, message)
+
+
+def test_a_task_that_has_failed_tells_code_message_and_reasons(bench, history):
+    record = history.end(ended(bench, 3, lambda s: s.fail("no grip", 7)))
+    assert (record.state, record.code, record.preempted) == (State.Failure, -7, False)
+    assert record.message == "skiros:Work-work 3(Failure): no grip"
+    assert [(e.stage, e.code, e.message) for e in record.explanations] == [(EXECUTE, -7, "no grip")]
+    assert history.get(3) is record
+    assert str(record).splitlines()[0].endswith("has failed: skiros:Work-work 3(Failure): no grip")
+
+
+def test_a_task_that_has_succeeded_has_the_code_1(bench, history):
+    record = history.end(ended(bench, 3))
+    assert (record.state, record.code, record.message, record.explanations) == (State.Success, 1, "Success", [])
+    assert str(record).endswith("has succeeded: Success")
+
+
+def test_a_task_that_was_preempted_says_so(bench, history):
+    bench.load(primitive(Work, "work", execute=State.Running))
+    task = bench.task(bench.node("work"))
+    task.tick()
+    task.preempt()
+    record = history.end(task.run())
+    assert (record.code, record.message, record.preempted) == (-1, "Preempted", True)
+
+
+def test_a_task_that_runs_is_asked_itself(bench, history):
+    bench.load(primitive(Work, "work", execute=State.Running))
+    task = bench.task(bench.node("work"))
+    history.begin(task)
+    task.tick()
+    assert history.get(task.id).state is State.Running
+    assert str(history.get(task.id)).endswith("runs: nothing has failed")
+    task.preempt()
+    task.run()
+    assert history.get(task.id).preempted, "also between its end and the call of `end`"
+
+
+def test_the_task_that_failed_or_was_refused_last_is_found_without_its_id(bench, history):
+    with pytest.raises(UnknownName, match="no task has failed or was refused"):
+        history.get(-1)
+    failed = history.end(ended(bench, 1, lambda s: s.fail("no grip", 7)))
+    history.end(ended(bench, 2))
+    assert history.get(-1) is failed
+    history.refuse(refused("no such skill"))
+    history.end(ended(bench, 3))
+    assert history.get(-1).message == "no such skill"
+    assert str(history.get(-1)) == "a task by tests was refused: no such skill"
+
+
+def test_the_last_one_of_several_with_an_id_counts(bench, history):
+    history.end(ended(bench, 1, lambda s: s.fail("no grip", 7)))
+    bench.load(primitive(Work, "another", execute=State.Success))
+    again = bench.task(bench.node("another"))
+    again.id = 1
+    history.end(again.run())
+    assert history.get(1).state is State.Success
+
+
+def test_the_last_ones_are_kept(bench):
+    history = History(kept=2)
+    for task_id in range(3):
+        history.end(ended(bench, task_id))
+    assert [history.get(task_id).task_id for task_id in (1, 2)] == [1, 2]
+    with pytest.raises(UnknownName, match="task 0 neither runs nor is it among the last 2 that have ended"):
+        history.get(0)
+
+
+def test_a_message_of_several_lines_is_told_in_one():
+    trace = "Traceback (most recent call last):\n  File ...\n\nValueError: broken\n"
+    assert one_line(trace) == "Traceback (most recent call last): ValueError: broken"
+    assert one_line("plain") == "plain"
+    assert one_line(" \n") == ""

@@ -1,0 +1,103 @@
+"""From the skills in a message to a task; what of a task travels."""
+
+import io
+import json
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.explanation import START
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.ros.utils import serializeParamMap
+from skiros2_msgs import msg as msgs
+from skiros2_skill.core.history import History
+from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.ros.progress import param_messages, wire_code, wire_text
+from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter
+from skiros2_world_model.core.world_model_abstract_interface import WmException
+from unit.skiros2_skill.skills import Note, primitive
+
+
+@pytest.fixture
+def ticker():
+    ticker = Ticker()
+    yield ticker
+    ticker.stop()
+
+
+@pytest.fixture
+def history():
+    return History()
+
+
+@pytest.fixture
+def starter(bench, ticker, history):
+    bench.load(primitive(Note, "note", execute=State.Success))
+    return TaskStarter(bench.library, bench.wmi, ticker, history, lambda: bench.robot)
+
+
+def description(stype="Note", **values):
+    params = {key: Param(key, "", value, ParamTypes.Required) for key, value in values.items()}
+    return msgs.ResourceDescription(stype, "", serializeParamMap(params))
+
+
+def test_a_task_is_made_and_waits_for_its_start(starter, ticker, history):
+    task = starter.make("tests", [description(Text="a"), description(Text="b")])
+    assert [node.type for node in task.root.children] == ["skiros:Note", "skiros:Note"]
+    assert task.paused
+    assert history.get(task.id).author == "tests"
+    ticker.start(task.id)
+    assert task.ended.wait(10)
+    assert task.state is State.Success
+
+
+def test_a_task_that_is_refused_is_kept_with_the_reason(starter, ticker, history):
+    with pytest.raises(TaskRefused, match="required parameter 'Text' \\(str\\) is not set") as refused:
+        starter.make("tests", [description()])
+    assert history.get(-1) is refused.value.record
+    (why,) = refused.value.record.explanations
+    assert (why.stage, why.type, why.node) == (START, "Note", -1)
+    assert ticker.tasks() == []
+
+
+def test_the_first_skill_that_cannot_run_is_named_among_several(starter, history):
+    with pytest.raises(TaskRefused, match="no skill of type skiros:Nothing"):
+        starter.make("tests", [description(Text="a"), description("Nothing")])
+    assert history.get(-1).explanations[0].type == ":Root"
+
+
+def test_an_error_of_our_own_reaches_the_client(starter, bench, monkeypatch, caplog):
+    def fail():
+        raise ZeroDivisionError("of our own")
+
+    monkeypatch.setattr(bench.wmi, "catch_up", fail)
+    with pytest.raises(TaskRefused, match="internal error: ZeroDivisionError: of our own"):
+        starter.make("tests", [description(Text="a")])
+    assert "a task of tests" in caplog.text
+
+
+def test_a_world_model_that_does_not_answer_is_the_reason(starter, bench, monkeypatch):
+    def fail():
+        raise WmException("service /wm/get does not answer")
+
+    monkeypatch.setattr(bench.wmi, "catch_up", fail)
+    with pytest.raises(TaskRefused, match="service /wm/get does not answer"):
+        starter.make("tests", [description(Text="a")])
+
+
+# -- what travels -----------------------------------------------------------------------------------------------------
+
+
+def test_parameters_that_json_cannot_hold_stay_behind():
+    params = {"good": Param("good", "", 1, ParamTypes.Required), "bad": Param("bad", "", {1, 2}, ParamTypes.Required)}
+    (sent,) = param_messages(params)
+    assert json.loads(sent.param)["key"] == "good"
+
+
+@pytest.mark.parametrize("text", ["plain", "ünïcode", "half \udcff of a letter"])
+def test_any_text_can_be_sent(text):
+    msgs.SkillProgress(progress_message=wire_text(text)).serialize(io.BytesIO())
+
+
+def test_codes_are_kept_within_their_type():
+    assert [wire_code(code) for code in (-100_000, -404, 7, 100_000)] == [-32768, -404, 7, 32767]

@@ -218,19 +218,32 @@ class ConditionBase:
             return f"parameter {key!r} is {self._name(key)}"
         return "" if wmi.find_element(value.id) is not None else f"{value!r} is not in the scene"
 
-    def _others(self, key: str, ph: ParamHandler, wmi: Any, prop: str = "", value: Any = "") -> Iterator[Element]:
+    def _others(
+        self,
+        key: str,
+        ph: ParamHandler,
+        wmi: Any,
+        having: tuple[str, Any] | None = None,
+        ids: Iterable[str] | None = None,
+    ) -> Iterator[Element]:
         """The elements of the scene that a parameter could hold instead, ordered by id.
 
-        :param prop, value: only those with that value of a property.
+        :param having: a property and a value: only those that have it.
+        :param ids: only those of these.
         """
         param = ph._params.get(key)
         if param is None or not param.is_element:
             return
         wanted = Element(param.element_type)
-        if prop:
-            wanted.setProperty(prop, value)
+        if having is not None:
+            wanted.setProperty(*having)
+        if ids is None:
+            found = wmi.resolve_elements(wanted)
+        else:
+            known = (wmi.find_element(eid) for eid in set(ids))
+            found = [e for e in known if e is not None and (not wanted.type or e.isInstance(wanted, wmi))]
         present = {value.id for value in param.values}
-        for element in sorted(wmi.resolve_elements(wanted), key=lambda e: id_order(e.id)):
+        for element in sorted(found, key=lambda e: id_order(e.id)):
             if element.id not in present:
                 yield element
 

@@ -129,7 +129,8 @@ class ConditionProperty(_OfProperty):
         return f"{'' if self._desired_state else 'not '}{compared}{self._desired_value!r}"
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        others = self._others(self._subject_key, ph, wmi, self._property if self.is_value else "", self._desired_value)
+        having = (self._property, self._desired_value) if self.is_value else None
+        others = self._others(self._subject_key, ph, wmi, having)
         fitting = (e for e in others if self._holds_of(e) == self._desired_state)
         return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 

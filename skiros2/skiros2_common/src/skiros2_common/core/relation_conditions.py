@@ -114,10 +114,14 @@ class ConditionRelation(ConditionBase):
             return []  # a reasoner may take long
         state = self._desired_state
         relation = self._relation if state else f"not {self._relation}"
-        subjects = (e for e in self._others(self._subject_key, ph, wmi) if self._links(e, obj, wmi) == state)
-        near = some(subjects, f"{relation} {self._name(self._object_key)}")
-        if subj.id and state:
-            objects = (e for e in self._others(self._object_key, ph, wmi) if self._links(subj, e, wmi))
+        is_indexed = state and not self.abstract
+        ids = [r["src"] for r in wmi.get_relations("", self._relation, obj.id)] if is_indexed and obj.id else None
+        subjects = self._others(self._subject_key, ph, wmi, ids=ids)
+        fitting = (e for e in subjects if self._links(e, obj, wmi) == state)
+        near = some(fitting, f"{relation} {self._name(self._object_key)}")
+        if subj.id and is_indexed:
+            ids = [r["dst"] for r in wmi.get_relations(subj.id, self._relation, "")]
+            objects = self._others(self._object_key, ph, wmi, ids=ids)
             near += some(objects, f"{self._name(self._subject_key)} {relation} it")
         return near[:MOST_NAMED]
 

@@ -9,8 +9,12 @@ from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
+from skiros2_common.core.property import Property
+from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE
 from skiros2_common.core.world_element import Element
+from skiros2_skill.core.devices import DEVICE_HOLDER, free_former_devices
 from skiros2_skill.core.library import Implementation
+from skiros2_world_model.core.wills import Bequest
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +42,31 @@ class Registration:
         """The robot as it is now."""
         found: Element = self._wmi.get_element(self.robot_id)
         return found
+
+    def enter(self, implementations: Iterable[Implementation]) -> bool:
+        """Enters robot and skills where the world model has not got them, or not any more. Returns whether it had not.
+
+        Before that it leaves what is to be done when the manager is gone; what a former life of it has left is done.
+
+        :raises ConfigurationError: the robot cannot be found or made.
+        :raises WmException: the world model refuses, or does not answer.
+        """
+        self._wmi.leave_will(self._will())
+        self._wmi.catch_up()
+        if self.stands():
+            return False
+        free_former_devices(self._wmi)
+        self.register_robot()
+        self.register_skills(implementations)
+        return True
+
+    def leave(self) -> None:
+        """Takes the skills away, and with them the last will.
+
+        :raises WmException: the world model refuses, or does not answer; the will stands then.
+        """
+        self.remove_skills()
+        self._wmi.leave_will([])
 
     def register_robot(self) -> None:
         """Finds the robot in the scene, or makes it from its template, and places it.
@@ -76,7 +105,20 @@ class Registration:
     def remove_skills(self) -> None:
         """Takes away all skills of the robot, with their parameters and conditions."""
         for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""):
-            self._wmi.remove_element(self._wmi.get_element(relation["dst"]), True, "skiros:skillProperty")
+            skill = self._wmi.find_element(relation["dst"])
+            if skill is not None:  # else the last will of an earlier life has just taken it
+                self._wmi.remove_element(skill, True, "skiros:skillProperty")
+
+    def _will(self) -> list[Bequest]:
+        """What is to be done when the manager is gone: its skills go, its devices are free."""
+        free = {
+            DEVICE_STATE: Property(DEVICE_STATE, DEVICE_IDLE),
+            DEVICE_HOLDER: Property(DEVICE_HOLDER, str),
+        }
+        return [
+            Bequest(DEVICE_HOLDER, self._manager, properties=free),
+            Bequest("skiros:SkillMgr", self._manager, "skiros:hasSkill", "skiros:skillProperty"),
+        ]
 
     def _instantiate(self) -> Element:
         relation = {"src": SCENE_ID, "type": "skiros:contain", "dst": "-1", "state": True, "abstract": False}

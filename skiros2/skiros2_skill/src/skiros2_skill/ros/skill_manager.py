@@ -24,6 +24,7 @@ from skiros2_skill.ros.progress import ProgressPublisher, param_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_skill.ros.task_starter import TaskStarter
+from skiros2_world_model.core.wills import author_of_will
 
 log = logging.getLogger(__name__)
 
@@ -81,8 +82,7 @@ class SkillManager(DiscoverableNode):
 
         :raises ConfigurationError: the robot cannot be found or made.
         """
-        self._registration.register_robot()
-        self._registration.register_skills(self._library.implementations())
+        self._registration.enter(self._library.implementations())
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
@@ -116,7 +116,7 @@ class SkillManager(DiscoverableNode):
         self._wmi.remove_listener(self._on_world_change)
         with self._registering:
             try:
-                self._registration.remove_skills()
+                self._registration.leave()
             except SkirosError as error:
                 log.info("the skills of %s stay in the world model: %s", self._registration.robot_id, error)
         self._progress.close()
@@ -196,7 +196,8 @@ class SkillManager(DiscoverableNode):
         if self._ticker is not None:
             self._ticker.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
-        if change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
+        was_buried = change.author == author_of_will(rospy.get_name())  # out of reach for long, but alive
+        if was_buried or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
             # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the
             # last change only. Not in this thread: it is the one that brings changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()
@@ -207,10 +208,7 @@ class SkillManager(DiscoverableNode):
             if self._ticker is None:
                 return
             try:
-                if self._registration.stands():
-                    return
-                self._registration.register_robot()
-                self._registration.register_skills(self._library.implementations())
-                log.info("the world model has another scene: %s is registered again", self._registration.robot_id)
+                if self._registration.enter(self._library.implementations()):
+                    log.info("the world model had not got %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)

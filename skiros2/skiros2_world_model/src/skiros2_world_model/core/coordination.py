@@ -12,6 +12,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Expect, Operation, Outcome
 from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 #: How often a wait looks again without a change (s): for relations that reasoners compute, and for the node's end.
@@ -41,6 +42,16 @@ class Coordination(ABC):
     @abstractmethod
     def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
         """What the journal tells of the changes of an element."""
+
+    @abstractmethod
+    def leave_will(self, bequests: Sequence[Bequest]) -> None:
+        """Leaves what is to become of elements when the node of this process is gone without having taken it back.
+
+        It takes the place of what the node has left before, also of an earlier life of it, which is carried out then.
+
+        :param bequests: what becomes of which elements; none takes back what was left.
+        :raises WmException: the world model refuses, or does not answer.
+        """
 
     @abstractmethod
     def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:

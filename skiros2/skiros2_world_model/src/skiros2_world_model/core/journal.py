@@ -27,6 +27,9 @@ Content = tuple[str, Scene, Iterable[str], str]
 
 _RUNNING, _ENDED = "running", "ended"
 
+#: What the keys of notes of others begin with.
+_KEPT = "kept "
+
 
 class Journal:
     """The journal that a world model writes. Used under the world model's lock; housekeeping has a thread of its own.
@@ -131,9 +134,24 @@ class Journal:
         with JournalTransaction(self._file) as transaction:
             transaction.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
 
+    # -- notes -------------------------------------------------------------------------------------------------
+
+    def keep(self, key: str, text: str) -> None:
+        """Notes something beside the contexts. It is gone when a world model does not go on from the journal.
+
+        :raises Refused: the journal cannot be written.
+        """
+        with JournalTransaction(self._file) as transaction:
+            transaction.db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_KEPT + key, text))
+
+    def kept(self, key: str) -> str:
+        """What was noted; "" when nothing was."""
+        return str(read_note(self._file.writer, _KEPT + key) or "")
+
     def _start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
         with self.request(made, made.version, "start", "") as writer:
             writer.clear()
+            writer.db.execute("DELETE FROM meta WHERE key LIKE ?", (f"{_KEPT}%",))
             for content in contents:
                 writer.whole(*content)
             _note(writer.db, session=session, state=_RUNNING, origin=self._origin)

@@ -15,6 +15,7 @@ from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.validation import validate
+from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -61,6 +62,9 @@ class LocalWorldModel(WorldModelAbstractInterface):
         """Writes a context to a file of the workspace."""
         with _wm_errors():
             self.model.save(filename, context)
+
+    def leave_will(self, bequests: Sequence[Bequest]) -> None:
+        """Nothing is left to be done: the world model ends with the process that it is in."""
 
     @property
     def version(self) -> int:

@@ -24,12 +24,14 @@ from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.statement import Statement
+from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
+from skiros2_world_model.ros.will_messages import will_request
 from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
@@ -53,6 +55,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self._snapshot_service = ServicePool(f"{self._server}/snapshot", srvs.WmSnapshot)
         self._history_service = ServicePool(f"{self._server}/history", srvs.WmHistory)
         self._validation_service = ServicePool(f"{self._server}/validation", srvs.WmValidation)
+        self._last_will_service = ServicePool(f"{self._server}/last_will", srvs.WmLastWill)
         self._listeners: list[Callable[[Change], None]] = []
         self._monitor_cb: Callable[[Any], None] | None = None
         self._replica = Replica(self._fetch_scene) if make_cache else None
@@ -112,6 +115,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             if str(error) == no_element(eid, context_id):
                 return None
             raise
+
+    def leave_will(self, bequests: Sequence[Bequest]) -> None:
+        self._last_will_service.call(will_request(bequests))
 
     # -- the past ----------------------------------------------------------------------------------------------
 

@@ -16,12 +16,14 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
 from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.last_wills import LastWills
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import Node
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.errors import answering
 from skiros2_world_model.ros.history_service import answer_history
 from skiros2_world_model.ros.journal_parameters import open_journal
+from skiros2_world_model.ros.last_will_service import LastWillService
 from skiros2_world_model.ros.ontology_server import OntologyServices
 from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
 from skiros2_world_model.ros.reasoners import Reasoners
@@ -186,6 +188,7 @@ def serve_world_model() -> None:
     model = WorldModel(ontology_folder(), workspace_folder(), strict, journal, initial, triple_store())
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
+    _last_wills = LastWillService(LastWills(model, journal))
     if model.went_on:
         log.info("to start from the files instead: end the world model in order, or set journal_recover to never")
     origin = "its journal" if model.went_on else scene or "a blank scene"

@@ -125,6 +125,7 @@ def test_a_skill_s_changes_reach_the_world_model(robot, progress):
         ({"action": "start", "execution_id": 4711}, "no task 4711"),
         ({"action": "preempt", "execution_id": 4711}, "no task 4711"),
         ({"action": "pause", "execution_id": 4711}, "no task 4711"),
+        ({"action": "preempt", "execution_id": -2}, "no task -2 is here; ids begin at 0, and -1 means new or all"),
         ({"action": "dance", "execution_id": -1}, "unknown action 'dance', expected one of: start, preempt, pause"),
         (
             {"action": "start", "execution_id": -1, "skills": [msgs.ResourceDescription("skiros:Wiat", "", [])]},

@@ -48,6 +48,17 @@ def test_tasks_run_side_by_side_to_their_ends(ticker, skills):
     assert one.tasks() == []
 
 
+def test_all_tasks_are_paused_and_preempted_by_one_command(ticker, skills):
+    one = ticker()
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
+    one.pause_all()
+    assert all(task.paused for task in tasks)
+    one.preempt_all()
+    assert all(task.ended.wait(5) for task in tasks)
+    one.preempt_all()
+    assert one.tasks() == []
+
+
 def test_the_last_progress_of_a_task_has_its_end(ticker, skills):
     told, ended = [], threading.Event()
 

@@ -104,6 +104,19 @@ class Ticker:
         with self._lock:
             self._get(task_id).task.pause()
 
+    def preempt_all(self) -> None:
+        """Ends all tasks at once."""
+        with self._lock:
+            for scheduled in self._scheduled.values():
+                scheduled.task.preempt()
+                self._call(scheduled)
+
+    def pause_all(self) -> None:
+        """Stops ticking all tasks; they keep their states."""
+        with self._lock:
+            for scheduled in self._scheduled.values():
+                scheduled.task.pause()
+
     def get(self, task_id: int) -> Task:
         """The task with that id.
 
@@ -126,9 +139,7 @@ class Ticker:
         with self._lock:
             self._stopped = True
             self._watchdog.hurry(timeout)
-            for scheduled in self._scheduled.values():
-                scheduled.task.preempt()
-                self._call(scheduled)
+            self.preempt_all()
         self._watchdog.stop(2 * timeout)
 
     # -- wakes, from any thread --------------------------------------------------------------------------------

@@ -31,6 +31,9 @@ log = logging.getLogger(__name__)
 TICK_RATE = 25.0  # per second
 PREEMPT_TIMEOUT = 10.0  # s
 
+#: The id in a command that is for all tasks, or for a new one.
+ALL = -1
+
 
 class SkillManager(DiscoverableNode):
     """Offers a robot's skills over ROS. `start` when everything is loaded, `shutdown` at the end.
@@ -136,15 +139,18 @@ class SkillManager(DiscoverableNode):
         )
 
     def _on_command(self, request: Any) -> Any:
+        ticker = self._running()
         commands: dict[str, Callable[[Any], int]] = {
             request.START: self._on_start,
-            request.PREEMPT: lambda r: self._for_tasks(r.execution_id, self._running().preempt),
-            request.PAUSE: lambda r: self._for_tasks(r.execution_id, self._running().pause),
+            request.PREEMPT: lambda r: _for_tasks(r.execution_id, ticker.preempt, ticker.preempt_all),
+            request.PAUSE: lambda r: _for_tasks(r.execution_id, ticker.pause, ticker.pause_all),
             request.TICK_ONCE: lambda r: self._on_start(r, ticks=1),
         }
         try:
             if request.action not in commands:
                 raise UnknownName(f"unknown action {request.action!r}, expected one of: {', '.join(commands)}")
+            if request.execution_id < ALL:
+                raise UnknownName(f"no task {request.execution_id} is here; ids begin at 0, and -1 means new or all")
             task_id = commands[request.action](request)
         except SkirosError as error:
             text = f"{request.action} by {request.author or 'unknown'} refused: {error}"
@@ -159,21 +165,12 @@ class SkillManager(DiscoverableNode):
 
     def _on_start(self, request: Any, ticks: int = 0) -> int:
         ticker = self._running()
-        if request.execution_id >= 0:
+        if request.execution_id != ALL:
             ticker.start(request.execution_id, ticks)
             return int(request.execution_id)
         task = self._starter.make(request.author, request.skills)
         ticker.start(task.id, ticks)
         return task.id
-
-    def _for_tasks(self, execution_id: int, command: Callable[[int], None]) -> int:
-        """Gives a command to one task, or with -1 to all."""
-        if execution_id >= 0:
-            command(execution_id)
-        else:
-            for task in self._running().tasks():
-                command(task.id)
-        return execution_id
 
     def _on_debug(self, message: Any) -> None:
         self._progress.with_params = message.data
@@ -212,3 +209,12 @@ class SkillManager(DiscoverableNode):
                     log.info("the world model had not got %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
+
+
+def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:
+    """Gives a command to one task or to all. Returns the id."""
+    if execution_id == ALL:
+        all_tasks()
+    else:
+        one(execution_id)
+    return execution_id

@@ -1,0 +1,106 @@
+"""What is told of the tasks of a manager while they run."""
+
+import io
+import json
+
+import pytest
+import rospy
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_msgs import msg as msgs
+from skiros2_skill.ros.progress import ProgressPublisher
+from unit.skiros2_skill.skills import Note, primitive
+
+
+class Publisher:
+    """Stands in for rospy's: writes what is published, as rospy does, one message behind the other."""
+
+    def __init__(self, *args, **options):
+        self.connections = 1
+        self.buffer = io.BytesIO()
+        self.sent = []
+
+    def get_num_connections(self):
+        return self.connections
+
+    def publish(self, message):
+        start = self.buffer.tell()
+        message.serialize(self.buffer)
+        self.sent.append(self.buffer.getvalue()[start:])
+
+
+@pytest.fixture
+def progress(monkeypatch):
+    monkeypatch.setattr(rospy, "Publisher", Publisher)
+    return ProgressPublisher()
+
+
+@pytest.fixture
+def task(bench):
+    bench.load(primitive(Note, "note", execute=lambda skill: skill.step("on")))
+    task = bench.task(bench.node("note", Text="äöü"))
+    tick(task)
+    return task
+
+
+def tick(task):
+    task.tick()
+    task.take_changed()
+
+
+def read(sent):
+    return msgs.TreeProgress().deserialize(sent).progress
+
+
+def test_each_node_is_told_of(progress, task):
+    progress.tell(task)
+    root, note = read(progress._publisher.sent[0])
+    assert (root.type, root.id, root.state) == (":Root", task.id, msgs.SkillProgress.RUNNING)
+    assert (note.type, note.label, note.parent_id) == ("skiros:Note", "note", root.id)
+    assert (note.state, note.progress_code, note.progress_message) == (msgs.SkillProgress.RUNNING, 1, "on")
+    assert note.params == []
+
+
+def test_nothing_is_made_for_nobody(progress, task, monkeypatch):
+    progress._publisher.connections = 0
+    asked = []
+    monkeypatch.setattr(task, "progress", lambda: asked.append(1) or [])
+    assert progress.tell(task) == []
+    assert (asked, progress._publisher.sent) == ([], [])
+    progress.tell(task, wanted=True)
+    assert (asked, progress._publisher.sent) == ([1], [])
+
+
+def test_what_has_not_changed_is_not_written_again(progress, task, monkeypatch):
+    progress.tell(task)
+    with monkeypatch.context() as patch:
+        patch.setattr(task, "progress", lambda: pytest.fail("asked again"))
+        patch.setattr(msgs.TreeProgress, "serialize", lambda *_: pytest.fail("written again"))
+        progress.tell(task)
+    first, second = progress._publisher.sent
+    assert first == second
+    tick(task)
+    progress.tell(task)
+    assert [node.progress_code for node in read(progress._publisher.sent[2])] == [0, 2]
+
+
+def test_parameters_travel_when_asked_for_also_when_nothing_else_changes(progress, task):
+    progress.with_params = True
+    progress.tell(task)
+    task.root.children[0].params["Text"].value = "new"
+    progress.tell(task)
+    texts = []
+    for sent in progress._publisher.sent:
+        params = [json.loads(param.param) for param in read(sent)[1].params]
+        texts += [param["values"] for param in params if param["key"] == "Text"]
+    assert texts == [["äöü"], ["new"]]
+
+
+def test_of_a_task_that_has_ended_nothing_is_kept(progress, task):
+    progress.tell(task)
+    task.preempt()
+    tick(task)
+    progress.tell(task)
+    assert read(progress._publisher.sent[-1])[0].progress_code == -1
+    assert task.state is State.Failure
+    assert progress._told == {}

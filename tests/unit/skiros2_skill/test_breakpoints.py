@@ -53,7 +53,7 @@ def test_a_node_pauses_before_it_starts_and_starts_when_the_task_goes_on(bench, 
     assert calls == ["first", "second"]
 
 
-@pytest.mark.parametrize("pattern", ["second", "SECOND", "sec*", "skiros:Work-second", "*-second"])
+@pytest.mark.parametrize("pattern", ["second", "SECOND", "sec*", "skiros:Work-second", "work-second", "*-second"])
 def test_nodes_are_named_by_label_type_or_both_and_by_patterns(bench, breakpoints, task, pattern):
     bench.load(primitive(Work, "first"), primitive(Work, "second"))
     breakpoints.add(Breakpoint("node", pattern))

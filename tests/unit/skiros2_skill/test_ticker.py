@@ -1,5 +1,6 @@
 """The ticking thread: several tasks, commands from other threads, and what must not end it."""
 
+import queue
 import threading
 import time
 
@@ -124,6 +125,18 @@ def test_tick_once_ticks_once_and_pauses(ticker, skills):
     assert len(count) == 1
     one.preempt(task.id)
     assert task.ended.wait(5)
+
+
+def test_a_task_that_is_paused_says_so_until_it_goes_on(ticker, skills):
+    messages = queue.SimpleQueue()
+    one = ticker(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
+    task = started(one, skills, skills.node("endless"))
+    one.pause(task.id)
+    while messages.get(timeout=5) != "paused":
+        pass
+    one.start(task.id)
+    while messages.get(timeout=5) != "":
+        pass
 
 
 def test_a_paused_task_can_be_preempted(ticker, skills):

@@ -5,8 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from skiros2_common.core.errors import SkirosError
+
 #: Exit statuses.
 OK, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
+
+
+class WrongUsage(SkirosError):
+    """The arguments are wrong whatever the state of the system; ends with `USAGE`."""
 
 
 @dataclass

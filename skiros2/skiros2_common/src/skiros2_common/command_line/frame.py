@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from skiros2_common.command_line.answer import NOT_THERE, OK, REFUSED, USAGE, Answer
+from skiros2_common.command_line.answer import NOT_THERE, OK, REFUSED, USAGE, Answer, WrongUsage
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import SkirosError
@@ -47,6 +47,8 @@ def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: i
         answer = work()
     except NotThere as error:
         return _fail(program, error, NOT_THERE)
+    except WrongUsage as error:
+        return _fail(program, error, USAGE)
     except SkirosError as error:
         return _fail(program, error, refused)
     except KeyboardInterrupt:
@@ -54,7 +56,7 @@ def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: i
     except BrokenPipeError:  # it prints by itself, and who reads has seen enough
         return OK
     lines = answer.lines
-    if as_json:
+    if as_json and answer.data is not None:
         data = answer.data() if callable(answer.data) else answer.data
         lines = [json.dumps(finite(data), ensure_ascii=False, indent=2)]
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 #: No column is made narrower than so many letters.
@@ -53,17 +53,20 @@ def table(screen: Screen, rows: Iterable[Sequence[str]], headers: Sequence[str] 
 
 def tree(screen: Screen, roots: Iterable[Branch]) -> list[str]:
     """The trees, with the further cells in columns."""
+    return table(screen, [[text, *branch.cells[1:]] for branch, text in drawn(screen, roots)])
+
+
+def drawn(screen: Screen, roots: Iterable[Branch]) -> Iterator[tuple[Branch, str]]:
+    """The branches as they stand one below the other, each with its first cell as it is drawn."""
     marks = ("├── ", "└── ", "│   ") if screen.fancy else ("|-- ", "`-- ", "|   ")
-    rows: list[list[str]] = []
     # (a branch, what stands before its own line, what stands before those of its branches)
     waiting = [(root, "", "") for root in roots][::-1]
     while waiting:
         branch, before, below = waiting.pop()
-        rows.append([before + plain(branch.cells[0]), *branch.cells[1:]])
+        yield branch, before + plain(branch.cells[0])
         steps = [(marks[0], marks[2])] * (len(branch.branches) - 1) + [(marks[1], "    ")]
         children = zip(branch.branches, steps, strict=False)
         waiting += [(child, below + mark, below + bar) for child, (mark, bar) in children][::-1]
-    return table(screen, rows)
 
 
 def plain(text: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.names import full_name
 
 NODE, CONDITION, WORLD = "node", "condition", "world"
 BEFORE_START, AT_END, FAILS, CHANGES = "start", "end", "fails", "changes"
@@ -22,9 +23,9 @@ class Breakpoint:
     """Where tasks pause.
 
     :param kind: `node`, `condition` or `world`.
-    :param pattern: a name, or a pattern of one with `*`, `?` and `[]`; upper and lower case are the same. For a node
-        its label, its type, or `type-label`; for a condition its label; for the world the id or label of an element, or
-        a relation.
+    :param pattern: a name, or a pattern of one with `*`, `?` and `[]`; upper and lower case are the same, the
+        prefix of the default ontology may be left out. For a node its label, its type, or `type-label`; for a condition
+        its label; for the world the id or label of an element, or a relation.
     :param when: for a node `start` (before it starts) or `end`, for a condition `fails`, for the world `changes`; "" is
         the first of these.
     """
@@ -37,8 +38,8 @@ class Breakpoint:
         return f"{self.kind} {self.pattern} {self.when}"
 
     def matches(self, names: Iterable[str]) -> bool:
-        pattern = self.pattern.lower()
-        return any(fnmatch.fnmatchcase(name.lower(), pattern) for name in names if name)
+        patterns = {self.pattern.lower(), full_name(self.pattern.lower())}
+        return any(fnmatch.fnmatchcase(name.lower(), pattern) for name in names if name for pattern in patterns)
 
 
 class Break(Exception):

@@ -95,6 +95,7 @@ class Task:
     def pause(self) -> None:
         """No more ticks; everything keeps its state."""
         self._paused.set()
+        self._executor.changed = True
 
     def hold(self, reason: str) -> None:
         """Pauses the task and says so in its progress."""
@@ -165,7 +166,7 @@ class Task:
         elif self._ticks_left:
             self._ticks_left -= 1
             if not self._ticks_left:
-                self._paused.set()
+                self.pause()
         return state
 
     def _guarded_tick(self) -> State:
@@ -249,6 +250,7 @@ class Task:
     def progress(self) -> list[NodeProgress]:
         """The state of every node, each before its children; of those for which there are ids."""
         self._number_nodes()
+        reason = "" if self.ended.is_set() or not self.paused else "paused"
         return [
             NodeProgress(
                 id=node.id,
@@ -261,7 +263,7 @@ class Task:
                 progress_code=node.progress_code,
                 progress_period=node.progress_period,
                 progress_time=node.progress_time,
-                progress_message=node.progress_msg,
+                progress_message=node.progress_msg or (reason if node is self.root else ""),
                 params=node.params.getParamMap(),
             )
             for node in self.nodes()

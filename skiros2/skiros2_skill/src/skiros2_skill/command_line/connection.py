@@ -1,0 +1,128 @@
+"""A running skill manager, for a command that asks it once."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import socket
+import urllib.parse
+from collections.abc import Sequence
+from typing import Any
+
+import rosgraph
+
+from skiros2_common.command_line.answer import WrongUsage
+from skiros2_common.command_line.master import PATIENCE, NotThere, ask_master
+from skiros2_skill.command_line.description import Skill, read_skill
+
+_SKILLS, _COMMAND = "/get_skills", "/command"
+
+
+def connect(robot: str, author: str) -> Manager:
+    """A skill manager that is known to be there.
+
+    :param robot: its node name, with or without the leading slash; "": the only one.
+    :param author: stands in its log as who asked.
+    :raises NotThere: nobody answers; it takes seconds at most to say so.
+    :raises WrongUsage: there are several, and none is named.
+    """
+    return Manager(find_manager(robot), author)
+
+
+def find_manager(robot: str) -> str:
+    """The node name of the skill manager, as `connect` takes it."""
+    registered = _registered()
+    if robot:
+        name = _resolved(robot, registered)
+        if not _answers(name):
+            raise NotThere(f"the skill manager {name} does not answer; it may have been killed")
+        return name
+    alive = [name for name in registered if _answers(name)]
+    if len(alive) > 1:
+        raise WrongUsage(f"there are {len(alive)} skill managers, {', '.join(alive)}: name one with --robot")
+    if not alive:
+        dead = f" that answers ({', '.join(registered)} may have been killed)" if registered else ""
+        raise NotThere(f"there is no skill manager{dead} on the master {rosgraph.get_master_uri()}")
+    return alive[0]
+
+
+def _registered() -> list[str]:
+    """The node names of the skill managers that the master knows, also of those that were killed."""
+    _, _, services = ask_master("getSystemState")
+    known = {name for name, _ in services}
+    managers = [name.removesuffix(_SKILLS) for name in known if name.endswith(_SKILLS)]
+    return sorted(name for name in managers if name + _COMMAND in known)
+
+
+def _resolved(robot: str, registered: list[str]) -> str:
+    namespace = rosgraph.names.get_ros_namespace()
+    for name in (rosgraph.names.ns_join(namespace, robot), f"/{robot}"):
+        if name in registered:
+            return name
+    meant = difflib.get_close_matches(f"/{robot.lstrip('/')}", registered, 1)
+    hint = f"did you mean {meant[0]}?" if meant else f"there are: {', '.join(registered) or 'none'}"
+    raise NotThere(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
+
+
+def _answers(manager: str) -> bool:
+    address = urllib.parse.urlparse(str(ask_master("lookupService", manager + _SKILLS) or ""))
+    try:
+        socket.create_connection((address.hostname, address.port), PATIENCE).close()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+class Manager:
+    """What a manager offers as services. Each call raises `WmException` with the manager's text when it refuses.
+
+    :param name: its node name.
+    :param author: stands in its log as who asked.
+    """
+
+    def __init__(self, name: str, author: str) -> None:
+        self.name = name
+        self.author = author
+
+    def skills(self) -> list[Skill]:
+        """The skills that it offers. Waits until it has loaded them."""
+        from skiros2_msgs import srv as srvs
+
+        answer = self._call("get_skills", srvs.ResourceGetDescriptions)
+        return [read_skill(s.type, s.name, [p.param for p in s.params]) for s in answer.list]
+
+    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+        """Starts, pauses, resumes, preempts or ticks tasks; see `SkillCommand`. Returns the id of the task.
+
+        :param skills: of a new task, as `ResourceDescription`.
+        """
+        from skiros2_msgs import srv as srvs
+
+        answer = self._call("command", srvs.SkillCommand, self.author, action, task_id, list(skills))
+        return int(answer.execution_id)
+
+    def why(self, task_id: int) -> Any:
+        """Why a task failed: a `SkillWhyResponse`."""
+        from skiros2_msgs import srv as srvs
+
+        return self._call("why", srvs.SkillWhy, task_id)
+
+    def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
+        """Adds, removes or lists breakpoints. Returns the number, and the list of those that there are."""
+        from skiros2_msgs import srv as srvs
+
+        answer = self._call("breakpoint", srvs.SkillBreakpoint, action, kind, pattern, when, number)
+        return answer.number, json.loads(answer.json or "[]")
+
+    def is_there(self) -> bool:
+        """Whether it still answers."""
+        return _answers(self.name)
+
+    def _call(self, service: str, kind: Any, *arguments: Any) -> Any:
+        from skiros2_world_model.ros.service_pool import ServicePool  # rospy takes a quarter of a second
+
+        pool = ServicePool(f"{self.name}/{service}", kind, 0.0)
+        try:
+            return pool.call(kind._request_class(*arguments), repeatable=False)
+        finally:
+            pool.close()

@@ -1,0 +1,87 @@
+"""The commands that steer tasks: stop, pause, resume, step and breakpoint."""
+
+from __future__ import annotations
+
+import argparse
+
+from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.layout import Screen, table
+from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_skill.command_line.connection import Manager
+
+_ALL = -1
+
+
+def stop(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Preempts a task, or all."""
+    return _told(manager.command("preempt", _or_all(arguments.task)), "told to end")
+
+
+def pause(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Pauses a task, or all."""
+    return _told(manager.command("pause", _or_all(arguments.task)), "paused")
+
+
+def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Lets a paused task go on, or all that are paused."""
+    resumed = []
+    refusals = []
+    for task_id in _tasks(manager) if arguments.task is None else [arguments.task]:
+        try:
+            resumed.append(manager.command("start", task_id))
+        except SkirosError as error:  # it runs already, or has ended meanwhile
+            refusals.append(str(error))
+    if not resumed:
+        raise Refused("; ".join(refusals) or "no task is paused")
+    return Answer([f"task {task_id} goes on" for task_id in resumed], {"tasks": resumed})
+
+
+def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Ticks a paused task once; without its number, the only one that there is."""
+    task_id = arguments.task
+    if task_id is None:
+        tasks = _tasks(manager)
+        if len(tasks) != 1:
+            told = f"there are {len(tasks)} tasks ({', '.join(map(str, tasks))}): name one" if tasks else "no task runs"
+            raise Refused(told)
+        task_id = tasks[0]
+    manager.command("tick_once", task_id)
+    return Answer([f"task {task_id} was ticked once"], {"tasks": [task_id]})
+
+
+def _told(task_id: int, done: str) -> Answer:
+    lines = [f"all tasks are {done}" if task_id == _ALL else f"task {task_id} is {done}"]
+    return Answer(lines, {"tasks": "all" if task_id == _ALL else [task_id]})
+
+
+def _or_all(task_id: int | None) -> int:
+    return _ALL if task_id is None else task_id
+
+
+def _tasks(manager: Manager) -> list[int]:
+    """The tasks that have not ended."""
+    from skiros2_skill.command_line.following import Follower, become_node
+
+    become_node("skill_control")
+    follower = Follower(manager)
+    try:
+        return sorted(follower.all_tasks())
+    finally:
+        follower.close()
+
+
+def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Lists the breakpoints, adds one, or takes one away. A task that comes to one is paused."""
+    action = arguments.action or "list"
+    if action == "add":
+        number, known = manager.breakpoint("add", arguments.kind, arguments.pattern, arguments.when or "")
+        added = next(b for b in known if b["number"] == number)
+        return Answer([f"breakpoint {number}: {added['kind']} {added['pattern']} {added['when']}"], added)
+    if action == "remove":
+        number = _ALL if arguments.number == "all" else int(arguments.number)
+        manager.breakpoint("remove", number=number)
+        told = "there are no breakpoints any more" if number == _ALL else f"breakpoint {number} is gone"
+        return Answer([told], {"number": number})
+    _, known = manager.breakpoint("list")
+    rows = [(str(b["number"]), b["kind"], b["pattern"], b["when"]) for b in known]
+    return Answer(table(screen, rows, ("number", "kind", "pattern", "when")) if rows else ["no breakpoints"], known)

@@ -1,0 +1,139 @@
+"""Skills as their manager describes them: plain data, whatever types a library has registered."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.names import full_name, local_name
+
+#: By the `specType` on the wire.
+KINDS = ("required", "optional", "inferred")
+REQUIRED = KINDS[0]
+
+#: So many names are told where none is near to what was asked.
+_MOST_NAMED = 12
+
+_ELEMENT = "skiros_wm::Element"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter that a skill declares.
+
+    :param kind: one of `KINDS`.
+    :param wire_type: the name of the type in messages.
+    :param values: the default, as JSON has it; of an element parameter, an abstract element of its class.
+    """
+
+    key: str
+    kind: str
+    wire_type: str
+    values: list[Any]
+    description: str = ""
+
+    @property
+    def is_element(self) -> bool:
+        return self.wire_type == _ELEMENT
+
+    @property
+    def type(self) -> str:
+        """The name of the type, or the class that an element has to be of."""
+        if not self.is_element:
+            return self.wire_type
+        return next((v["type"] for v in self.values if v.get("type")), "element")
+
+    @property
+    def default(self) -> list[Any]:
+        """The values that it has when it is given none; an abstract element is none."""
+        return [v for v in self.values if not self.is_element or v.get("id")]
+
+    @property
+    def has_to_be_given(self) -> bool:
+        return self.kind == REQUIRED and not self.is_element and not self.default
+
+    def wire(self, values: Sequence[Any]) -> str:
+        """The parameter with these values, as messages have it."""
+        data = {"key": self.key, "description": self.description, "specType": KINDS.index(self.kind)}
+        return json.dumps({**data, "type": self.wire_type, "values": list(values)})
+
+    def as_json(self) -> dict[str, Any]:
+        default = [v["id"] for v in self.default] if self.is_element else self.default
+        return {
+            "key": self.key,
+            "kind": self.kind,
+            "type": self.type,
+            "default": default,
+            "description": self.description,
+        }
+
+
+@dataclass(frozen=True)
+class Skill:
+    """An implementation that a manager offers.
+
+    :param label: names the implementation.
+    """
+
+    type: str
+    label: str
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return f"{self.type}-{self.label}"
+
+
+def read_skill(skill_type: str, label: str, params: Iterable[str]) -> Skill:
+    """A skill from its description on the wire.
+
+    :param params: a JSON text for each.
+    """
+    read = [_read_parameter(json.loads(text)) for text in params]
+    return Skill(skill_type, label, {p.key: p for p in read})
+
+
+def _read_parameter(data: dict[str, Any]) -> Parameter:
+    return Parameter(data["key"], KINDS[data["specType"]], data["type"], data["values"], data.get("description", ""))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a name stands for: a type with all its implementations, or one implementation.
+
+    :param label: "" for any implementation.
+    """
+
+    type: str
+    label: str
+    skills: list[Skill]
+
+
+def choose(name: str, skills: Sequence[Skill]) -> Choice:
+    """The skill with that label, type or `type-label`; the prefix of the default ontology may be left out.
+
+    :raises UnknownName: there is none.
+    """
+    for skill in skills:
+        if name in (skill.label, skill.name, skill.name.removeprefix("skiros:")):
+            return Choice(skill.type, skill.label, [skill])
+    of_type = [skill for skill in skills if skill.type == full_name(name)]
+    if of_type:
+        return Choice(of_type[0].type, "", of_type)
+    names = [word for skill in skills for word in (skill.label, local_name(skill.type), skill.type)]
+    raise UnknownName(f"there is no skill {name!r}; {did_you_mean(name, names)}")
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """The name that is nearest, whatever its case; the first ones, where none is near."""
+    known = list(dict.fromkeys(names))
+    meant = next((k for k in known if k.lower() == name.lower()), None)
+    near = [meant] if meant else difflib.get_close_matches(name, known, 1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+    return f"there are: {', '.join(known[:_MOST_NAMED]) or 'none'}{more}"

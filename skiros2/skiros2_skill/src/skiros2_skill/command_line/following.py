@@ -1,0 +1,76 @@
+"""A node that follows the tasks of a manager."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rospy
+
+from skiros2_common.command_line.master import NotThere
+from skiros2_msgs.msg import TreeProgress
+from skiros2_skill.command_line.connection import Manager
+
+#: A manager tells of each of its tasks once a second at least; after so long it has told of all (s).
+ALL_TOLD = 1.4
+
+#: After so long without news it is asked whether it is still there (s).
+_SILENCE = 2.0
+
+
+def become_node(name: str) -> None:
+    """Makes this process a node, under a name of its own; Ctrl-C stays a `KeyboardInterrupt`."""
+    rospy.init_node(name, anonymous=True, disable_signals=True, disable_rosout=True)
+
+
+class Follower:
+    """Listens to what a manager tells of its tasks, from its creation on."""
+
+    def __init__(self, manager: Manager) -> None:
+        self._manager = manager
+        self._news = threading.Condition()
+        self._waiting: list[Any] = []
+        self._heard_at = time.monotonic()
+        self._subscriber = rospy.Subscriber(f"{manager.name}/monitor", TreeProgress, self._take, queue_size=100)
+
+    def close(self) -> None:
+        self._subscriber.unregister()
+
+    def news(self, timeout: float) -> list[Sequence[Any]]:
+        """What has come since the last call: for each task its nodes, of one that is told of several times all of it.
+
+        :param timeout: how long to wait for some (s); none then.
+        :raises NotThere: the manager is gone.
+        """
+        with self._news:
+            if not self._waiting:
+                self._news.wait(timeout)
+            news, self._waiting = self._waiting, []
+        if not news and time.monotonic() - self._heard_at > _SILENCE:
+            if not self._manager.is_there():
+                raise NotThere(f"the skill manager {self._manager.name} is gone")
+            self._heard_at = time.monotonic()
+        return news
+
+    def all_tasks(self, task_id: int | None = None) -> dict[int, Sequence[Any]]:
+        """The nodes of all tasks that there are, by their ids.
+
+        :param task_id: only this one; returns as soon as it was told of.
+        """
+        tasks: dict[int, Sequence[Any]] = {}
+        end = time.monotonic() + ALL_TOLD
+        while (left := end - time.monotonic()) > 0:
+            for nodes in self.news(left):
+                tasks[nodes[0].id] = nodes
+            if task_id in tasks:
+                return {task_id: tasks[task_id]}  # type: ignore[dict-item, index]
+        return {} if task_id is not None else tasks
+
+    def _take(self, message: Any) -> None:
+        if message.progress:
+            with self._news:
+                self._waiting.append(message.progress)
+                self._heard_at = time.monotonic()
+                self._news.notify_all()

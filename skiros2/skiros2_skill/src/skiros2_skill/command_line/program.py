@@ -1,0 +1,122 @@
+"""The commands of `rosrun skiros2_skill`: what they take from the command line, and how they end."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from skiros2_common.command_line.answer import NOT_THERE, Answer
+from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.layout import Screen
+from skiros2_skill.command_line import control, reading, running, watching
+from skiros2_skill.command_line.connection import Manager, connect
+
+Command = Callable[[Manager, argparse.Namespace, Screen], Answer]
+
+_VALUES = (
+    "A VALUE is of the type that the skill declares: an element by its id or label, a list or dict in JSON, several "
+    "values as a JSON list. More skills with their values may follow; they run one after the other."
+)
+_BREAKPOINTS = (
+    "A PATTERN is the label or type of a node, the label of a condition, or the id or label of an element or a "
+    "relation of the world model; it may hold * and ?. Tasks that were paused go on with resume or step."
+)
+
+
+def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs a command and ends the process with its status.
+
+    :param name: the command.
+    :param arguments: of the command line; None: of this process's.
+    """
+    end(_run(name, given_arguments(arguments)))
+
+
+def _run(name: str, given: Sequence[str]) -> int:
+    command, parser = _parser(name)
+    parse = parser.parse_intermixed_args if name == "run" else parser.parse_args  # options may stand anywhere
+    arguments = parse(given)
+
+    def work() -> Answer:
+        return command(connect(arguments.robot, arguments.author), arguments, screen())
+
+    return answered(parser.prog, work, arguments.json)
+
+
+def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
+    command, add_arguments, *epilog = _COMMANDS[name]
+    statuses = f"Exit status: {_RESULTS.get(name, _RESULT)}, 2 wrong usage, {NOT_THERE} no master or no skill manager."
+    parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
+    add_arguments(parser)
+    parser.add_argument("--robot", default="", metavar="NAME", help="its skill manager, where there are several")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    return command, parser
+
+
+def _nothing(parser: argparse.ArgumentParser) -> None:
+    """A command that takes nothing of its own."""
+
+
+def _skill(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("skill", metavar="SKILL", help="the label of an implementation, or a type")
+
+
+def _task(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("task", metavar="TASK", nargs="?", type=_task_id, help="its number")
+
+
+def _words(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="what to run, and its parameters")
+    parser.add_argument("--detach", action="store_true", help="do not wait for the end")
+
+
+def _watch(parser: argparse.ArgumentParser) -> None:
+    _task(parser)
+    parser.add_argument("--once", action="store_true", help="show the present state and end")
+
+
+def _breakpoint(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", parser_class=Parser)
+    actions.add_parser("list", help="the breakpoints (default)")
+    adding = actions.add_parser("add", help="a new one")
+    adding.add_argument("kind", metavar="KIND", choices=("node", "condition", "world"), help="node, condition or world")
+    adding.add_argument("pattern", metavar="PATTERN", help="which ones")
+    adding.add_argument("when", metavar="WHEN", nargs="?", help="of a node: start (default) or end")
+    removing = actions.add_parser("remove", help="take one away")
+    removing.add_argument("number", metavar="NUMBER", type=_number_or_all, help="its number, or all")
+
+
+def _task_id(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of a task")
+    return int(text)
+
+
+def _number_or_all(text: str) -> str:
+    if text != "all" and not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor all")
+    return text
+
+
+#: What the first two exit statuses mean, where it is not the usual.
+_RESULT = "0 done, 1 refused or not found"
+_RESULTS = {
+    "run": "0 succeeded, 1 failed or refused",
+    "watch": "0 seen, or the task has succeeded, 1 it has failed or is not there",
+}
+
+#: What each does, what it takes, and what is told at the end of its help.
+_COMMANDS: dict[str, tuple[Any, ...]] = {
+    "list": (reading.list_skills, _nothing),
+    "describe": (reading.describe, _skill),
+    "why": (reading.why, _task),
+    "run": (running.run, _words, _VALUES),
+    "stop": (control.stop, _task),
+    "pause": (control.pause, _task),
+    "resume": (control.resume, _task),
+    "step": (control.step, _task),
+    "breakpoint": (control.breakpoint_, _breakpoint, _BREAKPOINTS),
+    "watch": (watching.watch, _watch),
+}

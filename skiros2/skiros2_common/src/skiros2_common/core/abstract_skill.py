@@ -17,6 +17,8 @@ __all__ = ["ParamOptions", "SkillCore", "SkillDescription", "State", "as_state"]
 
 State = Enum("State", "Success Failure Running Idle Uninitialized")
 
+_RUNNING: State = State.Running
+
 
 class SkillCore(SkillDescription):
     """A skill that runs: its state, its progress, and the hooks that authors override.
@@ -120,8 +122,12 @@ class SkillCore(SkillDescription):
 
     def step(self, msg: str = "") -> State:
         """For `execute`: the skill goes on."""
-        self._setProgress(msg)
-        return State.Running
+        now = time.monotonic()  # as `_setProgress`, but quicker: most ticks of most skills come here
+        self._progress_code += 1
+        self._progress_msg = msg if msg.__class__ is str else str(msg)
+        self._progress_period = now - self._progressed_at
+        self._progressed_at = now
+        return _RUNNING
 
     def fail(self, msg: str, code: int) -> State:
         """For `execute`: the skill has failed. The code is made negative."""
@@ -280,7 +286,7 @@ class SkillCore(SkillDescription):
 
     def printProgress(self) -> str:
         """`code: message`."""
-        return f"{self._progress_code}: {self._progress_msg}"
+        return f"{self.progress_code}: {self.progress_msg}"
 
 
 def as_state(answer: Any, default: State) -> State:

@@ -60,15 +60,15 @@ class Executor:
         #: Nodes that were preempted and need more time.
         self.ending: list[SkillWrapper] = []
         self.failures = Failures(wmi)
-        self._hooks = Hooks(self.failures)
-        self.inside = self._hooks.inside
-        self._readings = Readings(wmi, self.inside)
+        self.hooks = Hooks(self.failures)
+        self.inside = self.hooks.inside
+        self.readings = Readings(wmi, self.inside)
         #: Whether a state or a progress has changed since it was last set to False.
         self.changed = True
 
     def tick(self, root: SkillInterface) -> State:
         """One tick of a tree. Nodes that were preempted and need more time are ticked too."""
-        self._readings.look()
+        self.readings.look()
         for node in list(self.ending):
             self._tick_ending(node)
         state: State = root._state
@@ -83,14 +83,12 @@ class Executor:
     @property
     def has_seen_world(self) -> bool:
         """Whether nothing has changed in the world model since it was looked at last. Any thread."""
-        return self._readings.are_up_to_date
+        return self.readings.are_up_to_date
 
     # -- one node ----------------------------------------------------------------------------------------------
 
     def execute(self, node: Any) -> State:
-        """One tick of a node; nodes call it from `visit`."""
-        if isinstance(node, SkillWrapper):
-            return self._execute_skill(node)
+        """One tick of a node that groups others; nodes call it from `visit`."""
         if node._state is not _RUNNING:
             node._start_progress()
             node._processor.reset()
@@ -99,6 +97,34 @@ class Executor:
         if state is not _RUNNING:
             self.set_state(node, state)
         return state
+
+    def execute_skill(self, node: SkillWrapper) -> State:
+        """One tick of a skill; nodes call it from `visit`."""
+        if node._state is not _RUNNING:
+            if not self._start(node):
+                return _FAILURE
+        elif self.ending and node in self.ending:
+            return _RUNNING
+        if (node.seen_stamp != self.readings.stamp or node.volatile) and not self._renew(node):
+            return self._fail_running(node)
+        mark = mutations.mark
+        if node.is_compound:
+            state = self._tick_children(node)
+        else:
+            state = self.hooks.execute(node)
+            node.steady_stamp = -1 if node.volatile else node.seen_stamp
+        if state is not _RUNNING or mutations.mark != mark:
+            return self.go_on(node, state)
+        self._copy_progress(node)
+        self.readings.look()
+        return _RUNNING
+
+    def go_on(self, node: SkillWrapper, state: State) -> State:
+        """After the tick of a skill, or its children, that ended or in which something changed."""
+        self._copy_progress(node)
+        if self._give_changes(node):
+            return _RUNNING if state is _RUNNING else self.end(node, state)
+        return self.end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
 
     def preempt(self, node: Any) -> State:
         """Ends a running node, leaves first; nodes call it from `visitPreempt`. Running: it needs more time."""
@@ -113,24 +139,15 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
-        state = self._hooks.on_preempt(node)
+        state = self.hooks.on_preempt(node)
         self._copy_progress(node)
         if state is _RUNNING:
             self.ending.append(node)
+            node.steady_stamp = -1
             return _RUNNING
         return self.end(node, state, preempted=True)
 
     # -- start -------------------------------------------------------------------------------------------------
-
-    def _execute_skill(self, node: SkillWrapper) -> State:
-        if node._state is not _RUNNING:
-            if not self._start(node):
-                return _FAILURE
-        elif self.ending and node in self.ending:
-            return _RUNNING
-        if (node.seen_stamp != self._readings.stamp or node.volatile) and not self._renew(node):
-            return self._fail_running(node)
-        return self._run(node)
 
     def _start(self, node: SkillWrapper) -> bool:
         """Chooses an implementation and starts it. False when that failed; the node's progress tells why."""
@@ -141,7 +158,7 @@ class Executor:
             candidates = node.candidates()
         except SkirosError as error:
             return self._refuse(node, Failure(START, START_RAISED, str(error)))
-        stamp = self._readings.stamp
+        stamp = self.readings.stamp
         failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi)
         return self._begin(node, stamp) if failure is None else self._refuse(node, failure)
 
@@ -156,9 +173,10 @@ class Executor:
         node._input = {key: list(p.values) for key, p in node._params.items()}
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
-        node.runs_after_children = isinstance(instance, SkillBase) and type(instance).execute is not _Children
+        node.is_compound = isinstance(instance, SkillBase)
+        node.runs_after_children = node.is_compound and type(instance).execute is not _Children
         mark = mutations.mark
-        refused = self._hooks.on_start(node, self._start_instance)
+        refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused is RAISED:
             self.end(node, _FAILURE)
@@ -168,7 +186,7 @@ class Executor:
             return False
         is_as_read = mutations.mark == mark
         self._give_changes(node)
-        self._readings.begin(node, stamp if is_as_read else -1)
+        self.readings.begin(node, stamp if is_as_read else -1)
         return True
 
     def _start_instance(self, node: SkillWrapper) -> str:
@@ -190,7 +208,7 @@ class Executor:
 
     def _renew(self, node: SkillWrapper) -> bool:
         """Before a running node is ticked: its parameters and hold-conditions. False when one does not hold."""
-        failure = self._readings.renew(node)
+        failure = self.readings.renew(node)
         return failure is None or self._failed(node, failure)
 
     def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
@@ -215,33 +233,22 @@ class Executor:
         self.set_state(node, _FAILURE)
         return _FAILURE
 
-    def _run(self, node: SkillWrapper) -> State:
-        mark = mutations.mark
-        state = self._tick_children(node) if isinstance(node._instance, SkillBase) else self._hooks.execute(node)
-        self._copy_progress(node)
-        if state is _RUNNING and mutations.mark == mark:
-            self._readings.look()
-            return _RUNNING  # nothing to write or to pass on
-        if self._give_changes(node):
-            return _RUNNING if state is _RUNNING else self.end(node, state)
-        return self.end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
-
     def _tick_children(self, node: SkillWrapper) -> State:
         try:
             state: State = node._processor.processChildren(node._children, self)
         except (LeftBehind, Break):
             raise
         except FOREIGN_ERRORS as error:  # of a processor, or a node, with code of its own
-            return self._hooks.raised(node, error, EXECUTE_RAISED)
+            return self.hooks.raised(node, error, EXECUTE_RAISED)
         if not node.runs_after_children:
             return state
-        if node.seen_stamp != self._readings.stamp:
+        if node.seen_stamp != self.readings.stamp:
             self._renew(node)
-        return self._hooks.execute(node, state)
+        return self.hooks.execute(node, state)
 
     def _tick_ending(self, node: SkillWrapper) -> None:
         """One more tick of a node that was preempted and needs time."""
-        state = self._hooks.execute(node, _FAILURE, late=True)
+        state = self.hooks.execute(node, _FAILURE, late=True)
         self._copy_progress(node)
         if state is not _RUNNING:
             self.ending.remove(node)
@@ -268,7 +275,7 @@ class Executor:
                 instance._setProgress(failure.message, failure.code)
                 self._note(node, failure)
                 state = _FAILURE
-        state = self._hooks.on_end(node, state, preempted)
+        state = self.hooks.on_end(node, state, preempted)
         self._copy_progress(node)
         return self._close(node, state)
 
@@ -278,7 +285,7 @@ class Executor:
             state = _FAILURE
         self.free(node)
         if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
-            self._readings.note_parameter()
+            self.readings.note_parameter()
         node.getInstance()._setState(state)
         if isinstance(node.getInstance(), SkillBase):
             node.rest()  # it has made the subtree
@@ -287,7 +294,7 @@ class Executor:
         self.set_state(node, state)
         if self._pauses:
             self._pauses.after(node)
-        self._readings.look()
+        self.readings.look()
         return state
 
     def free(self, node: SkillWrapper) -> None:
@@ -317,8 +324,8 @@ class Executor:
             written = False
         node.watch = None
         if blackboard.give_changed(node, node.slots):
-            self._readings.note_parameter()
-        self._readings.look()
+            self.readings.note_parameter()
+        self.readings.look()
         return written
 
     def set_state(self, node: SkillInterface, state: State) -> None:

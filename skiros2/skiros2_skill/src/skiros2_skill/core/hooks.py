@@ -20,7 +20,7 @@ from skiros2_skill.core.failures import (
     Failure,
     Failures,
 )
-from skiros2_skill.core.inside import Inside, LeftBehind
+from skiros2_skill.core.inside import EXECUTE_HOOK, Inside, LeftBehind
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.wrapper import SkillWrapper
 
@@ -54,7 +54,7 @@ class Hooks:
 
         :param late: the node is ended already.
         """
-        notes = self.inside.enter(node, "execute")
+        notes = self.inside.enter(node, EXECUTE_HOOK)
         try:
             try:
                 answer = node._instance.execute()
@@ -63,12 +63,8 @@ class Hooks:
         except LeftBehind:
             raise
         except FOREIGN_ERRORS as error:
-            return self.raised(node, error, EXECUTE_RAISED, late)
-        if answer is _RUNNING or answer is _SUCCESS:
-            return _SUCCESS if answer is _SUCCESS else _RUNNING
-        if answer is None and of_children is not None:
-            return of_children
-        return self._judged(node, answer, of_children, late)
+            return self.execute_raised(node, error, late)
+        return self.judged(node, answer, of_children, late)
 
     def call(self, node: SkillWrapper, name: str, hook: Callable[[], Any], code: int, late: bool = False) -> Any:
         """What another hook answers; `RAISED`, with the traceback as progress, when it raises.
@@ -126,6 +122,10 @@ class Hooks:
             self._failures.note(node, failure)
         return _FAILURE
 
+    def execute_raised(self, node: SkillWrapper, error: Exception | SystemExit, late: bool = False) -> State:
+        """As `raised`, for `execute`."""
+        return self.raised(node, error, EXECUTE_RAISED, late)
+
     def raised(self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False) -> State:
         """Tells and notes what the code of a node raised, in an `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
@@ -135,8 +135,14 @@ class Hooks:
         log.error("%s: %s", node.printState(), message)
         return _FAILURE
 
-    def _judged(self, node: SkillWrapper, answer: Any, of_children: State | None, late: bool) -> State:
-        """What an answer of `execute` stands for that is neither Running nor Success."""
+    def judged(
+        self, node: SkillWrapper, answer: Any, of_children: State | None = None, late: bool = False
+    ) -> State:
+        """The state that an answer of `execute` stands for; a failure is told and noted."""
+        if answer is _RUNNING or answer is _SUCCESS:
+            return _SUCCESS if answer is _SUCCESS else _RUNNING
+        if answer is None and of_children is not None:
+            return of_children
         instance = node._instance
         if is_bool(answer) and answer:
             return _SUCCESS

@@ -8,6 +8,9 @@ from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 
+#: What is noted of the hook that is called most.
+EXECUTE_HOOK = "execute"
+
 
 class LeftBehind(Exception):
     """A hook returns after its task was taken away from the thread: nothing of the tick may go on."""
@@ -35,17 +38,17 @@ class Inside:
     hook is left behind. The one whose `pop` finds the note has won (lists are atomic in that)."""
 
     def __init__(self) -> None:
-        self._notes: list[tuple[Any, str]] = []
+        self.notes: list[tuple[Any, str]] = []
 
     @property
     def place(self) -> str:
         """The hook that is being called, "" when none is. Any thread."""
-        notes = self._notes[-1:]
+        notes = self.notes[-1:]
         return Stuck(*notes[0]).place if notes else ""
 
     def enter(self, node: Any, what: str) -> list[tuple[Any, str]]:
         """Notes a hook before it is called. What it returns is for `leave`."""
-        notes = self._notes
+        notes = self.notes
         notes.append((node, what))
         return notes
 
@@ -76,9 +79,9 @@ class Inside:
 
         Called by another thread, which has the tree for itself then.
         """
-        notes, self._notes = self._notes, []
+        notes, self.notes = self.notes, []
         try:
             return Stuck(*notes.pop())
         except IndexError:
-            self._notes = notes
+            self.notes = notes
             return None

@@ -10,6 +10,8 @@ from skiros2_common.core.errors import Refused, WrongValue
 from skiros2_common.core.params import Param, ParamHandler
 from skiros2_skill.core.processors import Sequential
 
+_RUNNING: State = State.Running
+
 
 class SkillInterface(SkillCore):
     """A node of a tree.
@@ -267,7 +269,13 @@ class SkillInterface(SkillCore):
 
     def visit(self, visitor: Any) -> State:
         """One tick of the node by an executor."""
-        state: State = visitor.execute(self)
+        state: State
+        if self._state is not _RUNNING:
+            state = visitor.execute(self)
+            return state
+        state = self._processor.processChildren(self._children, visitor)
+        if state is not _RUNNING:
+            visitor.set_state(self, state)
         return state
 
     def visitPreempt(self, visitor: Any) -> State:

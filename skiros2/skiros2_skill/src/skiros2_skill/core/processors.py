@@ -147,16 +147,19 @@ class ParallelFf(_Parallel):
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
         succeeded = self._succeeded
+        goes_on = False
         for index, child in enumerate(children):
             if succeeded and index in succeeded:
                 continue
             state: State = child.visit(visitor)
-            if state is _FAILURE:
+            if state is _RUNNING:
+                goes_on = True
+            elif state is _FAILURE:
                 self.stopAll(children, visitor)
                 return _FAILURE
-            if state is _SUCCESS:
+            elif state is _SUCCESS:
                 succeeded.add(index)
-        return _SUCCESS if len(succeeded) == len(children) else _RUNNING
+        return _RUNNING if goes_on or len(succeeded) != len(children) else _SUCCESS
 
 
 class ParallelFs(_Parallel):

@@ -73,7 +73,7 @@ class Readings:
         self._inside = inside
         self.stamp = 0
         self._params_stamp = 0  # of the last change of a parameter
-        self._mark = -1
+        self.mark = -1  # of the last look; -1 when there is something to look at each time
         self._version = -1
         self._present: Any = None
         self._present_version = -1
@@ -86,10 +86,10 @@ class Readings:
     def look(self) -> None:
         """Takes note of a change of the world model."""
         mark = mutations.mark
-        if mark == self._mark and self._version != -1:
+        if mark == self.mark:
             return
-        self._mark = mark
         version = self._wmi.version if self._wmi is not None else 0
+        self.mark = mark if version != -1 else -1
         if version != self._version or version == -1:
             self._version = version
             self.stamp += 1

@@ -5,15 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, UnknownName
+from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.places import Place
+from skiros2_skill.core.inside import EXECUTE_HOOK, LeftBehind
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
 
 #: So many levels of skills a tree may have: more of them are without end, and each takes some frames of the stack.
 MAX_LEVELS = 5000
+
+_RUNNING: State = State.Running
 
 
 class SkillWrapper(SkillInterface):
@@ -39,8 +43,10 @@ class SkillWrapper(SkillInterface):
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
         self.seen_stamp = -1
+        self.steady_stamp = -1  # at which the node has only to be executed
         self.watch: Any = None
         self.volatile = False
+        self.is_compound = False
         self.runs_after_children = False
         self.locked: list[str] = []
         self.verdict: tuple[str, int] | None = None
@@ -112,7 +118,7 @@ class SkillWrapper(SkillInterface):
     def copy_progress(self) -> bool:
         """The node shows the progress of its implementation. Returns whether it is new."""
         instance = self._instance
-        if instance._progressed_at == self._progressed_at:
+        if instance is None or instance._progressed_at <= self._progressed_at:
             return False
         self._progress_code = instance._progress_code
         self._progress_msg = instance._progress_msg
@@ -161,6 +167,64 @@ class SkillWrapper(SkillInterface):
         instance = self._instance
         instance._expands_into = self
         instance.expand(self)
+
+    def visit(self, visitor: Any) -> State:
+        """One tick of the node by an executor.
+
+        At most ticks a primitive goes on, and nothing that it has read has changed. All that is done then is done here;
+        whatever else may be, by the executor.
+        """
+        state: State
+        if self.steady_stamp != visitor.readings.stamp:
+            state = visitor.execute_skill(self)
+            return state
+        notes = visitor.inside.notes
+        notes.append((self, EXECUTE_HOOK))
+        try:
+            try:
+                answer: object = self._instance.execute()
+            finally:
+                try:
+                    notes.pop()
+                except IndexError:
+                    raise LeftBehind from None
+        except LeftBehind:
+            raise
+        except FOREIGN_ERRORS as error:
+            state = visitor.go_on(self, visitor.hooks.execute_raised(self, error))
+            return state
+        if answer is not _RUNNING or mutations.mark != visitor.readings.mark:
+            state = visitor.go_on(self, visitor.hooks.judged(self, answer))
+            return state
+        if self._instance._progressed_at > self._progressed_at:
+            visitor.changed = True
+        return _RUNNING
+
+    def _setState(self, state: State) -> None:
+        self.steady_stamp = -1
+        super()._setState(state)
+
+    # While it runs, the implementation has the progress.
+
+    @property
+    def progress_code(self) -> int:
+        self.copy_progress()
+        return self._progress_code
+
+    @property
+    def progress_msg(self) -> str:
+        self.copy_progress()
+        return self._progress_msg
+
+    @property
+    def progress_period(self) -> float:
+        self.copy_progress()
+        return self._progress_period
+
+    @property
+    def progress_time(self) -> float:
+        self.copy_progress()
+        return super().progress_time
 
     def onReset(self) -> None:
         if self._instance is not None:

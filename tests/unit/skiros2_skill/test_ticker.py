@@ -131,6 +131,7 @@ def test_a_task_that_is_paused_says_so_until_it_goes_on(ticker, skills):
     messages = queue.SimpleQueue()
     one = ticker(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
     task = started(one, skills, skills.node("endless"))
+    assert messages.get(timeout=5) == ""
     one.pause(task.id)
     while messages.get(timeout=5) != "paused":
         pass

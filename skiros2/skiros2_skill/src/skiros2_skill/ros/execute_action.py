@@ -13,13 +13,14 @@ import actionlib
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.history import Record, record_of
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.progress import WIRE_STATES, param_messages, wire_code, wire_text
+from skiros2_skill.ros.skill_run import MOST_AT_ONCE
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json
 
 log = logging.getLogger(__name__)
@@ -66,6 +67,8 @@ class ExecuteAction:
         """Takes goals from now on."""
         self._thread.start()
         self._server.start()
+        # Before anybody is connected: actionlib's own queue of 50 drops the results of many tasks that end at once.
+        self._server.result_pub.impl.set_queue_size(MOST_AT_ONCE)
 
     def close(self, timeout: float = 1.0) -> None:
         """Takes no more goals; when the tasks have ended.
@@ -140,6 +143,8 @@ class ExecuteAction:
         log.info("execute by %s: task %s", goal.author or "unknown", task.id)
         try:
             self._ticker.start(task.id)
+        except Refused:
+            log.debug("task %s runs already", task.id)
         except UnknownName:  # all tasks were preempted just now
             self.end(task, record_of(task))
 
@@ -160,9 +165,9 @@ def _outputs(task: Task) -> dict[str, Param]:
     params: dict[str, Param] = {}
     for node in task.root.children:
         if node.state is not State.Idle:
-            params.update((key, param) for key, param in node.params.items() if param.isSpecified())
-    params.update((key, param) for key, param in task.root.params.items() if param.isSpecified())
-    return params
+            params.update(node.params.getParamMap())
+    params.update((key, param) for key, param in task.root.params.getParamMap().items() if param.isSpecified())
+    return {key: param for key, param in params.items() if param.isSpecified()}
 
 
 def _result(record: Record, params: dict[str, Param]) -> Any:

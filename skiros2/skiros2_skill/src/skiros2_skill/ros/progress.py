@@ -51,7 +51,7 @@ class ProgressPublisher:
 
     def __init__(self) -> None:
         self._robot = rospy.get_name()
-        self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=100)
+        self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=1000)  # many tasks may end at once
         self._told: dict[int, tuple[int, Any]] = {}
         #: Whether the parameters travel too.
         self.with_params = False

@@ -49,7 +49,7 @@ class SkillManagerInterface:
         self._runner: SkillRunner | None = None
         self._debug_pub = rospy.Publisher(f"{manager_name}/set_debug", Bool, queue_size=1, latch=True)
         self._monitor_sub = rospy.Subscriber(
-            f"{manager_name}/monitor", msgs.TreeProgress, self._on_progress, queue_size=100
+            f"{manager_name}/monitor", msgs.TreeProgress, self._on_progress, queue_size=1000
         )
         self._tick_sub = rospy.Subscriber(f"{manager_name}/tick_rate", Empty, self._on_tick)
 

@@ -20,6 +20,9 @@ from skiros2_msgs import msg as msgs
 #: A manager that says nothing for so long counts as dead (s); it says something five times a second.
 SILENCE = 5.0
 
+#: So many goals, cancellations or results may wait to be sent.
+MOST_AT_ONCE = 10_000
+
 _POLL = 0.01  # s, while the connection is made
 _LOOK = 0.5  # s, between two looks whether the manager is alive
 
@@ -37,6 +40,7 @@ class SkillRun:
         self._begun = threading.Event()
         self._task = -1
         self._result: Any = None
+        self._sent_at = time.monotonic()
         self._handle = client.send_goal(goal, self._on_transition, self._on_feedback)
 
     @property
@@ -57,14 +61,14 @@ class SkillRun:
         """Waits for the end. Returns `done`.
 
         :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the manager is not there any more.
+        :raises TimedOut: the manager is not there any more, or has not got the skills.
         """
         return self._wait(self._ended, timeout)
 
     def wait_for_task(self, timeout: float | None = None) -> int:
         """Waits until the skills run. Returns the id of the task; -1 when they were refused, or in time do not run.
 
-        :raises TimedOut: the manager is not there any more.
+        :raises TimedOut: the manager is not there any more, or has not got the skills.
         """
         self._wait(self._begun, timeout)
         return self._task
@@ -101,8 +105,13 @@ class SkillRun:
                 return False
             if self._watch.silence() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
+            if self._is_unknown() and time.monotonic() - self._sent_at > SILENCE:
+                raise TimedOut(f"{self._watch.name} has not taken the skills")
             if self._watch.late_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
+
+    def _is_unknown(self) -> bool:
+        return bool(self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK)
 
     # Called by threads of ROS.
 
@@ -133,6 +142,9 @@ class SkillRunner:
 
     def __init__(self, manager_name: str) -> None:
         self._client = actionlib.ActionClient(f"{manager_name}/execute", msgs.ExecuteSkillsAction)
+        # Before anybody is connected: actionlib's own queue of 10 drops goals that are sent in a burst.
+        self._client.pub_goal.impl.set_queue_size(MOST_AT_ONCE)
+        self._client.pub_cancel.impl.set_queue_size(MOST_AT_ONCE)
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
 

@@ -3,9 +3,10 @@
 import pytest
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType
+from skiros2_common.core.explanation import GIVEN, PARAMETER, START
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.request import SkillRequest, make_nodes
+from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
 from unit.skiros2_skill.skills import OBJECT, REQUIRED, Note, Speak, describe, primitive
 
 
@@ -71,3 +72,41 @@ def test_an_abstract_element_with_a_label_asks_for_such_a_one(skills):
     (node,) = nodes(skills, request("Hold", Object=Element("skiros:Product", "other product")))
     skills.run(node)
     assert node.params.getParamValue("Object").id == skills.other_product.id
+
+
+# -- why it is refused -------------------------------------------------------------------------------------------------
+
+
+def refused(bench, *requests):
+    """What `make_nodes` refuses, explained; the message is that of the error."""
+    with pytest.raises(SkirosError) as error:
+        nodes(bench, *requests)
+    explanation = why_refused(requests, bench.library, bench.wmi, -1)
+    assert explanation.message == str(error.value)
+    return explanation
+
+
+def test_a_skill_that_is_not_there_is_a_refused_start_with_the_values_given(skills):
+    explanation = refused(skills, request("Note", Text="a"), request("Nte", Text="b"))
+    assert (explanation.stage, explanation.type, explanation.code) == (START, "skiros:Nte", -1)
+    assert [(o.key, o.value, o.source) for o in explanation.params] == [("Text", "'b'", GIVEN)]
+
+
+def test_a_wrong_parameter_names_the_implementation_that_it_does_not_fit(skills):
+    explanation = refused(skills, request("Note", Text=5))
+    assert (explanation.stage, explanation.label) == (PARAMETER, "note")
+
+
+def test_each_implementation_that_the_parameters_do_not_fit_is_told(skills):
+    skills.load(primitive(Note, "other_note"))
+    explanation = refused(skills, request("Note"))
+    assert (explanation.stage, explanation.label) == (START, "")
+    assert [(tried.stage, tried.label) for tried in explanation.tried] == [
+        (PARAMETER, "note"),
+        (PARAMETER, "other_note"),
+    ]
+
+
+def test_what_is_not_wrong_by_itself_has_no_explanation(skills):
+    assert why_refused([request("Note", Text="a")], skills.library, skills.wmi, -1) is None
+    assert why_refused([], skills.library, skills.wmi, -1) is None

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.explanation import START
+from skiros2_common.core.explanation import PARAMETER
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
@@ -56,14 +56,14 @@ def test_a_task_that_is_refused_is_kept_with_the_reason(starter, ticker, history
         starter.make("tests", [description()])
     assert history.get(-1) is refused.value.record
     (why,) = refused.value.record.explanations
-    assert (why.stage, why.type, why.node) == (START, "Note", -1)
+    assert (why.stage, why.type, why.node) == (PARAMETER, "skiros:Note", -1)
     assert ticker.tasks() == []
 
 
 def test_the_first_skill_that_cannot_run_is_named_among_several(starter, history):
     with pytest.raises(TaskRefused, match="no skill of type skiros:Nothing"):
         starter.make("tests", [description(Text="a"), description("Nothing")])
-    assert history.get(-1).explanations[0].type == ":Root"
+    assert history.get(-1).explanations[0].type == "skiros:Nothing"
 
 
 def test_an_error_of_our_own_reaches_the_client(starter, bench, monkeypatch, caplog):

@@ -34,7 +34,7 @@ def _origin(node: SkillInterface, slot: Slot, conditions: Sequence[Any]) -> Orig
     key, values = slot.param.key, slot.param._values
     if not slot.param.isSpecified():
         return Origin(key, "", UNSET)
-    text = _text(values)
+    text = told_values(values)
     if slot.source is Source.Changed or values is not slot.known:
         giver = giver_of(slot.param)
         return Origin(key, text, CHANGED, [giver] if giver else [])
@@ -60,7 +60,8 @@ def _taken(node: SkillInterface, key: str, text: str) -> Origin:
     return Origin(key, text, ABOVE, [giver]) if giver else Origin(key, text, GIVEN)
 
 
-def _text(values: Sequence[Any]) -> str:
+def told_values(values: Sequence[Any]) -> str:
+    """The values of a parameter as a text: of many the first."""
     named = [repr(v) if isinstance(v, Element) else shown(v) for v in values[:MOST_NAMED]]
     more = f" and {len(values) - MOST_NAMED} more" if len(values) > MOST_NAMED else ""
     return ", ".join(named) + more

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Origin
+from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library import Implementation, SkillLibrary
+from skiros2_skill.core.origins import told_values
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
@@ -34,25 +37,60 @@ def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any
     nodes: list[SkillWrapper] = []
     produced: set[str] = set()
     for request in requests:
-        candidates = library.candidates(request.type, request.label)
-        problems = []
-        for implementation in candidates:
-            try:
-                given = _checked(request, implementation, wmi, produced)
-            except SkirosError as error:
-                problems.append(error)
-                continue
-            break
-        else:
+        given, problems = _fitting(request, library, wmi, produced)
+        if given is None:
             if len(problems) == 1:
-                raise problems[0]
-            raise WrongValue("; ".join(str(p) for p in problems))
+                raise problems[0][1]
+            raise WrongValue("; ".join(str(error) for _, error in problems))
         node = SkillWrapper(request.type, request.label, library)
         for key, values in given.items():
             node.specifyParam(key, values)
         nodes.append(node)
-        produced.update(implementation.declared.params.keys())
     return nodes
+
+
+def why_refused(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any, code: int) -> Explanation | None:
+    """Why `make_nodes` refuses some requests: of the first wrong one, what is wrong for each implementation.
+
+    :param code: for the explanation.
+    :returns: None when none is wrong by itself.
+    """
+    produced: set[str] = set()
+    for request in requests:
+        params = [Origin(key, told_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
+        stype = full_name(request.type)
+        try:
+            given, problems = _fitting(request, library, wmi, produced)
+        except SkirosError as error:
+            return Explanation(START, stype, request.label, -1, code, str(error), params=params)
+        if given is None:
+            tried = [
+                Explanation(PARAMETER, stype, i.label, -1, code, str(error), params=params) for i, error in problems
+            ]
+            text = "; ".join(t.message for t in tried)
+            return tried[0] if len(tried) == 1 else Explanation(START, stype, "", -1, code, text, tried=tried)
+    return None
+
+
+def _fitting(
+    request: SkillRequest, library: SkillLibrary, wmi: Any, produced: set[str]
+) -> tuple[dict[str, list[Any]] | None, list[tuple[Implementation, SkirosError]]]:
+    """The values that a request gives, checked against what the first implementation that they fit declares.
+
+    :param produced: the keys of the skills before; those of this one are added.
+    :returns: None for the values where they fit none; what is wrong for each that they do not fit.
+    :raises UnknownName: there is no such skill.
+    """
+    problems: list[tuple[Implementation, SkirosError]] = []
+    for implementation in library.candidates(request.type, request.label):
+        try:
+            given = _checked(request, implementation, wmi, produced)
+        except SkirosError as error:
+            problems.append((implementation, error))
+            continue
+        produced.update(implementation.declared.params.keys())
+        return given, problems
+    return None, problems
 
 
 def _checked(

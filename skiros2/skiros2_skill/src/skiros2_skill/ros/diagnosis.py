@@ -10,6 +10,7 @@ import rospy
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_msgs import srv as srvs
+from skiros2_skill.core.authors import name_authors
 from skiros2_skill.core.breakpoints import Breakpoint, Breakpoints
 from skiros2_skill.core.history import History
 from skiros2_skill.ros.progress import wire_text
@@ -21,10 +22,14 @@ _ALL = -1
 
 
 class Diagnosis:
-    """Offers the services until `close`."""
+    """Offers the services until `close`.
 
-    def __init__(self, history: History, breakpoints: Breakpoints) -> None:
+    :param wmi: is asked who made the changes that explanations speak of.
+    """
+
+    def __init__(self, history: History, breakpoints: Breakpoints, wmi: Any) -> None:
         self._history = history
+        self._wmi = wmi
         self._breakpoints = breakpoints
         self._services = [
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
@@ -40,6 +45,7 @@ class Diagnosis:
             record = self._history.get(request.task_id)
         except UnknownName as error:
             return srvs.SkillWhyResponse(False, str(error), "[]")
+        name_authors(record.explanations, self._wmi)
         return srvs.SkillWhyResponse(True, wire_text(str(record)), explanations_json(record.explanations))
 
     def _on_breakpoint(self, request: Any) -> Any:

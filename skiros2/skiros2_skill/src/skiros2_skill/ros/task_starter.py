@@ -14,7 +14,7 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
 from skiros2_skill.core.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes
+from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
 
@@ -51,21 +51,28 @@ class TaskStarter:
         :param skills: as `ResourceDescription`.
         :raises TaskRefused: it cannot be made; this is kept in the history.
         """
+        explanation = None
         try:
-            return self._make(author, skills)
+            requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in skills]
+            self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
+            try:
+                return self._make(author, requests)
+            except SkirosError:
+                explanation = why_refused(requests, self._library, self._wmi, REFUSED_CODE)
+                raise
         except SkirosError as error:
             text = str(error)
         except Exception as error:  # a client has to hear of our own mistakes too
             log.exception("a task of %s", author or "somebody")
             text = f"internal error: {type(error).__name__}: {error}"
         text = one_line(text)
-        record = Record(REFUSED, author, State.Idle, REFUSED_CODE, text, [_explanation(skills, text)])
+        if explanation is None:
+            explanation = _explanation(skills, text)
+        record = Record(REFUSED, author, State.Idle, REFUSED_CODE, text, [explanation])
         self._history.refuse(record)
         raise TaskRefused(record)
 
-    def _make(self, author: str, skills: Sequence[Any]) -> Task:
-        self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
-        requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in skills]
+    def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
         nodes = make_nodes(requests, self._library, self._wmi)
         task = self._ticker.new_task(self._wmi, author)
         task.root.params.addParam("Robot", self._robot(), ParamTypes.Inferred, "The manager's robot")

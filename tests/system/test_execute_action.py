@@ -190,14 +190,18 @@ def test_a_goal_that_cannot_be_followed_is_rejected_with_the_reason(robot, skill
 # -- why --------------------------------------------------------------------------------------------------------------
 
 
-def test_why_tells_of_a_task_that_has_failed(robot):
+def test_why_tells_of_a_task_that_has_failed(ros, robot):
+    monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    wait_until(monitor._subscriber.get_num_connections, what="the monitor")
     wmi = WorldModelInterface("tests")
     box = Element("skiros:LargeBox", "an empty box")
     box.addRelation("skiros:Scene-0", "skiros:contain", "-1")
     wmi.add_element(box)
     run = robot.run([skill(robot, "weigh", Container=box)])
     result = run.result(30)
-    assert "\n" not in result.message
+    refused = monitor.wait_for(lambda m: m.progress[0].id == run.task and m.progress[0].progress_code == -1)
+    assert [len(node.progress_message.splitlines()) for node in refused.progress] == [1, 1]
+    assert result.message == refused.progress[0].progress_message
     text = robot.why(run.task)
     assert text.startswith(f"task {run.task} by tests has failed: skiros:Weigh-weigh(Failure): ")
     (why,) = robot.explanations(run.task)

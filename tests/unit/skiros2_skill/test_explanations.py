@@ -57,6 +57,7 @@ def only(task):
     ("hooks", "stage", "code", "message"),
     [
         ({"execute": lambda s: s.fail("no grip", 7)}, EXECUTE, -7, "no grip"),
+        ({"execute": lambda s: s.fail("no grip", 7.0)}, EXECUTE, -7, "no grip"),
         ({"execute": False}, EXECUTE, -405, "work: execute returned False"),
         ({"execute": 5}, EXECUTE, -405, "work: execute returned 5"),
         ({"execute": raises}, EXCEPTION, -405, "RuntimeError: broken"),

@@ -117,7 +117,7 @@ class SkillCore(SkillDescription):
 
     def startError(self, msg: str, code: int) -> bool:
         """For `onStart`: reports why the skill cannot start and returns False."""
-        self._setProgress(msg, -abs(code))
+        self._setProgress(msg, -abs(int(code)))
         return False
 
     def step(self, msg: str = "") -> State:
@@ -131,7 +131,7 @@ class SkillCore(SkillDescription):
 
     def fail(self, msg: str, code: int) -> State:
         """For `execute`: the skill has failed. The code is made negative."""
-        self._setProgress(msg, -abs(code))
+        self._setProgress(msg, -abs(int(code)))
         return State.Failure
 
     def success(self, msg: str = "") -> State:

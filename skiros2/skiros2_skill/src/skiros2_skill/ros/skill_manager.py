@@ -194,7 +194,10 @@ class SkillManager(DiscoverableNode):
             self._ticker.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
         was_buried = change.author == author_of_will(rospy.get_name())  # out of reach for long, but alive
-        if was_buried or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
+        robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
+            element.id == self._registration.robot_id for element in change.elements
+        )
+        if was_buried or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
             # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the
             # last change only. Not in this thread: it is the one that brings changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()

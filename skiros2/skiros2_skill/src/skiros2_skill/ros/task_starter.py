@@ -74,8 +74,9 @@ class TaskStarter:
 
     def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
         nodes = make_nodes(requests, self._library, self._wmi)
+        robot = self._robot()
         task = self._ticker.new_task(self._wmi, author)
-        task.root.params.addParam("Robot", self._robot(), ParamTypes.Inferred, "The manager's robot")
+        task.root.params.addParam("Robot", robot, ParamTypes.Inferred, "The manager's robot")
         task.root(*nodes)
         self._history.begin(task)
         return task

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -224,6 +225,31 @@ def test_others_see_no_more_of_it_and_nothing_is_planned_with_its_skills(
     cell.start_manager()
     wait_until(lambda: ROBOT in layer.agents, what="the manager again")
     assert plan(goal) == PLAN
+
+
+def test_that_is_so_too_while_simulated_time_stands_still(ros: Ros, tmp_path: Path) -> None:
+    ros.master.set_parameter("/use_sim_time", True)
+    cell = Cell(ros, tmp_path)
+    cell.start_manager()
+    client = ros.program(sys.executable, "-u", "-c", FOLLOWER)
+    client.wait_for_line(rf"came \[{ROBOT}\]")
+    cell.moves_for_long()
+    ros.kill_node(ROBOT)
+    client.wait_for_line(r"went \[\]")
+    cell.has_buried()
+
+
+FOLLOWER = """
+import rospy
+from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
+rospy.init_node("follower")
+layer = SkillLayerInterface("follower")
+for word in ("came", "went"):
+    while not layer.has_changes:
+        rospy.rostime.wallsleep(0.02)
+    print(word, "[" + ", ".join(layer.agents) + "]")
+rospy.spin()
+"""
 
 
 def plan(goal: str) -> int:

@@ -75,7 +75,7 @@ def test_properties_are_written_and_taken_away_and_the_rest_stays(
     wmi: LocalWorldModel, wills: LastWills, arm: Element
 ) -> None:
     foreign = device(wmi, "/another")
-    wills.carry_out(left(wills, FREE))
+    wills.carry_out(NODE, left(wills, FREE).life)
     assert state(wmi, arm) == ("Idle", None)
     assert wmi.get_element(arm.id).value_of("skiros:Weight") == 2.0
     assert state(wmi, foreign) == ("Busy", "/another")
@@ -84,7 +84,7 @@ def test_properties_are_written_and_taken_away_and_the_rest_stays(
 def test_what_an_element_has_along_a_relation_goes_with_all_below(
     wmi: LocalWorldModel, wills: LastWills, robot: Element
 ) -> None:
-    wills.carry_out(left(wills, NO_SKILLS))
+    wills.carry_out(NODE, left(wills, NO_SKILLS).life)
     assert wmi.resolve_elements(Element("skiros:Skill")) == []
     assert wmi.resolve_elements(Element("skiros:Parameter")) == []
     assert wmi.is_scene_element(robot.id)
@@ -93,7 +93,7 @@ def test_what_an_element_has_along_a_relation_goes_with_all_below(
 def test_it_is_about_the_scene_as_it_is_when_it_is_carried_out(wmi: LocalWorldModel, wills: LastWills) -> None:
     will = left(wills, FREE)
     arm = device(wmi, NODE)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     assert state(wmi, arm) == ("Idle", None)
 
 
@@ -103,7 +103,7 @@ def test_the_author_of_the_changes_is_named(
     will = left(wills, FREE, NO_SKILLS)
     told = []
     wmi.add_listener(told.append)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     assert {change.author for change in told} == {"last will of /robot"}
     assert [change.action for change in told] == ["remove_recursive", "update"]
 
@@ -117,7 +117,7 @@ def test_where_a_part_is_refused_the_rest_is_done(
         broken.removeProperty("skiros:Weight")
         broken.setProperty("skiros:Weight", "no number")
         wmi.update_element(broken)
-    wills.carry_out(left(wills, unfit, FREE))
+    wills.carry_out(NODE, left(wills, unfit, FREE).life)
     assert "what can be done is done" in caplog.text
     assert state(wmi, arm) == ("Idle", None)
     assert wmi.get_element(arm.id).value_of("skiros:Weight") == 2.0
@@ -135,9 +135,9 @@ def test_a_bequest_of_anything_at_all_is_refused(wills: LastWills, bequest: Bequ
 
 def test_it_is_carried_out_once(wmi: LocalWorldModel, wills: LastWills, arm: Element) -> None:
     will = left(wills, FREE)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     again = device(wmi, NODE)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     assert state(wmi, again) == ("Busy", NODE)
     assert wills.all() == []
 
@@ -145,15 +145,14 @@ def test_it_is_carried_out_once(wmi: LocalWorldModel, wills: LastWills, arm: Ele
 def test_one_that_was_taken_back_is_not_carried_out(wmi: LocalWorldModel, wills: LastWills, arm: Element) -> None:
     will = left(wills, FREE)
     wills.take_back(NODE)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     assert state(wmi, arm) == ("Busy", NODE)
 
 
 def test_the_same_life_leaves_another_in_its_place(wmi: LocalWorldModel, wills: LastWills, arm: Element) -> None:
-    before = left(wills, NO_SKILLS)
+    left(wills, NO_SKILLS)
     after = left(wills, FREE)
     assert state(wmi, arm) == ("Busy", NODE)
-    wills.carry_out(before)
     assert wills.all() == [after]
 
 
@@ -162,7 +161,7 @@ def test_another_life_carries_out_that_of_the_former(wmi: LocalWorldModel, wills
     now = left(wills, FREE, life=SECOND)
     assert state(wmi, arm) == ("Idle", None)
     mine = device(wmi, NODE)
-    wills.carry_out(former)
+    wills.carry_out(NODE, former.life)
     assert state(wmi, mine) == ("Busy", NODE)
     assert wills.all() == [now]
 
@@ -184,7 +183,7 @@ def test_a_world_model_that_goes_on_from_its_journal_has_them(tmp_path: Path) ->
     wmi, wills, journal = life_of_world_model(tmp_path / "journal", ALWAYS)
     (will,) = wills.all()
     assert (will.owner, will.life) == (NODE, FIRST)
-    wills.carry_out(will)
+    wills.carry_out(NODE, will.life)
     assert state(wmi, arm) == ("Idle", None)
     journal.close(clean=False)
     _, wills, journal = life_of_world_model(tmp_path / "journal", ALWAYS)

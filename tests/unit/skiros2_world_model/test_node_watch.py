@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import socket
@@ -30,7 +31,7 @@ server.serve_forever()
 """
 
 #: How long a node that goes on has to be left alone (s).
-WHILE = 1.5
+WHILE = 1.0
 
 
 class Node:
@@ -176,8 +177,7 @@ def test_another_process_in_its_place_is_not_the_node(node: Node, watch: Any) ->
 
 
 def test_nor_is_what_answers_no_call_of_a_node(watch: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node_watch, "_PACE", 0.05)
-    monkeypatch.setattr(node_watch, "_PAUSE", 0.01)
+    monkeypatch.setattr(node_watch, "_PAUSES", (0.01, 0.05))
     with socket.create_server(("localhost", 0)) as stranger:
         answers = [b"", b"no HTTP", b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n"] * 2
 
@@ -192,15 +192,88 @@ def test_nor_is_what_answers_no_call_of_a_node(watch: Any, monkeypatch: pytest.M
         assert watch(stranger.getsockname()[1], 1).wait(10.0)
 
 
-def test_one_that_is_out_of_reach_for_long_is_gone(watch: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(node_watch, "_CONNECT_TIMEOUT", 0.1)
+class Network:
+    """Between a watch and its node; it may be down."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.is_up = True
+        self.refused = threading.Semaphore(0)
+        connect = NodeWatch._connect
+
+        def try_to_connect(watch: NodeWatch) -> socket.socket:
+            if not self.is_up:
+                self.refused.release()
+                raise OSError(errno.EHOSTUNREACH, "No route to host")
+            return connect(watch)
+
+        monkeypatch.setattr(NodeWatch, "_connect", try_to_connect)
+
+
+@pytest.fixture
+def network(monkeypatch: pytest.MonkeyPatch) -> Network:
+    return Network(monkeypatch)
+
+
+def test_one_that_is_out_of_reach_for_long_is_gone(
+    node: Node, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.5)
-    with socket.create_server(("localhost", 0), backlog=0) as full:
-        port = full.getsockname()[1]
-        waiting = [socket.socket() for _ in range(3)]
-        for connection in waiting:
-            connection.setblocking(False)
-            connection.connect_ex(("localhost", port))
-        assert watch(port, 1).wait(10.0)
-        for connection in waiting:
-            connection.close()
+    wire = Wire(node)
+    gone = watch(wire.port, node.pid)
+    has_answered(wire, 1)
+    network.is_up = False
+    assert not gone.wait(WHILE)  # the connection holds
+    wire.cut()
+    assert network.refused.acquire(timeout=5.0)
+    assert gone.wait(5.0)
+
+
+def test_one_that_is_out_of_reach_for_a_while_is_not(node: Node, watch: Any, network: Network) -> None:
+    wire = Wire(node)
+    gone = watch(wire.port, node.pid)
+    has_answered(wire, 1)
+    network.is_up = False
+    wire.cut()
+    assert network.refused.acquire(timeout=5.0)
+    network.is_up = True
+    has_answered(wire, 2)
+    assert not gone.is_set()
+
+
+def test_one_that_was_never_reached_is_not_gone(
+    node: Node, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.1)
+    network.is_up = False
+    gone = watch(node.port, node.pid)
+    for _ in range(3):
+        assert network.refused.acquire(timeout=5.0)
+    network.is_up = True
+    assert not gone.wait(0.3)
+    node.kill()
+    assert gone.wait(5.0)
+
+
+def test_who_is_met_in_its_place_was_never_the_node(node: Node) -> None:
+    gone = threading.Event()
+    watch = NodeWatch(f"http://localhost:{node.port}/", node.pid + 1, gone.set)
+    watch.meet()
+    watch.start()
+    watch.join(5.0)
+    assert not watch.is_alive()
+    assert not gone.is_set()
+
+
+def test_nobody_is_met_where_nobody_listens(node: Node) -> None:
+    node.kill()
+    with pytest.raises(OSError):
+        NodeWatch(f"http://localhost:{node.port}/", node.pid, list).meet()
+
+
+def test_one_that_dies_right_after_it_was_met_is_gone(node: Node) -> None:
+    gone = threading.Event()
+    watch = NodeWatch(f"http://localhost:{node.port}/", node.pid, gone.set)
+    watch.meet()
+    node.kill()
+    watch.start()
+    assert gone.wait(5.0)

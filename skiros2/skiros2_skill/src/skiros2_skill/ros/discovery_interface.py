@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +12,8 @@ import rospy
 from std_msgs.msg import Empty, String
 
 from skiros2_common.ros.master_watch import watch_master
+
+log = logging.getLogger(__name__)
 
 #: A node unseen for this many discovery periods counts as down.
 PERIODS_UNTIL_DOWN = 2
@@ -55,29 +59,39 @@ class DiscoveryInterface:
         """
         watch_master()
         self._on_active, self._on_inactive = on_active, on_inactive
-        self._seen: dict[str, float] = {}
+        self._seen: dict[str, float] = {}  # when, in wall time: simulated time may stand still, or run fast
         self._discovery_lock = threading.RLock()
         self._down_after = PERIODS_UNTIL_DOWN * discovery_period.to_sec()
         self._ask_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
         self._names_sub = rospy.Subscriber(f"{namespace}/description", String, self._on_name)
-        self._timer = rospy.Timer(discovery_period, self._ask)
-        self._ask(None)
+        self._discovery_ended = threading.Event()
+        self._ask()
+        period = discovery_period.to_sec()
+        threading.Thread(target=self._ask_again, args=(period,), name="discovery", daemon=True).start()
 
     def stop_discovery(self) -> None:
         """Follows no more."""
-        self._timer.shutdown()
+        self._discovery_ended.set()
         self._names_sub.unregister()
         self._ask_pub.unregister()
 
     def _on_name(self, message: Any) -> None:
         with self._discovery_lock:
             new = message.data not in self._seen
-            self._seen[message.data] = rospy.get_time()
+            self._seen[message.data] = time.monotonic()
             if new:
                 self._on_active(message.data)
 
-    def _ask(self, _: Any) -> None:
-        now = rospy.get_time()
+    def _ask_again(self, period: float) -> None:
+        while not self._discovery_ended.wait(period) and not rospy.is_shutdown():
+            try:
+                self._ask()
+            except rospy.ROSException as error:  # the topic was closed meanwhile
+                log.debug("discovery has ended: %s", error)
+                return
+
+    def _ask(self) -> None:
+        now = time.monotonic()
         with self._discovery_lock:
             for name, seen in list(self._seen.items()):
                 if now - seen > self._down_after:

@@ -12,7 +12,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Operation, Patch, Remove
 from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.journal import Journal
-from skiros2_world_model.core.wills import Will, author_of_will, read_wills, wills_text
+from skiros2_world_model.core.wills import Life, Will, author_of_will, read_wills, wills_text
 from skiros2_world_model.core.world_model import WorldModel
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class LastWills:
         with self._model.lock:
             before = self._wills.get(will.owner)
             if before is not None and before.life != will.life:
-                self.carry_out(before)
+                self.carry_out(before.owner, before.life)
             self._keep({**self._wills, will.owner: will})
 
     def take_back(self, owner: str) -> None:
@@ -61,17 +61,18 @@ class LastWills:
             if owner in self._wills:
                 self._keep({name: will for name, will in self._wills.items() if name != owner})
 
-    def carry_out(self, will: Will) -> None:
-        """Does what a will says, and forgets it; nothing when it is not the owner's any more.
+    def carry_out(self, owner: str, life: Life) -> None:
+        """Does what one life of a node has left to be done, and forgets it; nothing when there is no will of it.
 
         All of it in one request; where that is refused, each part for itself, and what is refused then is logged.
         """
         with self._model.lock:
-            if self._wills.get(will.owner) is not will:
+            will = self._wills.get(owner)
+            if will is None or will.life != life:
                 return
-            author = author_of_will(will.owner)
+            author = author_of_will(owner)
             operations = self._operations(will)
-            log.warning("%s is gone: its last will makes %d changes", will.owner, len(operations))
+            log.warning("%s is gone: its last will makes %d changes", owner, len(operations))
             try:
                 self._model.transact(operations, author)
             except SkirosError as error:
@@ -79,10 +80,10 @@ class LastWills:
                 for operation in operations:
                     self._try(operation, author)
             try:
-                self.take_back(will.owner)
+                self.take_back(owner)
             except SkirosError as error:
                 log.error("%s stays in the journal: %s", author, error)
-                del self._wills[will.owner]
+                del self._wills[owner]
 
     def _try(self, operation: Operation, author: str) -> None:
         try:

@@ -23,8 +23,7 @@ OUT_OF_REACH = 10.0
 _NO_ANSWERS = 5
 
 _CONNECT_TIMEOUT = 2.0  # s
-_PAUSE = 0.1  # s before it connects again
-_PACE = 1.0  # s from one connection to the next one of a node that lives and closes them
+_PAUSES = 0.1, 1.0  # s before it connects again: at first, and where one connection after the other breaks
 
 #: When the kernel looks whether the other machine is there: after s, every s, so often.
 _KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 2), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 5))
@@ -49,39 +48,57 @@ class NodeWatch(threading.Thread):
         self._pid = pid
         self._on_gone = on_gone
         self._ended = threading.Event()
-        self._socket: socket.socket | None = None
+        self._connection: socket.socket | None = None
+        self._is_met = False
+        self._reached: float | None = None  # when it was there last
+
+    def meet(self) -> None:
+        """Connects to a node that is there now. Who listens at its address and is another was never the node.
+
+        :raises OSError: nobody can be reached there.
+        """
+        self._connection = self._connect()
+        self._is_met = True
 
     def stop(self) -> None:
         """Watches no more. Does not wait for the thread."""
         self._ended.set()
-        _shut(self._socket)
+        if self._connection is not None:
+            _shut(self._connection)
 
     def run(self) -> None:
-        reached = time.monotonic()
-        unknown = 0  # connections in a row on which nobody has told who he is
+        if self._waits_until_gone() and not self._ended.is_set():
+            self._on_gone()
+
+    def _waits_until_gone(self) -> bool:
+        """Returns when the node is gone, or False when it was never there, or the watch has ended."""
+        pause, longest = _PAUSES
+        silent = 0  # connections in a row on which nobody has told who he is
         while not self._ended.is_set():
-            connected = time.monotonic()
+            began = time.monotonic()
             try:
-                with self._connect() as connection:
-                    reached = connected
+                with self._connection or self._connect() as connection:
                     pid = _ask_pid(connection)
                     if pid == self._pid:
-                        unknown = 0
+                        silent, self._is_met = 0, False
                         _wait_for_end(connection)
-                    elif pid is not None or unknown == _NO_ANSWERS:
-                        break
+                    elif pid is not None or silent == _NO_ANSWERS:
+                        if self._is_met:
+                            log.warning("process %s, not %s, listens at %s:%s", pid, self._pid, *self._address)
+                        return not self._is_met
                     else:
-                        unknown += 1
+                        silent += 1
+                self._reached = time.monotonic()
             except ConnectionRefusedError:
-                break
+                return True
             except OSError as error:
-                if time.monotonic() - reached > OUT_OF_REACH:
-                    log.warning("%s:%d cannot be reached: %s", *self._address, error)
-                    break
-            since = time.monotonic() - connected
-            self._ended.wait(_PAUSE if unknown == 0 and since > _PACE else max(_PAUSE, _PACE - since))
-        if not self._ended.is_set():
-            self._on_gone()
+                if self._reached is not None and time.monotonic() - self._reached > OUT_OF_REACH:
+                    log.warning("%s:%s cannot be reached any more: %s", *self._address, error)
+                    return True
+            self._connection = None
+            self._ended.wait(pause)
+            pause = _PAUSES[0] if time.monotonic() - began > 2 * longest else min(2 * pause, longest)
+        return False
 
     def _connect(self) -> socket.socket:
         connection = socket.create_connection(self._address, _CONNECT_TIMEOUT)
@@ -89,7 +106,7 @@ class NodeWatch(threading.Thread):
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, value in _KEEP_ALIVE:
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
-        self._socket = connection
+        self._connection = connection
         if self._ended.is_set():
             _shut(connection)
         return connection
@@ -118,10 +135,9 @@ def _wait_for_end(connection: socket.socket) -> None:
         log.debug("the connection to a node broke: %s", error)
 
 
-def _shut(connection: socket.socket | None) -> None:
+def _shut(connection: socket.socket) -> None:
     """Wakes who reads from a connection."""
-    if connection is not None:
-        try:
-            connection.shutdown(socket.SHUT_RDWR)
-        except OSError as error:
-            log.debug("the connection is closed already: %s", error)
+    try:
+        connection.shutdown(socket.SHUT_RDWR)
+    except OSError as error:
+        log.debug("the connection is closed already: %s", error)

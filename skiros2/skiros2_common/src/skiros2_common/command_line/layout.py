@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -78,16 +79,24 @@ def columns_of(text: str) -> int:
     """How many columns a text takes."""
     if text.isascii():
         return len(text)
-    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
+    return sum(map(_columns_of_letter, text))
+
+
+@functools.lru_cache(maxsize=4096)
+def _columns_of_letter(letter: str) -> int:
+    return 0 if unicodedata.combining(letter) else 2 if unicodedata.east_asian_width(letter) in "WF" else 1
 
 
 def cut(text: str, width: int) -> str:
     """The text in so many columns, with two dots where something is left out."""
     if columns_of(text) <= width:
         return text
-    while text and columns_of(text) > width - 2:
-        text = text[:-1]
-    return text + ".."
+    room = width - 2
+    for at, letter in enumerate(text):
+        room -= columns_of(letter)
+        if room < 0:
+            return text[:at] + ".."
+    return text
 
 
 def _padded(text: str, width: int) -> str:

@@ -68,6 +68,7 @@ def _task(parser: argparse.ArgumentParser) -> None:
 
 
 def _words(parser: argparse.ArgumentParser) -> None:
+    parser.usage = "%(prog)s [OPTION ...] SKILL [KEY=VALUE ...] [SKILL [KEY=VALUE ...] ...]"
     parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="what to run, and its parameters")
     parser.add_argument("--detach", action="store_true", help="do not wait for the end")
 

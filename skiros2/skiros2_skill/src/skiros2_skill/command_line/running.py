@@ -14,11 +14,11 @@ from skiros2_common.command_line.frame import INTERRUPTED
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_skill.command_line.assignments import Step, read_steps
 from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.command_line.description import Skill
-from skiros2_skill.command_line.tree import SUCCESS, Changes, has_ended
+from skiros2_skill.command_line.tree import SUCCESS, Changes, has_ended, word_of
 from skiros2_skill.command_line.world import World
 
 #: How often what is new is shown (s).
@@ -26,6 +26,9 @@ _PERIOD = 0.1
 
 #: How long the last progress may come after the result (s).
 _OVERTAKEN = 0.5
+
+#: What is shown of an element.
+_ELEMENT = {"id", "label", "type"}
 
 
 def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
@@ -124,12 +127,13 @@ class _Telling:
 
 def _told(result: Any, robot: str, seconds: float, shown: set[str]) -> tuple[list[str], dict[str, Any]]:
     """A result for people and for programs."""
-    params = {p["key"]: p["values"] for p in (json.loads(param.param) for param in result.params)}
+    params = {p["key"]: [_brief(v) for v in p["values"]] for p in (json.loads(m.param) for m in result.params)}
     explanations = json.loads(result.explanation or "[]")
+    preempted = result.state != SUCCESS and bool(explanations) and explanations[-1]["stage"] == PREEMPT
     data = {
         "robot": robot,
         "task": result.task_id,
-        "state": "success" if result.state == SUCCESS else "failure",
+        "state": "preempted" if preempted else word_of(result.state),
         "code": result.code,
         "message": result.message,
         "params": params,
@@ -137,10 +141,14 @@ def _told(result: Any, robot: str, seconds: float, shown: set[str]) -> tuple[lis
     }
     if result.state == SUCCESS:
         return [f"task {result.task_id} has succeeded after {seconds:.1f} s", *_found(params, shown)], data
-    lines = [f"task {result.task_id} has failed after {seconds:.1f} s: {result.message}"]
-    for explanation in explanations:
-        lines += [f"  {line}" for line in Explanation.from_dict(explanation).lines()]
-    return lines, data
+    failed = f"task {result.task_id} {'was preempted' if preempted else 'has failed'} after {seconds:.1f} s"
+    if preempted:
+        return [failed], data
+    if not explanations:
+        return [f"{failed}: {result.message}"], data
+    lines = [f"  {line}" for line in Explanation.from_dict(explanations[-1]).lines()]
+    more = [f"  {len(explanations) - 1} more failed before: why {result.task_id}"] if len(explanations) > 1 else []
+    return [failed, *lines, *more], data
 
 
 def _not_given(steps: list[Step], known: list[Skill]) -> set[str]:
@@ -155,9 +163,16 @@ def _found(params: dict[str, list[Any]], keys: set[str]) -> list[str]:
     return [f"  {key} = {_shown(values)}" for key, values in sorted(params.items()) if key in keys]
 
 
+def _brief(value: Any) -> Any:
+    """A value; of an element only what it is known by."""
+    if isinstance(value, dict) and value.keys() > _ELEMENT:
+        return {part: value[part] for part in ("id", "label", "type")}
+    return value
+
+
 def _shown(values: list[Any]) -> str:
-    return ", ".join(_reference(v) if isinstance(v, dict) and "id" in v else json.dumps(v) for v in values)
+    return ", ".join(_reference(v) if isinstance(v, dict) and v.keys() == _ELEMENT else json.dumps(v) for v in values)
 
 
 def _reference(element: dict[str, Any]) -> str:
-    return f'{element["id"]} "{element["label"]}"' if element.get("label") else str(element["id"])
+    return f'{element["id"]} "{element["label"]}"' if element["label"] else str(element["id"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -61,17 +62,15 @@ def picture(screen: Screen, nodes: Sequence[Any], holds: HoldConditions, most: i
     :param most: so many lines at most; what neither runs nor has failed is left out first.
     """
     forest = _Forest(screen, nodes, holds)
-    rows = forest.rows()
-    if most is not None and len(rows) + 1 > most:
+    room = forest.size() if most is None else most - 1
+    if forest.size() > room:
         forest.fold()
-        rows = forest.rows()
-    colour = _looks(nodes[0].state)[3]
+    left = forest.size() - room
+    rows = forest.rows(room if left <= 0 else max(0, room - 1))
     texts = table(screen, [cells for _, cells in rows])
     lines = [Line(text, colour) for (colour, _), text in zip(rows, texts, strict=True)]
-    if most is not None and len(lines) + 1 > most:
-        left = len(lines) - most + 2
-        lines = [*lines[: max(0, most - 2)], Line(f"{left} more lines", _looks(IDLE)[3])]
-    return [Line(screen.fitted(summary(nodes)), colour), *lines]
+    more = [Line(f"{left + 1} more lines", _looks(IDLE)[3])] if left > 0 else []
+    return [Line(screen.fitted(summary(nodes)), _looks(nodes[0].state)[3]), *lines, *more]
 
 
 @dataclass
@@ -104,9 +103,17 @@ class _Forest:
                 node.cells = [node.cells[0], node.cells[1], "", node.cells[3]]
             node.busy = node.busy or any(isinstance(b, _Node) and b.busy for b in node.branches)
 
-    def rows(self) -> list[tuple[str, list[str]]]:
-        """Each row's colour and cells."""
-        branches = drawn(self._screen, self._roots)
+    def size(self) -> int:
+        """How many rows there are."""
+        size, waiting = 0, [*self._roots]
+        while waiting:
+            size += 1
+            waiting += waiting.pop().branches
+        return size
+
+    def rows(self, most: int) -> list[tuple[str, list[str]]]:
+        """Each row's colour and cells, from the first on."""
+        branches = itertools.islice(drawn(self._screen, self._roots), most)
         return [(getattr(branch, "colour", _CONDITION), [text, *branch.cells[1:]]) for branch, text in branches]
 
     def fold(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import rosgraph
 
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.names import id_order, local_name
+from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.command_line.description import Parameter, did_you_mean
 from skiros2_world_model.command_line.connection import connect
@@ -120,8 +120,9 @@ def _conditions(skill: Element, branch: Mapping[str, Element]) -> dict[str, list
 
 
 def _under(element: Element, relation: str, branch: Mapping[str, Element]) -> list[Element]:
+    """What an element leads to, in the order in which it was made."""
     ids = [r["dst"] for r in element.getRelations("-1", relation) if r["dst"] in branch]
-    return [branch[eid] for eid in sorted(ids, key=id_order)]
+    return [branch[eid] for eid in sorted(ids, key=id_number)]
 
 
 def _text(condition: Element, branch: Mapping[str, Element]) -> str:

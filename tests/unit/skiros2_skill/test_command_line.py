@@ -1,0 +1,499 @@
+"""The commands of `rosrun skiros2_skill` with a manager in this process: what they send, say and end with."""
+
+import json
+from typing import Any, NamedTuple
+
+import pytest
+
+from skiros2_common.command_line.answer import WrongUsage
+from skiros2_common.command_line.master import NotThere
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros.utils import serializeParamMap
+from skiros2_msgs import srv as srvs
+from skiros2_skill.command_line import connection, control, program, world
+from skiros2_skill.command_line.assignments import read_steps
+from skiros2_skill.command_line.description import choose, read_skill
+from skiros2_skill.command_line.world import World
+from skiros2_skill.ros.registration import Registration
+from unit.skiros2_skill.skills import CONTAINER, INFERRED, OBJECT, OPTIONAL, REQUIRED, contains, describe, primitive
+
+ROBOT = "/test_robot"
+
+Grasp = describe(
+    "Grasp",
+    [
+        ("Force", float, REQUIRED),
+        CONTAINER,
+        OBJECT,
+        ("Speed", 0.5, OPTIONAL),
+        ("Count", int, OPTIONAL),
+        ("Careful", bool, OPTIONAL),
+        ("Name", str, OPTIONAL),
+        ("Joints", list, OPTIONAL),
+        ("Options", dict, OPTIONAL),
+    ],
+    pre=[contains()],
+    hold=[contains(), lambda d: d.getPropCond("Light", "skiros:Weight", "Object", "<", 2.0, True)],
+    post=[contains(state=False), lambda d: d.getHasPropCond("Weighed", "skiros:Weight", "Object", True)],
+)
+Measure = describe("Measure", [("Force", float, OPTIONAL)])
+SKILLS = [primitive(Grasp, "soft_grasp"), primitive(Grasp, "hard grasp"), primitive(Measure, "measure")]
+
+
+class FakeManager:
+    """Answers as a manager does, and remembers what it was told."""
+
+    name, author = ROBOT, "tests"
+
+    def __init__(self, skills) -> None:
+        self._skills = skills
+        self.told: list[tuple[Any, ...]] = []
+        self.breakpoints: list[dict[str, Any]] = []
+        self.refuses = ""
+
+    def skills(self):
+        return self._skills
+
+    def command(self, action, task_id, skills=()):
+        if self.refuses:
+            raise Refused(self.refuses)
+        self.told.append((action, task_id, *skills))
+        return task_id if task_id >= 0 or not skills else 7
+
+    def why(self, task_id):
+        self.told.append(("why", task_id))
+        if task_id == 9:
+            return srvs.SkillWhyResponse(False, "task 9 is not known", "[]")
+        return srvs.SkillWhyResponse(True, "task 3 has failed: tired\nGrasp failed", '[{"stage": "pre"}]')
+
+    def breakpoint(self, action, kind="", pattern="", when="", number=0):
+        if action == "add":
+            self.breakpoints.append({"number": 1, "kind": kind, "pattern": pattern, "when": when or "start"})
+            return 1, self.breakpoints
+        if action == "remove":
+            self.told.append(("remove", number))
+        return number, self.breakpoints
+
+
+class Result(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+def register(bench, *skills):
+    """Loads skills, and tells the world model of them as a manager does."""
+    bench.load(*skills)
+    registration = Registration(bench.wmi, "skiros", "test_robot", ROBOT)
+    registration.robot_id = bench.robot.id
+    robot = bench.wmi.get_element(bench.robot.id)
+    robot.setProperty("skiros:SkillMgr", ROBOT)
+    bench.wmi.update_element(robot)
+    registration.register_skills(bench.library.implementations())
+
+
+@pytest.fixture
+def skills(bench):
+    """The skills as a manager would describe them; the world model has them as it would register them."""
+    register(bench, *SKILLS)
+    found = []
+    for implementation in bench.library.implementations():
+        params = [message.param for message in serializeParamMap(implementation.declared.params)]
+        found.append(read_skill(implementation.type, implementation.label, params))
+    return found
+
+
+@pytest.fixture
+def manager(skills):
+    return FakeManager(skills)
+
+
+@pytest.fixture
+def run(manager, bench, monkeypatch, capsys):
+    """Runs a command to its end."""
+    monkeypatch.setattr(program, "connect", lambda robot, author: manager)
+    monkeypatch.setattr(world, "connect", lambda name, author: bench.wmi)
+
+    def run(name: str, *arguments: str) -> Result:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            program.run(name, arguments)
+        return Result(int(end.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+# -- list, describe, why -----------------------------------------------------------------------------------------------
+
+
+def test_list_shows_what_has_to_be_given_first_and_not_the_robot(run):
+    lines = [line.split(maxsplit=2) for line in run("list").out.splitlines()]
+    assert lines[0] == ["skill", "type", "parameters"]
+    assert lines[3] == [
+        "soft_grasp", "skiros:Grasp",
+        "Force Object [Container] [Speed=0.5] [Count] [Careful] [Name] [Joints] [Options]",
+    ]  # fmt: skip
+    assert lines[4] == ["measure", "skiros:Measure", "[Force]"]
+
+
+def test_list_as_json_has_the_parameters_with_their_types(run):
+    measure = run("list", "--json").json[-1]
+    assert (measure["type"], measure["label"]) == ("skiros:Measure", "measure")
+    assert measure["parameters"][0] == {
+        "key": "Force", "kind": "optional", "type": "float", "default": [], "description": "",
+    }  # fmt: skip
+
+
+def test_describe_shows_parameters_conditions_package_and_other_implementations(run):
+    shown = run("describe", "soft_grasp")
+    assert (shown.status, shown.err) == (0, "")
+    lines = [" ".join(line.split()) for line in shown.out.splitlines()]
+    assert lines[0] == "soft_grasp"
+    assert "type skiros:Grasp" in lines
+    assert "also hard grasp (other implementations of skiros:Grasp)" in lines
+    assert lines[lines.index("parameters") + 1] == "Force required float"
+    assert "Speed optional float = 0.5" in lines
+    assert "Object required skiros:Product" in lines
+    assert lines[lines.index("pre-conditions") + 1] == "Contains Container skiros:contain Object"
+    assert "Light Object skiros:Weight < 2.0" in lines[lines.index("hold-conditions") :]
+    after = lines[lines.index("post-conditions") :]
+    assert "Contains not Container skiros:contain Object" in after
+    assert "Weighed Object has a value of skiros:Weight" in after
+
+
+def test_describe_tells_the_package(run, bench):
+    chain = run("describe", "measure", "--json").json[0]["classes"]
+    assert chain[-1] == "skiros:Measure"
+    assert bench.wmi.get_super_class(chain[0]) == "skiros:Skill"
+    assert chain[-2].removeprefix("skiros:") in run("describe", "measure").out
+
+
+def test_describe_of_a_type_shows_all_its_implementations(run):
+    assert [found["label"] for found in run("describe", "Grasp", "--json").json] == ["soft_grasp", "hard grasp"]
+    assert run("describe", "skiros:Grasp").out.count("parameters") == 2
+
+
+def test_describe_without_a_world_model_says_what_is_missing(run, monkeypatch):
+    def absent(name, author):
+        raise NotThere("there is no world model /wm")
+
+    monkeypatch.setattr(world, "connect", absent)
+    shown = run("describe", "measure")
+    assert shown.status == 0
+    assert shown.out.splitlines()[-1] == "conditions are not known: there is no world model /wm"
+    assert "Force" in shown.out
+
+
+def test_why_asks_for_the_last_failure_or_for_a_task(run, manager):
+    assert run("why").out == "task 3 has failed: tired\nGrasp failed\n"
+    assert run("why", "3", "--json").json == [{"stage": "pre"}]
+    assert manager.told == [("why", -1), ("why", 3)]
+    assert run("why", "9") == (1, "", "why: task 9 is not known\n")
+
+
+# -- names -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["hard grasp", "skiros:Grasp-hard grasp", "Grasp-hard grasp"])
+def test_a_skill_is_named_by_its_label(skills, name):
+    choice = choose(name, skills)
+    assert (choice.type, choice.label) == ("skiros:Grasp", "hard grasp")
+
+
+@pytest.mark.parametrize("name", ["Grasp", ":Grasp", "skiros:Grasp"])
+def test_a_type_stands_for_any_implementation(skills, name):
+    choice = choose(name, skills)
+    assert (choice.type, choice.label, len(choice.skills)) == ("skiros:Grasp", "", 2)
+
+
+@pytest.mark.parametrize(("name", "hint"), [("grasp", "Grasp"), ("mesure", "measure"), ("soft_gras", "soft_grasp")])
+def test_a_near_miss_of_a_skill_is_told(run, name, hint):
+    assert run("describe", name) == (1, "", f"describe: there is no skill {name!r}; did you mean {hint!r}?\n")
+
+
+def test_what_is_near_to_nothing_gets_the_names_that_there_are(skills):
+    with pytest.raises(UnknownName, match=r"there are: soft_grasp, Grasp, .* measure"):
+        choose("qqqqqq", skills)
+
+
+# -- values ------------------------------------------------------------------------------------------------------------
+
+
+def values(skills, *words, find=lambda declared, name: name):
+    """What a command line sends for the first skill, by key."""
+    params = map(json.loads, read_steps(words, skills, find)[0].params)
+    return {p["key"]: p["values"] for p in params}
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("Force=2", [2.0]),
+        ("Force=-1e-3", [-0.001]),
+        ("Force=[1, 2.5]", [1.0, 2.5]),
+        ("Count=7", [7]),
+        ("Careful=true", [True]),
+        ("Careful=False", [False]),
+        ("Name=a=b c", ["a=b c"]),
+        ("Name=7", ["7"]),
+        ("Name=", [""]),
+        ('Name=["a", "b"]', ["a", "b"]),
+        ("Name=[1, 2]", ["[1, 2]"]),
+        ("Joints=[1, 2]", [[1, 2]]),
+        ('Options={"a": {"b": null}}', [{"a": {"b": None}}]),
+        ("Object=product", ["product"]),
+        ('Object=["product", "other product"]', ["product", "other product"]),
+    ],
+)
+def test_values_are_of_the_declared_type(skills, word, expected):
+    sent = values(skills, "soft_grasp", *([] if word.startswith("Force") else ["Force=1"]), word)
+    assert sent[word.partition("=")[0]] == expected
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("Force=much", "parameter Force: 'much' is no float"),
+        ("Force=[1, true]", "parameter Force: expected a value of type float, got bool True"),
+        ("Count=1.5", "parameter Count: '1.5' is no int"),
+        ("Careful=perhaps", "parameter Careful: expected True or False, got 'perhaps'"),
+        ("Joints=1", "parameter Joints: expected a list in JSON, got '1'"),
+        ("Options=[", r"parameter Options: expected a dict in JSON, got '\['"),
+    ],
+)
+def test_values_of_another_type_are_refused(skills, word, told):
+    with pytest.raises(WrongValue, match=f"soft_grasp, {told}"):
+        read_steps(["soft_grasp", "Force=1", word], skills, lambda declared, name: name)
+
+
+def test_a_key_that_is_given_again_has_several_values(skills):
+    assert values(skills, "soft_grasp", "Force=1", "Joints=[1]", "Joints=[2]")["Joints"] == [[1], [2]]
+
+
+def test_a_type_that_a_library_has_registered_is_given_in_json():
+    declared = '{"key": "Pose", "specType": 1, "type": "lab::Pose", "values": [], "description": ""}'
+    skills = [read_skill("skiros:Move", "move", [declared])]
+    assert values(skills, "move", 'Pose={"x": 1}') == {"Pose": [{"x": 1}]}
+    with pytest.raises(WrongValue, match="expected the JSON form of lab::Pose, got 'home'"):
+        values(skills, "move", "Pose=home")
+
+
+def test_an_unknown_parameter_is_refused_with_the_nearest(skills):
+    with pytest.raises(UnknownName, match=r"soft_grasp has no parameter 'force'; did you mean 'Force'\?"):
+        read_steps(["soft_grasp", "force=1"], skills, None)
+
+
+def test_missing_parameters_are_named_with_their_types(run, manager):
+    refused = run("run", "soft_grasp", "Speed=1")
+    assert refused == (1, "", "run: soft_grasp needs Force (float): give it as Force=VALUE\n")
+    assert manager.told == []
+
+
+def test_what_an_earlier_skill_may_leave_need_not_be_given(skills):
+    steps = read_steps(["measure", "soft_grasp", "Name=x"], skills, None)
+    assert [(step.type, step.label) for step in steps] == [
+        ("skiros:Measure", "measure"), ("skiros:Grasp", "soft_grasp"),
+    ]  # fmt: skip
+
+
+def test_values_before_the_first_skill_are_wrong_usage(run):
+    assert run("run", "Force=1").status == 2
+
+
+def test_a_label_may_hold_an_equals_sign():
+    declared = '{"key": "c", "specType": 0, "type": "int", "values": []}'
+    steps = read_steps(["a=b", "c=1"], [read_skill("skiros:A", "a=b", [declared])], None)
+    assert (steps[0].label, len(steps[0].params)) == ("a=b", 1)
+
+
+def test_detached_skills_are_started_in_one_request(run, manager):
+    started = run("run", "--detach", "Grasp", "Force=1", "Object=product", "measure", "--json")
+    assert (started.status, started.json) == (0, {"robot": ROBOT, "task": 7})
+    ((action, task_id, grasp, measure),) = manager.told
+    assert (action, task_id) == ("start", -1)
+    assert [(s.type, s.name, len(s.params)) for s in (grasp, measure)] == [
+        ("skiros:Grasp", "", 2), ("skiros:Measure", "measure", 0),
+    ]  # fmt: skip
+    product = json.loads(grasp.params[1].param)["values"][0]
+    assert product["label"] == "product"
+    assert product["id"].startswith("skiros:Product-")
+
+
+# -- elements ----------------------------------------------------------------------------------------------------------
+
+
+def test_elements_are_found_by_id_and_by_label(run, bench, skills):
+    declared = skills[0].parameters["Object"]
+    known = World(ROBOT, "tests")
+    for name in (bench.product.id, "product"):
+        assert known.find_element(declared, name)["id"] == bench.product.id
+
+
+def test_a_label_of_several_elements_is_refused_with_their_ids(run, bench, skills):
+    twin = bench.add("skiros:Product", "product", bench.tray)
+    with pytest.raises(WrongValue, match=f"2 elements are labelled 'product', .*{twin.id}: give the id"):
+        World(ROBOT, "tests").find_element(skills[0].parameters["Object"], "product")
+
+
+@pytest.mark.parametrize("name", ["prodct", "tray"])
+def test_an_element_of_the_class_that_does_not_exist_is_refused(run, skills, name):
+    with pytest.raises(UnknownName, match=f"there is no skiros:Product with the id or label '{name}'; "):
+        World(ROBOT, "tests").find_element(skills[0].parameters["Object"], name)
+
+
+def test_the_world_model_is_the_one_in_the_namespace_of_the_manager(monkeypatch, bench):
+    asked = []
+    monkeypatch.setattr(world, "connect", lambda name, author: asked.append((name, author)) or bench.wmi)
+    with pytest.raises(UnknownName):
+        World("/cell/robot", "mary").registered("skiros:Grasp", "none")
+    assert asked == [("/cell/wm", "mary")]
+
+
+def test_conditions_are_told_in_words(run, bench):
+    checks = describe(
+        "Check",
+        [OBJECT, ("Lid", Element("skiros:Part"), INFERRED)],
+        pre=[
+            _either,
+            lambda d: d.getIsSpecifiedCond("Known", "Object", False),
+            lambda d: d.getOnTypeCond("Kind", "Object", "skiros:Starter"),
+            lambda d: d.getAbstractRelationCond("May", "skiros:contain", "Lid", "Object", True),
+        ],
+    )
+    register(bench, primitive(checks, "check"))
+    told = World(ROBOT, "tests").registered("skiros:Check", "check").conditions["pre"]
+    assert {condition.text for condition in told} == {
+        "(Object skiros:Weight = 1.0 or not Object has a value of skiros:Weight)",
+        "not Object is an element of the scene",
+        "Object is a skiros:Starter",
+        "the ontology allows Lid skiros:contain Object",
+    }
+
+
+def _either(description):
+    condition = description.getOrCond(True)
+    condition.addCondition(description.getPropCond("One", "skiros:Weight", "Object", "=", 1.0, True))
+    condition.addCondition(description.getHasPropCond("Other", "skiros:Weight", "Object", False))
+    return condition
+
+
+# -- stop, pause, resume, step, breakpoint -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "action"), [("stop", "preempt"), ("pause", "pause")])
+def test_a_task_or_all_are_stopped_or_paused(run, manager, name, action):
+    assert run(name, "3").out.startswith("task 3 is ")
+    assert run(name).out.startswith("all tasks are ")
+    assert manager.told == [(action, 3), (action, -1)]
+
+
+def test_a_task_is_resumed_or_ticked_once(run, manager):
+    assert run("resume", "3").out == "task 3 goes on\n"
+    assert run("step", "3").out == "task 3 was ticked once\n"
+    assert manager.told == [("start", 3), ("tick_once", 3)]
+
+
+def test_without_a_number_all_paused_tasks_go_on(run, manager, monkeypatch):
+    monkeypatch.setattr(control, "_tasks", lambda manager: [3, 5])
+    assert run("resume").out == "task 3 goes on\ntask 5 goes on\n"
+    manager.refuses = "task 3 runs already"
+    assert run("resume") == (1, "", "resume: task 3 runs already; task 3 runs already\n")
+    monkeypatch.setattr(control, "_tasks", lambda manager: [])
+    assert run("resume") == (1, "", "resume: no task is paused\n")
+
+
+def test_without_a_number_the_only_task_is_ticked_once(run, manager, monkeypatch):
+    monkeypatch.setattr(control, "_tasks", lambda manager: [5])
+    assert run("step").out == "task 5 was ticked once\n"
+    monkeypatch.setattr(control, "_tasks", lambda manager: [3, 5])
+    assert run("step") == (1, "", "step: there are 2 tasks (3, 5): name one\n")
+    monkeypatch.setattr(control, "_tasks", lambda manager: [])
+    assert run("step") == (1, "", "step: no task runs\n")
+
+
+def test_breakpoints_are_listed_added_and_removed(run, manager):
+    assert run("breakpoint").out == "no breakpoints\n"
+    assert run("breakpoint", "add", "node", "Gr*").out == "breakpoint 1: node Gr* start\n"
+    assert run("breakpoint", "list").out.splitlines()[-1].split() == ["1", "node", "Gr*", "start"]
+    assert run("breakpoint", "--json").json == manager.breakpoints
+    assert run("breakpoint", "remove", "1").out == "breakpoint 1 is gone\n"
+    assert run("breakpoint", "remove", "all").status == 0
+    assert manager.told == [("remove", 1), ("remove", -1)]
+
+
+# -- usage and connection ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("describe",),
+        ("run",),
+        ("stop", "first"),
+        ("stop", "-3"),
+        ("breakpoint", "add", "tree", "x"),
+        ("breakpoint", "remove", "some"),
+        ("list", "--none"),
+    ],
+)
+def test_wrong_usage_is_one_line(run, arguments):
+    wrong = run(*arguments)
+    assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
+
+
+@pytest.mark.parametrize("name", sorted(program._COMMANDS))
+def test_every_command_has_help_with_its_statuses(run, name):
+    shown = run(name, "--help")
+    assert shown.status == 0
+    assert "Exit status: 0" in shown.out
+
+
+@pytest.fixture
+def master(monkeypatch):
+    """What the master knows: node names of managers, and whether they answer."""
+    known: dict[str, bool] = {}
+
+    def ask(call, *arguments):
+        assert call == "getSystemState"
+        services = [(f"{name}{end}", [name]) for name in known for end in ("/get_skills", "/command")]
+        return [], [], [*services, ("/other/get_skills", ["/other"])]
+
+    monkeypatch.setattr(connection, "ask_master", ask)
+    monkeypatch.setattr(connection, "_answers", lambda name: known[name])
+    return known
+
+
+def test_the_only_manager_is_found_by_itself(master):
+    master.update({"/one": True, "/dead": False})
+    assert connection.find_manager("") == "/one"
+
+
+@pytest.mark.parametrize("name", ["two", "/two"])
+def test_of_several_managers_one_has_to_be_named(master, name):
+    master.update({"/one": True, "/two": True})
+    with pytest.raises(WrongUsage, match="there are 2 skill managers, /one, /two: name one with --robot"):
+        connection.find_manager("")
+    assert connection.find_manager(name) == "/two"
+
+
+def test_a_manager_in_the_own_namespace_is_named_without_it(master, monkeypatch):
+    monkeypatch.setenv("ROS_NAMESPACE", "cell")
+    master.update({"/cell/one": True, "/two": True})
+    assert connection.find_manager("one") == "/cell/one"
+
+
+def test_without_a_manager_it_says_which_are_dead_or_near(master):
+    with pytest.raises(NotThere, match="there is no skill manager on the master"):
+        connection.find_manager("")
+    master["/robot"] = False
+    with pytest.raises(NotThere, match=r"no skill manager that answers \(/robot may have been killed\)"):
+        connection.find_manager("")
+    with pytest.raises(NotThere, match="the skill manager /robot does not answer"):
+        connection.find_manager("robot")
+    with pytest.raises(NotThere, match=r"did you mean /robot\?"):
+        connection.find_manager("robto")

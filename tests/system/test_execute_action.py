@@ -209,6 +209,20 @@ def test_why_tells_of_a_task_that_has_failed(ros, robot):
     assert why == run.explanations()[0]
 
 
+def test_why_names_who_last_changed_what_a_condition_speaks_of(robot):
+    cleaner = WorldModelInterface("/cleaner")
+    box = Element("skiros:LargeBox", "a box")
+    product = Element("skiros:Product", "a product")
+    cleaner.add_elements([box, product])
+    cleaner.set_relation(box.id, "skiros:contain", product.id)
+    cleaner.set_relation(box.id, "skiros:contain", product.id, False)
+    run = robot.run([skill(robot, "weigh", Container=box, Object=product)])
+    assert not run.succeeded(30)
+    assert f"[InIt] {box!r} skiros:contain nothing; nothing skiros:contain {product!r}" in robot.why(run.task)
+    (why,) = robot.explanations(run.task)
+    assert [(c.element, c.author) for c in why.all_changes()] == [(box.id, "/cleaner"), (product.id, "/cleaner")]
+
+
 def test_why_without_a_task_tells_of_the_one_that_failed_last(ros, robot):
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(-1)
     assert (answer.ok, answer.text) == (False, "no task has failed or was refused")

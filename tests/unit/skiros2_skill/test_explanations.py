@@ -347,6 +347,33 @@ def test_the_root_points_at_what_failed_not_at_what_was_preempted_then(bench):
     assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
 
 
+def test_the_root_points_at_a_hold_condition_not_at_the_children_that_it_ended(bench):
+    held = describe("Hold", [CONTAINER, OBJECT], hold=[contains()])
+
+    class hold(SkillBase):
+        def createDescription(self):
+            self.setDescription(held(), "hold")
+
+        def expand(self, skill):
+            skill(self.skill("Work"))
+
+    bench.load(hold, primitive(Work, "work", execute=running_for(9), onPreempt=raises))
+    task = bench.task(bench.node("hold", Object=bench.product, Container=bench.tray))
+    task.tick()
+    bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
+    task.tick()
+    assert [e.stage for e in task.explanations()] == [HOLD, EXCEPTION]
+    assert task.root.progress_msg.startswith("skiros:Hold-hold(Failure): Hold-condition failed: [Contains]")
+    assert f"but {bench.tray!r} skiros:contain nothing" in task.root.progress_msg
+
+
+def test_an_end_that_raises_after_a_failure_does_not_hide_the_failure(bench):
+    bench.load(primitive(Work, "work", execute=lambda s: s.fail("no grip", 1), onEnd=raises))
+    task = bench.run(bench.node("work"))
+    assert [e.stage for e in task.explanations()] == [EXECUTE, EXCEPTION]
+    assert task.root.progress_msg == "skiros:Work-work(Failure): no grip"
+
+
 def test_what_failed_on_the_way_to_a_success_is_told_too(bench):
     bench.load(primitive(Work, "work", execute=lambda s: s.fail("no", 1)), primitive(describe("Rest"), "rest"))
     task = bench.run(Skill("", Selector())(bench.node("work"), bench.node("rest")))

@@ -218,7 +218,7 @@ class Executor:
         return False
 
     def _note(self, node: SkillWrapper, failure: Failure) -> None:
-        self.failures.note(node, failure)
+        self.inside.call(node, "the explanation of its failure", self.failures.note, node, failure)
         if self._pauses:
             self._pauses.at_failure(failure.conditions)
 

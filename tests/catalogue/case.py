@@ -9,7 +9,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_skill.core.skill import SkillBase
-from skiros2_skill.testing import SkillBench, Trace
+from skiros2_skill.testing import BenchTask, SkillBench, Trace
 
 #: What may happen before a tick: a function of the world, or the end from outside.
 Event = Callable[[SkillBench], Any]
@@ -26,6 +26,7 @@ class Case:
     :param scene: adds to the world what the case needs.
     :param given: the parameters of the command; `"@label"` is the element with that label.
     :param events: by the number of the tick before which they happen.
+    :param servers: whether `clients.CatalogueServers` have to run.
     """
 
     tree: type
@@ -33,6 +34,7 @@ class Case:
     scene: Event = lambda world: None
     given: Mapping[str, Any] = field(default_factory=dict)
     events: Mapping[int, Event | str] = field(default_factory=dict)
+    servers: bool = False
 
     @property
     def name(self) -> str:
@@ -48,6 +50,20 @@ class Case:
             key: world.element(value[1:]) if isinstance(value, str) and value.startswith("@") else value
             for key, value in self.given.items()
         }
+
+    def play(self, world: SkillBench) -> BenchTask:
+        """Runs the case in this process. Returns the task, with its trace."""
+        world.import_libraries("catalogue")
+        self.scene(world)
+        task = world.command(self.type, self.name, **self.params(world))
+        for tick in range(1, len(self.trace.ticks) + 1):
+            event = self.events.get(tick)
+            if event == PREEMPT:
+                task.preempt()
+            elif event is not None:
+                event(world)
+            task.tick()
+        return task
 
 
 CASES: list[Case] = []

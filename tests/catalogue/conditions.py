@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, ABCMeta
+from abc import ABC, ABCMeta, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -140,9 +140,13 @@ class _GuardedTree(Tree, ABC):
     """The leaf comes first; what comes beside it is a script, where there is something."""
 
     declares = _PARAMS
-    leaf = ""
     beside = "RRRS"
     processor: Any = SerialStar()
+
+    @property
+    @abstractmethod
+    def leaf(self) -> str:
+        """The label of the leaf."""
 
     def expand(self, skill: Any) -> None:
         skill.setProcessor(self.processor)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from typing import Any
 
 from catalogue.case import PREEMPT, Tree, case
@@ -181,7 +181,10 @@ class refusal(Tree):
 class Thoughts(Tree, ABC):
     """One that works in a thread."""
 
-    more: dict[str, str] = {}
+    @property
+    @abstractmethod
+    def more(self) -> dict[str, str]:
+        """The parameters of its leaf."""
 
     def expand(self, skill: Any) -> None:
         skill(self.skill("Think", "think", specify=self.more), self.act("S"))
@@ -197,6 +200,8 @@ class Thoughts(Tree, ABC):
 )
 class thread(Thoughts):
     """Runs until its thread has ended."""
+
+    more = {"Answer": "S"}
 
 
 @case(
@@ -267,23 +272,23 @@ class thread_refuses(Thoughts):
 class thread_preempted(Thoughts):
     """Preempted while its thread works."""
 
+    more = {"Answer": "S"}
+
 
 # -- the end from outside ----------------------------------------------------------------------------------------------
 
 
-class Stoppable(Tree, ABC):
-    """Something of each kind."""
-
-    def expand(self, skill: Any) -> None:
-        skill(
-            self.act("RS"),
-            self.skill(ParallelFf())(
-                self.skill(NoFail(SerialStar()))(self.act("RF"), self.act("S")),
-                self.skill("InnerCase", "inner", specify={"Script": "RRS"}),
-                self.skill(Selector())(self.act("F"), self.act("RRS", Stop="S")),
-            ),
-            self.act("S"),
-        )
+def _some_of_each(self: Tree, skill: Any) -> None:
+    """A tree with something of each kind."""
+    skill(
+        self.act("RS"),
+        self.skill(ParallelFf())(
+            self.skill(NoFail(SerialStar()))(self.act("RF"), self.act("S")),
+            self.skill("InnerCase", "inner", specify={"Script": "RRS"}),
+            self.skill(Selector())(self.act("F"), self.act("RRS", Stop="S")),
+        ),
+        self.act("S"),
+    )
 
 
 @case(
@@ -303,8 +308,10 @@ class Stoppable(Tree, ABC):
     """,
     events={2: PREEMPT},
 )
-class stop_first(Stoppable):
+class stop_first(Tree):
     """In the first leaf."""
+
+    expand = _some_of_each
 
 
 @case(
@@ -325,8 +332,10 @@ class stop_first(Stoppable):
     """,
     events={3: PREEMPT},
 )
-class stop_parallel(Stoppable):
+class stop_parallel(Tree):
     """In the parallel part. What has ended stays as it is; what runs ends as its `onPreempt` says, leaves first."""
+
+    expand = _some_of_each
 
 
 @case(
@@ -347,8 +356,10 @@ class stop_parallel(Stoppable):
     """,
     events={4: PREEMPT},
 )
-class stop_parallel_later(Stoppable):
+class stop_parallel_later(Tree):
     """When a part of it has ended already."""
+
+    expand = _some_of_each
 
 
 @case(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from typing import Any
 
 from skiros2_common.core.abstract_skill import ParamOptions, SkillDescription, State
@@ -24,14 +25,15 @@ class Act(SkillDescription):
         self.addParam("End", "", OPTIONAL, "How onEnd ends: F false, X raises")
 
 
-class Scripted(PrimitiveBase):
+class Scripted(PrimitiveBase, ABC):
     """A primitive whose ticks end as a script says: R runs, S succeeds, F fails with -5, X raises; preempted: -9."""
 
     script = "S"
     stop = "F"
 
+    @abstractmethod
     def createDescription(self) -> None:
-        """Declared by those below."""
+        """What it implements."""
 
     def onStart(self) -> bool:
         self._ticks = 0

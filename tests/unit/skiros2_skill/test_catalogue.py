@@ -2,33 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
-from catalogue import CASES, PREEMPT, Case
+from catalogue import CASES, Case
 from skiros2_skill.testing import SkillBench
 
 
-@pytest.fixture
-def world() -> Iterator[SkillBench]:
-    with SkillBench() as bench:
-        yield bench.import_libraries("catalogue")
-
-
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_a_tree_does_what_its_trace_says(world: SkillBench, case: Case) -> None:
-    for description in ("Act", "Check", "Lift", "Job", "Hear", "Remove", "Forget"):
-        world.library.candidates(description, "")
-    case.scene(world)
-    task = world.command(case.type, case.name, **case.params(world))
-    for tick in range(1, len(case.trace.ticks) + 1):
-        event = case.events.get(tick)
-        if event == PREEMPT:
-            task.preempt()
-        elif event is not None:
-            event(world)
-        task.tick()
+@pytest.mark.parametrize("case", [case for case in CASES if not case.servers], ids=lambda case: case.name)
+def test_a_tree_does_what_its_trace_says(skill_bench: SkillBench, case: Case) -> None:
+    task = case.play(skill_bench)
     assert str(task.trace) == str(case.trace), task.why
     assert task.ended.is_set()
 

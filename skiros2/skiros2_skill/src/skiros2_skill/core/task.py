@@ -258,7 +258,7 @@ class Task:
                 parent_label=node.parent.label if node.parent is not None else "",
                 type=node.type,
                 label=node.label,
-                processor=node.processor.printType() if node.children else "",
+                processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
                 state=node.state,
                 progress_code=node.progress_code,
                 progress_period=node.progress_period,

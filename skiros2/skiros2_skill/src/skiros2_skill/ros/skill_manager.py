@@ -166,11 +166,19 @@ class SkillManager(DiscoverableNode):
     def _on_start(self, request: Any, ticks: int = 0) -> int:
         ticker = self._running()
         if request.execution_id != ALL:
+            self._look_at_world()
             ticker.start(request.execution_id, ticks)
             return int(request.execution_id)
         task = self._starter.make(request.author, request.skills)
         ticker.start(task.id, ticks)
         return task.id
+
+    def _look_at_world(self) -> None:
+        """The one who lets a task go on may just have changed the world for it."""
+        try:
+            self._wmi.catch_up()
+        except SkirosError as error:
+            log.warning("a task goes on though the world model does not answer: %s", error)
 
     def _on_debug(self, message: Any) -> None:
         self._progress.with_params = message.data

@@ -90,10 +90,10 @@ class SkillBench:
         :raises UnknownName: there is none.
         :raises WrongValue: there are several.
         """
-        scene = self.wmi.get_scene()
-        found = [e for e in scene if e.label == label]
+        found = self.wmi.resolve_elements(Element("", label))
         if not found:
-            raise UnknownName(f"no element is labelled {label!r}; there are: {', '.join(repr(e) for e in scene)}")
+            there = ", ".join(repr(e) for e in self.wmi.get_scene())
+            raise UnknownName(f"no element is labelled {label!r}; there are: {there}")
         if len(found) > 1:
             raise WrongValue(f"several elements are labelled {label!r}: {found!r}")
         return found[0]  # type: ignore[no-any-return]

@@ -30,11 +30,14 @@ class SkillCore(SkillDescription):
     #: What `wake` calls; set by the executor while the skill runs in a task.
     _waker: Callable[[], None] = staticmethod(lambda: None)
 
+    #: Of all skills; those that are waited for are few.
+    _state_change = threading.Condition()
+
     def __init__(self) -> None:
         super().__init__()
         self._description: SkillDescription = SkillDescription()
         self._state = State.Uninitialized
-        self._state_change = threading.Condition()
+        self._waiting = 0  # threads in `waitState`
         self._id = -1
         self._children: list[Any] = []
         self._expand_on_start = False
@@ -62,15 +65,19 @@ class SkillCore(SkillDescription):
         return self._state == state
 
     def _setState(self, state: State) -> None:
-        if state is not self._state:
+        self._state = state
+        if self._waiting:  # rarely; one that comes now finds the new state
             with self._state_change:
-                self._state = state
                 self._state_change.notify_all()
 
     def waitState(self, state: State, isset: bool = True) -> None:
         """Blocks until the skill has that state (`isset`), or no longer has it. Not to be called in a hook."""
         with self._state_change:
-            self._state_change.wait_for(lambda: (self._state == state) == isset)
+            self._waiting += 1
+            try:
+                self._state_change.wait_for(lambda: (self._state == state) == isset)
+            finally:
+                self._waiting -= 1
 
     @property
     def expand_on_start(self) -> bool:

@@ -197,15 +197,18 @@ class ConditionBase:
         :raises UnknownName: the skill has no such parameter.
         :raises WrongType: the parameter holds something else.
         """
-        value = self._value(key, ph)
-        if value is None:
-            return None
-        if not isinstance(value, Element):
-            raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
-        if value.isAbstract():
+        value = self._given(key, ph)
+        if value is None or value.isAbstract():
             return value
         found: Element | None = wmi.find_element(value.id)
         return found
+
+    def _given(self, key: str, ph: ParamHandler) -> Element | None:
+        """The element in a parameter as it was read; raises as `_element`."""
+        value = self._value(key, ph)
+        if value is not None and not isinstance(value, Element):
+            raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
+        return value
 
     def _lacking(self, key: str, ph: ParamHandler, wmi: Any) -> str:
         """Why a parameter holds no element of the scene, in words; "" when it holds one."""

@@ -3,12 +3,17 @@
 A name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
 """
 
+from __future__ import annotations
+
+from functools import lru_cache
+
 DEFAULT_PREFIX = "skiros"
 
 #: The highest number of an id. More digits than that are a part of the name.
 LAST_ID_NUMBER = 10**18 - 1
 
 
+@lru_cache(maxsize=10_000)
 def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
     """`contain` and `:contain` as `skiros:contain`; a name with a prefix, an IRI and "" stay as they are."""
     if not name:

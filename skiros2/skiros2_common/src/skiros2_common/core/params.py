@@ -10,6 +10,7 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.mutations import mutations
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 
@@ -91,8 +92,21 @@ class Param(Property):
 
     def setDefault(self) -> None:
         """Sets the values back to the default."""
+        self._set(self._new_default())
+
+    def _new_default(self) -> list[Any]:
         # The skill may change what it gets: an abstract element, a dict. What was declared stays as it is.
-        self._set([_own(v) for v in self._default])
+        return [_own(v) for v in self._default]
+
+    def at_default(self) -> Param:
+        """A copy that is set to the default."""
+        copy: Param = self.__class__.__new__(self.__class__)
+        copy._key = self._key
+        copy._data_type = self._data_type
+        copy._values = self._new_default()
+        copy.__dict__.update(self.__dict__)
+        copy._last_update = time_module.time()
+        return copy
 
     @property
     def description(self) -> str:
@@ -173,6 +187,10 @@ class ParamHandler:
         """A copy of the parameters by key."""
         return {key: param.clone() for key, param in self._params.items()}  # type: ignore[misc]
 
+    def at_defaults(self) -> ParamHandler:
+        """A copy in which each parameter is set to its default."""
+        return ParamHandler({key: param.at_default() for key, param in self._params.items()})
+
     def getParamMap(self) -> dict[str, Param]:
         """The parameters by key, not a copy."""
         return self._params
@@ -229,6 +247,7 @@ class ParamHandler:
     def addParam(self, key: str, value: Any, param_type: Any, description: str = "") -> None:
         """Declares a parameter; one of that key is redefined."""
         self._params[key] = Param(key, description, value, param_type)
+        mutations.note()
 
     def getParam(self, key: str) -> Param | None:
         """The parameter, or None, with a logged error, when there is none of that key."""

@@ -52,10 +52,10 @@ class ConditionRelation(ConditionBase):
         return (self._subject_key, self._relation, self._object_key)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        subj, obj = self._side(self._subject_key, ph, wmi), self._side(self._object_key, ph, wmi)
-        if subj is None or obj is None:
-            return False
-        return self._links(subj, obj, wmi)
+        # Of a relation that the scene holds, the ids are all that counts: one that is gone has none.
+        by_id = self.is_stored(wmi)
+        subj, obj = self._side(self._subject_key, ph, wmi, by_id), self._side(self._object_key, ph, wmi, by_id)
+        return subj is not None and obj is not None and self._links(subj, obj, wmi)
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} {self._relation} {self._name(self._object_key)}"
@@ -165,9 +165,12 @@ class ConditionRelation(ConditionBase):
         element.setProperty("skiros:hasObject", self._object_key)
         return element
 
-    def _side(self, key: str, ph: ParamHandler, wmi: Any) -> Element | None:
-        """The element in a parameter; for an unset one the abstract element that it was declared with."""
-        element = self._element(key, ph, wmi)
+    def _side(self, key: str, ph: ParamHandler, wmi: Any, by_id: bool = False) -> Element | None:
+        """The element in a parameter; for an unset one the abstract element that it was declared with.
+
+        :param by_id: it need not be as the world model has it now, nor be there at all.
+        """
+        element = self._given(key, ph) if by_id else self._element(key, ph, wmi)
         return element if element is not None else self._default(key, ph)
 
     def _default(self, key: str, ph: ParamHandler) -> Element | None:

@@ -55,13 +55,12 @@ def declared_above(node: SkillInterface, key: str) -> tuple[Param | None, ParamH
 
 
 def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
-    """Slots for the parameters of a node that starts: set to their defaults, then to what the node was given.
+    """Slots for the parameters of a node that starts: set to what the node was given.
 
+    :param params: at their defaults.
     :raises UnknownName: a fixed parameter is none of the skill's.
     :raises WrongType: a fixed value is of another type.
     """
-    for param in params.values():
-        param.setDefault()
     slots = {
         key: Slot(param, Source.Fixed if param.hasSpecifiedDefault() else Source.Unset) for key, param in params.items()
     }
@@ -100,21 +99,27 @@ def take(node: SkillInterface, slots: list[Slot]) -> bool:
     return new
 
 
-def renew(slots: list[Slot], wmi: Any) -> None:
-    """Reads the elements among the values anew from the world model; one that is gone leaves its parameter unset."""
+def renew(slots: list[Slot], wmi: Any, present: Any) -> None:
+    """Reads the elements among the values anew from the world model; one that is gone leaves its parameter unset.
+
+    :param present: the world model's `Present`, which tells which are the same; None: it is not known.
+    """
     for slot in slots:
         param = slot.param
         if not param.is_element or not param._values:
             continue
         renewed = []
+        is_same = True
         for value in param._values:
-            if value.isAbstract():
+            mark = present.element(value.id) if present is not None else None
+            if value.isAbstract() or (mark is not None and mark.version == value.version and not value.touched):
                 renewed.append(value)
-            else:
-                found = wmi.find_element(value.id)
-                if found is not None:
-                    renewed.append(value if found.version == value.version and not value.touched else found)
-        if len(renewed) == len(param._values) and all(a is b for a, b in zip(renewed, param._values, strict=True)):
+                continue
+            is_same = False
+            found = wmi.find_element(value.id)
+            if found is not None:
+                renewed.append(found)
+        if is_same:
             continue
         if renewed:
             param._values = renewed

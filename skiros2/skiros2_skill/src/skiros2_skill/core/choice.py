@@ -21,19 +21,22 @@ from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
-def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any) -> Failure | None:
+def choose(
+    node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, present: Any = None
+) -> Failure | None:
     """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's; locks its devices.
 
+    :param present: as in `blackboard.renew`.
     :returns: None, or why there is none, for each candidate.
     """
     tried: list[Failure] = []
     for implementation in candidates:
-        params = ParamHandler(implementation.declared.params.getCopy())
+        params = implementation.declared.params.at_defaults()
         conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
         slots: list[Slot] = []
         try:
             slots += blackboard.fix(node, params)
-            _find_params(node, slots, params, implementation.declared.params, conditions, wmi)
+            _find_params(node, slots, params, implementation.declared.params, conditions, wmi, present)
             _adopt(node, implementation, params)
         except DoesNotFit as error:
             failure = error.failure
@@ -70,7 +73,13 @@ class DoesNotFit(SkirosError):
 
 
 def _find_params(
-    node: SkillWrapper, slots: list[Slot], params: ParamHandler, declared: ParamHandler, conditions: list[Any], wmi: Any
+    node: SkillWrapper,
+    slots: list[Slot],
+    params: ParamHandler,
+    declared: ParamHandler,
+    conditions: list[Any],
+    wmi: Any,
+    present: Any,
 ) -> None:
     """Sets the parameters that an implementation would run with: beside those that are fixed, from above and inferred.
 
@@ -80,7 +89,7 @@ def _find_params(
     """
     blackboard.take(node, slots)
     given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
-    blackboard.renew(slots, wmi)
+    blackboard.renew(slots, wmi, present)
     for key, value in given.items():
         if value is not None and not params.getParamValues(key):
             raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, which is not in the scene")

@@ -156,10 +156,10 @@ class Executor:
         node._start_progress()
         try:
             candidates = node.candidates()
+            stamp, present = self.readings.stamp, self.readings.present(node)
         except SkirosError as error:
             return self._refuse(node, Failure(START, START_RAISED, str(error)))
-        stamp = self.readings.stamp
-        failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi)
+        failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi, present)
         return self._begin(node, stamp) if failure is None else self._refuse(node, failure)
 
     def _begin(self, node: SkillWrapper, stamp: int) -> bool:
@@ -175,7 +175,7 @@ class Executor:
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
         node.runs_after_children = node.is_compound and type(instance).execute is not _Children
-        mark = mutations.mark
+        node.given_mark = mark = mutations.mark
         refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused is RAISED:
@@ -309,6 +309,9 @@ class Executor:
 
         False when the world model refused; the progress tells why.
         """
+        if node.given_mark == mutations.mark:
+            return True  # nothing has changed since
+        node.given_mark = mutations.mark
         written = True
         try:
             self.inside.call(

@@ -115,10 +115,11 @@ class Readings:
         stamp = self.stamp
         try:
             taken = node.seen_stamp < self._params_stamp and blackboard.take(node, node.slots)
-            if taken or node.watch is None or not node.watch.is_same(self._look_closer(node)):
+            present = self.present(node)
+            if taken or node.watch is None or not node.watch.is_same(present):
                 # What stands for the elements is noted before they are read: what changes in between is read again.
-                node.watch = _watch(node, self._look_closer(node))
-                self._inside.call(node, "the reading of its elements", blackboard.renew, node.slots, self._wmi)
+                node.watch = _watch(node, present)
+                self._inside.call(node, "the reading of its elements", blackboard.renew, node.slots, self._wmi, present)
                 failure = self._unmet(node)
             else:
                 failure = self._unmet(node) if node.volatile else None
@@ -133,7 +134,7 @@ class Readings:
             return None
         return self._inside.call(node, "its conditions", unmet, HOLD, node._hold_conditions, node._params, self._wmi)
 
-    def _look_closer(self, node: SkillWrapper) -> Any:
+    def present(self, node: SkillWrapper) -> Any:
         """The world model's `Present`; it is asked for once for each version, for whichever node comes first.
 
         :raises WmException: the world model does not answer.

@@ -45,6 +45,7 @@ class SkillWrapper(SkillInterface):
         self.seen_stamp = -1
         self.steady_stamp = -1  # at which the node has only to be executed
         self.watch: Any = None
+        self.given_mark = -1  # of the changes that were passed on
         self.volatile = False
         self.is_compound = False
         self.runs_after_children = False

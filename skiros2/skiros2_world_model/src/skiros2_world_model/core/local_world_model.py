@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import TracebackType
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
@@ -72,7 +72,7 @@ class LocalWorldModel(WorldModelAbstractInterface):
 
     def present(self) -> Present:
         with self.model.lock:
-            return Present(self._ontology, self.model.scene().node)
+            return Present(self._ontology, self.model.scene().marks)
 
     def add_listener(self, callback: Callable[[Change], None]) -> None:
         self.model.add_listener(callback)
@@ -163,12 +163,19 @@ def source_ontologies() -> Path:
     raise WmException(f"no ontologies folder is above {__file__}; give WorldModel the folder to use")
 
 
-@contextmanager
-def _wm_errors() -> Iterator[None]:
+class _WmErrors:
     """What the world model refuses reaches the caller as `WmException`."""
-    try:
-        yield
-    except WmException:
-        raise
-    except SkirosError as error:
-        raise refusal(str(error)) from error
+
+    def __enter__(self) -> None:
+        """Nothing is to be done before."""
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, SkirosError) and not isinstance(error, WmException):
+            raise refusal(str(error)) from error
+
+
+_NO_STATE = _WmErrors()
+
+
+def _wm_errors() -> _WmErrors:
+    return _NO_STATE

@@ -49,6 +49,11 @@ class Node:
     properties: dict[str, Property]
     made: Provenance = _UNKNOWN
 
+    @property
+    def version(self) -> int:
+        """The number of the last change."""
+        return self.made.version
+
 
 @dataclass
 class Dirty:
@@ -104,6 +109,11 @@ class Scene:
 
     def node(self, eid: str) -> Node | None:
         return self._nodes.get(eid)
+
+    @property
+    def marks(self) -> Callable[[str], Node | None]:
+        """As `node`, quicker; needs no lock."""
+        return self._nodes.get
 
     def element(self, eid: str) -> Element | None:
         """The element as others get it: its content is shared until they change it."""

@@ -77,7 +77,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             return None
         ontology = self._ontology
         self._replica.refresh()
-        return Present(ontology, self._replica.scene().node)
+        return Present(ontology, self._replica.scene().marks)
 
     def catch_up(self) -> None:
         if self._replica is not None:

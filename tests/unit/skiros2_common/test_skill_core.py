@@ -1,0 +1,248 @@
+"""Descriptions and primitives as programs use them without a task. Contract, 2 to 5."""
+
+import threading
+
+import pytest
+
+from skiros2_common.core.abstract_skill import ParamOptions, SkillDescription, State
+from skiros2_common.core.errors import Refused, UnknownName, WrongType
+from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+
+REQUIRED, OPTIONAL = ParamTypes.Required, ParamTypes.Optional
+
+
+class Say(SkillDescription):
+    def createDescription(self):
+        self.addParam("Text", "words", REQUIRED)
+        self.addParam("Volume", 3, OPTIONAL)
+        self.addParam("Listener", Element("sumo:Agent"), OPTIONAL, [ParamOptions.Unspecify])
+        self.addPreCondition(self.getIsSpecifiedCond("Heard", "Listener", False))
+        self.addHoldCondition(self.getIsSpecifiedCond("Unheard", "Listener", False))
+
+
+class say(PrimitiveBase):
+    """Remembers which hooks were called; says its text at the third tick."""
+
+    def createDescription(self):
+        self.setDescription(Say(), "say")
+        self.calls = []
+        self.willing = True
+
+    def onReset(self):
+        self.calls.append("onReset")
+
+    def onStart(self):
+        self.calls.append("onStart")
+        return self.willing
+
+    def execute(self):
+        self.calls.append("execute")
+        return self.step("breathes") if self.progress_code < 2 else self.success(self.params["Text"].value)
+
+
+@pytest.fixture
+def skill():
+    made = say()
+    assert made.init(None)
+    return made
+
+
+# -- descriptions ------------------------------------------------------------------------------------------------------
+
+
+def test_a_description_is_completed_on_demand():
+    description = Say()
+    description.createDescription()
+    description.generateDefParams()
+    description.generateDefConditions()
+    description.generateDefConditions()  # once is enough
+    assert list(description.params.keys()) == ["Text", "Volume", "Listener", "Robot"]
+    assert [c.label for c in description._post_conditions] == ["ListenerUnset"]
+    assert description.getModifiedParams() == ["Listener"]
+
+
+def test_a_description_prints_what_it_says(skill):
+    assert skill.printInfo() == "skiros:Say-say [Text:['words'] Volume:[3] Listener:[sumo:Agent-] Robot:[sumo:Agent-]]"
+    assert skill.printInfo(verbose=True).splitlines()[1:] == skill.printConditions().splitlines()
+    assert [line.split(":")[0] for line in skill.printConditions().splitlines()] == ["Pre", "Hold", "Post"]
+
+
+def test_a_description_of_a_skill_is_a_copy(skill):
+    copy = skill.getDescription()
+    copy.params.specify("Text", "changed")
+    copy.pre_conditions.clear()
+    assert skill.params["Text"].value == "words"
+    assert skill.hasPreCond()
+    assert copy.available_for_planning
+    skill.setAvailableForPlanning(False)
+    assert not skill.getDescription().available_for_planning
+
+
+def test_conditions_are_checked_by_hand(skill):
+    assert skill.hasPreCond() and skill.hasPostCond()
+    assert skill.checkPreCond() and skill.checkHoldCond() and skill.checkPostCond()
+    skill._wmi = World()
+    skill.specifyParam("Listener", Element("sumo:Agent", "Ann", "sumo:Agent-1"))
+    for check, code in ((skill.checkPreCond, -1), (skill.checkHoldCond, -2), (skill.checkPostCond, -3)):
+        assert not check(verbose=True)
+        assert skill.progress_code == code
+        assert "sumo:Agent-1-Ann" in skill.progress_msg
+
+
+class World:
+    """A world model that has every element."""
+
+    def find_element(self, eid):
+        return eid
+
+
+# -- parameters of a skill ---------------------------------------------------------------------------------------------
+
+
+def test_parameters_are_set_one_by_one_or_from_others(skill):
+    others = ParamHandler()
+    others.addParam("Text", "other words", REQUIRED)
+    others.addParam("Volume", int, REQUIRED)
+    skill.specifyParams(others)
+    assert skill.params["Text"].value == "words"  # a default is kept
+    skill.specifyParams(others, keep_default=False)
+    assert [skill.params[key].value for key in ("Text", "Volume")] == ["other words", 3]
+    skill.params.setDefault()
+    assert skill.params["Text"].value == "words"
+    skill.specifyParamsDefault(others)
+    skill.specifyParamDefault("Volume", 5)
+    skill.params.setDefault()
+    assert [skill.params[key].value for key in ("Text", "Volume")] == ["other words", 5]
+    with pytest.raises(UnknownName):
+        skill.specifyParamDefault("Volme", 5)
+    with pytest.raises(WrongType):
+        skill.specifyParam("Volume", "loud")
+
+
+def test_defaults_are_told(skill):
+    volume = skill.params["Volume"]
+    volume.makeDefault([1, 2])
+    assert (volume.getDefaultValue(), volume.getDefaultValue(1), volume.getDefaultValue(7)) == (1, 2, None)
+    assert volume.getDefaultValues() == volume.defaults == [1, 2]
+    assert volume.hasDefaultValues()
+    assert volume.paramTypeIs(OPTIONAL) and not volume.paramTypeIs(REQUIRED)
+
+
+# -- running by hand ---------------------------------------------------------------------------------------------------
+
+
+def test_a_primitive_is_started_ticked_and_reset(skill):
+    assert skill.getState() is State.Idle
+    assert skill.start()
+    assert [skill.tick() for _ in range(4)] == [State.Running, State.Running, State.Success, State.Success]
+    assert skill.printState() == "skiros:Say-say(Success)"
+    assert skill.printProgress() == "3: words"
+    skill.reset()
+    assert skill.hasState(State.Idle)
+    assert skill.printProgress() == "0: "
+    assert skill.calls == ["onStart", "execute", "execute", "execute", "onReset"]
+
+
+def test_a_primitive_is_started_with_parameters_and_tells_them(skill):
+    params = ParamHandler()
+    params.addParam("Text", "given", REQUIRED)
+    assert skill.start(params)
+    assert "Text:['given']" in skill.printState(verbose=True)
+
+
+def test_a_primitive_that_does_not_want_to_start_has_failed(skill):
+    skill.willing = False
+    assert not skill.start()
+    assert skill.hasState(State.Failure)
+
+
+def test_a_primitive_that_runs_is_not_started_again(skill):
+    skill.start()
+    with pytest.raises(Refused, match="skiros:Say-say runs already"):
+        skill.start()
+
+
+def test_a_primitive_is_preempted_when_it_runs(skill):
+    assert skill.preempt() is State.Idle
+    skill.start()
+    assert skill.preempt() is State.Failure
+    assert skill.printProgress() == "-1: Preempted"
+
+
+def test_a_thread_waits_for_a_state_or_for_its_end(skill):
+    seen = []
+
+    def watch():
+        skill.waitState(State.Running)
+        seen.append("running")
+        skill.waitState(State.Running, isset=False)
+        seen.append(skill.state)
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    skill.start()
+    while "running" not in seen:
+        thread.join(0.001)
+    skill.preempt()
+    thread.join(5)
+    assert seen == ["running", State.Failure]
+
+
+def test_progress_has_a_code_a_message_and_times(skill):
+    skill.start()
+    skill._setProgress("first")
+    skill._setProgress("second", 7)
+    assert (skill.progress_code, skill.progress_msg) == (7, "second")
+    assert 0.0 <= skill.progress_period <= skill.progress_time
+
+
+# -- effects of conditions on the parameters themselves ----------------------------------------------------------------
+
+PRODUCT = Element("skiros:Product", "bolt", "skiros:Product-1")
+TRAY = Element("skiros:Container", "tray", "skiros:Container-2")
+make = SkillDescription()
+
+
+@pytest.fixture
+def params():
+    handler = ParamHandler()
+    handler.addParam("Object", PRODUCT.copy(), OPTIONAL)
+    handler.addParam("Tray", TRAY.copy(), OPTIONAL)
+    return handler
+
+
+@pytest.mark.parametrize(
+    ("condition", "done", "looks_so"),
+    [
+        (make.getPropCond("C", "skiros:Weight", "Object", "=", 2.0, True), True,
+         lambda p: p["Object"].value.getProperty("skiros:Weight").value == 2.0),
+        (make.getPropCond("C", "skiros:Weight", "Object", ">", 2.0, True), False,
+         lambda p: not p["Object"].value.hasProperty("skiros:Weight")),
+        (make.getHasPropCond("C", "skiros:Weight", "Object", False), True,
+         lambda p: not p["Object"].value.hasProperty("skiros:Weight")),
+        (make.getRelationCond("C", "skiros:contain", "Tray", "Object", True), True,
+         lambda p: p["Tray"].value.hasRelation("-1", "skiros:contain", PRODUCT.id)),
+        (make.getRelationCond("C", "skiros:contain", "Tray", "Object", False), True,
+         lambda p: not p["Tray"].value.hasRelation("-1", "skiros:contain", PRODUCT.id)),
+        (make.getAbstractRelationCond("C", "skiros:contain", "Tray", "Object", True), False, lambda p: True),
+        (make.getIsSpecifiedCond("C", "Object", False), True, lambda p: not p.isSpecified("Object")),
+        (make.getIsSpecifiedCond("C", "Object", True), True, lambda p: p.isSpecified("Object")),
+        (make.getGenerateCond("C", "Object", False), True, lambda p: not p.isSpecified("Object")),
+        (make.getOnTypeCond("C", "Object", "skiros:Part"), False, lambda p: p["Object"].value.type == "skiros:Product"),
+    ],
+)  # fmt: skip
+def test_an_effect_is_applied_to_the_elements_in_the_parameters_where_that_is_possible(
+    params, condition, done, looks_so
+):
+    assert condition.setDesiredState(params) is done
+    assert looks_so(params)
+
+
+def test_of_several_parts_one_is_made_true(params):
+    either = make.getOrCond(True)
+    either.addCondition(make.getPropCond("C", "skiros:Weight", "Object", ">", 2.0, True))
+    either.addCondition(make.getPropCond("C", "skiros:Weight", "Object", "=", 2.0, True))
+    assert either.setDesiredState(params)
+    assert params["Object"].value.getProperty("skiros:Weight").value == 2.0

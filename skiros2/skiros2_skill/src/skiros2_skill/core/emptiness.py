@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -26,7 +26,7 @@ def candidates_of(search: Search) -> list[Candidates]:
     domains = {key: _Domain(search, key) for key in search.failed}
     for domain in domains.values():
         for condition in _of(search, {domain.key}):
-            domain.keep([e for e in domain.left if search.holds(condition, domain.key, e)], condition)
+            domain.keep(list(filter(_check(search, condition, domain.key), domain.left)), condition)
     _count_pairs(search, domains)
     return [domain.candidates for domain in domains.values()]
 
@@ -66,9 +66,10 @@ class _Domain:
         """Of those left before, the ones that most conditions hold of."""
         search, key = self._search, self.key
         alone = _of(search, {key})
+        checks = [_check(search, c, key) for c in alone]
 
         def fitting(element: Element) -> int:
-            return sum(search.holds(c, key, element) for c in alone)
+            return sum(check(element) for check in checks)
 
         for element in sorted(self.left[:MOST_COMPARED], key=fitting, reverse=True):
             why = ""
@@ -82,6 +83,14 @@ class _Domain:
 def _of(search: Search, keys: set[str]) -> list[Any]:
     """The conditions that speak of just these of the unset parameters."""
     return [c for c in search.conditions if search.patterns.keys() & c.getKeys() == keys]
+
+
+def _check(search: Search, condition: Any, key: str) -> Callable[[Element], bool]:
+    """Tells of which elements a condition on one unset parameter holds."""
+    ids = search.linked(condition, key) if search.is_link(condition) else None
+    if ids is not None:
+        return lambda element: element.id in ids
+    return lambda element: search.fits(condition, key, element)
 
 
 def _count_pairs(search: Search, domains: dict[str, _Domain]) -> None:

@@ -144,13 +144,13 @@ class Search:
         rest = unbound - {key}
         checks = [c for c in self._of(key) if rest.isdisjoint(self._keys[id(c)]) and not self._is_bound(c, key)]
         for candidate in candidates:
-            if all(self._fits(c, key, candidate) for c in checks):
+            if all(self.fits(c, key, candidate) for c in checks):
                 param._values = [candidate]
                 if self._bind(rest):
                     return True
         return False  # what the parameter was tried with last stays; nobody reads it before it is bound again
 
-    def _fits(self, condition: Any, key: str, candidate: Element) -> bool:
+    def fits(self, condition: Any, key: str, candidate: Element) -> bool:
         """As `holds`, but a condition that speaks of no other unset parameter is checked once for an element."""
         if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
             return self.holds(condition, key, candidate)
@@ -180,7 +180,7 @@ class Search:
     def _filtered(self, key: str) -> list[Element]:
         """The candidates for a key that are left by quick conditions on it alone."""
         alone = [c for c in self._of(key) if self._cost(c) <= 1 and self._keys[id(c)] & self.patterns.keys() == {key}]
-        return [e for e in self._candidates(key) if all(self._fits(c, key, e) for c in alone)]
+        return [e for e in self._candidates(key) if all(self.fits(c, key, e) for c in alone)]
 
     def _related(self, key: str, unbound: Collection[str]) -> set[str] | None:
         """The ids that relations to elements that are bound leave for a key; None when there are no such relations."""

@@ -278,3 +278,31 @@ def test_the_world_model_form():
     relation = make.getRelationCond("In", "skiros:contain", "A", "B", False).toElement()
     assert relation.getProperty("skiros:hasObject").value == "B"
     assert relation.getProperty("skiros:desiredState").value is False
+
+
+@pytest.mark.parametrize(
+    ("condition", "etype", "values"),
+    [
+        (make.getHasPropCond("C", "Weight", "A", True), "ConditionHasProperty",
+         {"hasSubject": "A", "appliedOnType": "skiros:Weight", "desiredState": True}),
+        (make.getAbstractRelationCond("C", "contain", "A", "B", False), "AbstractConditionRelation",
+         {"hasSubject": "A", "hasObject": "B", "appliedOnType": "skiros:contain", "desiredState": False}),
+        (make.getIsSpecifiedCond("C", "A", True), "ConditionIsSpecified", {"hasSubject": "A", "desiredState": True}),
+        (make.getGenerateCond("C", "A", False), "ConditionGenerate", {"hasSubject": "A", "desiredState": False}),
+        (make.getOnTypeCond("C", "A", "Product"), "ConditionOnType",
+         {"hasSubject": "A", "appliedOnType": "skiros:Product", "desiredState": True}),
+        (ConditionFunction("C", ["A", "B"], max), "ConditionFunction", {"hasSubject": "A", "desiredState": True}),
+    ],
+)  # fmt: skip
+def test_the_world_model_form_of_each_kind(condition, etype, values):
+    element = condition.toElement()
+    assert (element.type, element.label) == (f"skiros:{etype}", "C")
+    assert {p.key: p.value for p in element.properties} == {f"skiros:{key}": v for key, v in values.items()}
+
+
+def test_the_world_model_form_of_several_parts_has_them_below_it():
+    either = make.getOrCond(True)
+    either.addCondition(make.getIsSpecifiedCond("One", "A", True))
+    either.addCondition(make.getIsSpecifiedCond("Other", "B", True))
+    below = [(relation, part.label) for _, relation, part in either.toElement().local_relations]
+    assert below == [("skiros:hasCondition", "One"), ("skiros:hasCondition", "Other")]

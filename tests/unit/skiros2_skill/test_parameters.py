@@ -70,6 +70,23 @@ def test_a_parameter_with_a_default_keeps_it(bench):
     assert "hello" in messages(bench.run(bench.node("speak"), Text="from above"))
 
 
+def test_a_parameter_with_an_abstract_element_takes_the_blackboard_s_value(bench):
+    hold = describe("Hold", [("Object", Element("skiros:Product"), REQUIRED)])
+    bench.load(primitive(hold, "hold", execute=lambda s: s.success(s.params["Object"].value.id)))
+    assert bench.other_product.id in messages(bench.run(bench.node("hold"), Object=bench.other_product))
+
+
+def test_an_element_of_the_blackboard_that_is_gone_when_a_skill_starts_is_unset(bench):
+    hold = describe("Hold", [("Object", Element("skiros:Product"), OPTIONAL)])
+    bench.load(
+        primitive(hold, "hold", execute=lambda s: s.success(str(s.params.isSpecified("Object")))),
+        primitive(describe("Eat"), "eat", execute=lambda s: s.wmi.remove_element(bench.product) or s.success()),
+    )
+    task = bench.run(bench.node("eat"), bench.node("hold"), Object=bench.product)
+    assert task.state is State.Success
+    assert "False" in messages(task)
+
+
 def test_a_fixed_parameter_keeps_its_value(bench):
     bench.load(primitive(Note, "note", execute=tell("Text")))
     assert "fixed" in messages(bench.run(bench.node("note", Text="fixed"), Text="from above"))

@@ -157,6 +157,46 @@ def test_skill_preempted_ends_a_skill_without_a_traceback(bench):
     assert message(bench.run(bench.node("work"))) == "enough"
 
 
+@pytest.mark.parametrize(
+    ("how", "called"),
+    [
+        ("success", ["onEnd"]),
+        ("failure", ["onEnd"]),
+        ("raised", ["onEnd"]),
+        ("hold", ["onPreempt", "onEnd"]),
+        ("post", ["onEnd"]),
+        ("preempted", ["onPreempt", "onEnd"]),
+        ("sibling", ["onPreempt", "onEnd"]),
+        ("refused", []),  # it has not begun
+        ("start raised", ["onEnd"]),
+    ],
+)
+def test_on_end_runs_once_however_the_skill_ends(bench, how, called):
+    calls = []
+    execute = {
+        "success": lambda self: self.success(),
+        "post": lambda self: self.success(),
+        "failure": lambda self: self.fail("no", 1),
+        "raised": lambda self: 1 / 0,
+    }.get(how, lambda self: self.step())
+    hooks = {"onPreempt": lambda self: calls.append("onPreempt"), "onEnd": lambda self: calls.append("onEnd")}
+    if how in ("refused", "start raised"):
+        hooks["onStart"] = lambda self: self.startError("no", 1) if how == "refused" else 1 / 0
+    conditions = {"hold": [contains()]} if how == "hold" else {"post": [contains(state=False)]} if how == "post" else {}
+    kept = describe("Kept", [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)], **conditions)
+    bench.load(primitive(kept, "kept", execute=execute, **hooks), primitive(Work, "work", execute=running_for(2)))
+    node = bench.node("kept", Object=bench.product, Container=bench.tray)
+    task = bench.task(Skill("", ParallelFs())(node, bench.node("work")) if how == "sibling" else node)
+    task.tick()
+    if how == "hold":
+        bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
+    if how == "preempted":
+        task.preempt()
+    task.tick(2)
+    assert node.state is (State.Success if how == "success" else State.Failure)
+    assert calls == called
+
+
 # -- conditions --------------------------------------------------------------------------------------------------------
 
 
@@ -189,6 +229,27 @@ def test_a_broken_hold_condition_preempts_and_fails(bench):
     assert calls == ["preempt", "end"]
     assert code(task) == -2
     assert bench.product.id in message(task)
+
+
+def test_the_children_of_a_skill_whose_hold_condition_fails_are_not_ticked_again(bench):
+    ticks = []
+
+    class Guarded(SkillBase):
+        def createDescription(self):
+            params = [OBJECT, ("Container", Element("skiros:Container"), REQUIRED)]
+            guarded = describe("Guarded", params, hold=[contains()])
+            self.setDescription(guarded(), "guarded")
+
+        def expand(self, skill):
+            skill(self.skill("Work", "work"))
+
+    bench.load(primitive(Work, "work", execute=lambda self: ticks.append(1) or self.step()), Guarded)
+    task = bench.task(bench.node("guarded", Object=bench.product, Container=bench.tray))
+    task.tick()
+    bench.wmi.set_relation(bench.tray.id, "skiros:contain", bench.product.id, False)
+    assert task.tick() is State.Failure
+    assert len(ticks) == 1
+    assert task.root.children[0].children[0].state is State.Failure
 
 
 def test_a_post_condition_that_does_not_hold_makes_a_success_a_failure(bench):

@@ -10,6 +10,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.conditions import ConditionFunction
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.primitive_thread import PrimitiveThreadBase
+from skiros2_common.core.world_element import Element
 from skiros2_skill.core.skill import ParallelFf, Selector, Sequential, Skill, SkillBase
 from unit.skiros2_skill.skills import (
     CONTAINER,
@@ -94,6 +95,28 @@ def test_a_skill_that_exits_ends_itself_alone(bench, hook, code):
     assert node_of(task).progress_code == code
     assert "SystemExit: I am off" in node_of(task).progress_msg
     assert runs_on(bench)
+
+
+@pytest.mark.parametrize("hook", ["onStart", "execute", "onEnd", "onPreempt"])
+def test_what_a_hook_changed_before_it_raised_is_not_written(bench, hook):
+    """A half-written element."""
+
+    def half(self):
+        self.params["Object"].value.setProperty("skiros:Weight", 5.0)
+        self.params["Made"].value.setProperty("skiros:Weight", 5.0)
+        raises()
+
+    weigh = describe("Weigh", [OBJECT, ("Made", Element("skiros:Starter"), OPTIONAL)])
+    hooks = {"execute": lambda self: self.step() if hook == "onPreempt" else self.success(), hook: half}
+    bench.load(primitive(weigh, "weigh", **hooks))
+    task = bench.task(bench.node("weigh", Object=bench.product))
+    task.tick()
+    if hook == "onPreempt":
+        task.preempt()
+        task.tick()
+    assert "out of coffee" in node_of(task).progress_msg
+    assert not bench.wmi.get_element(bench.product.id).hasProperty("skiros:Weight")
+    assert bench.wmi.resolve_elements(Element("skiros:Starter")) == []
 
 
 @pytest.mark.parametrize(("kind", "code"), [("pre", -404), ("hold", -405), ("post", -405)])

@@ -147,15 +147,12 @@ def write_elements(slots: list[Slot], wmi: Any) -> None:
 
 
 def drop_changes(slots: list[Slot], wmi: Any) -> None:
-    """Forgets the changes that the world model refused: the elements are read anew."""
+    """Forgets what the skill has changed on its elements and is not to be written: they are read anew."""
     for slot in slots:
-        values = []
-        for element in slot.param._values:
-            found = None if element.isAbstract() else wmi.find_element(element.id)
-            if found is not None:
-                values.append(found)
-        slot.param._values = values
-        slot.known = values
+        values = slot.param._values
+        if any(element.touched for element in values):
+            found = [wmi.find_element(element.id) for element in values if not element.isAbstract()]
+            slot.param._values = slot.known = [element for element in found if element is not None]
 
 
 def give_changed(node: SkillInterface, slots: list[Slot]) -> bool:

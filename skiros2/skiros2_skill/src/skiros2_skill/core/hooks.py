@@ -11,6 +11,7 @@ from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
+from skiros2_skill.core.blackboard import drop_changes
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
     POST_FAILED,
@@ -131,6 +132,7 @@ class Hooks:
         preempted = isinstance(error, SkillPreempted)
         message = str(error) if preempted else traceback.format_exc()
         node._instance._setProgress(message, code)
+        drop_changes(node.element_slots, node._wmi)  # it was about to change them further
         self._failures.note(node, Failure(PREEMPT if preempted else EXCEPTION, code, message, late=late))
         log.error("%s: %s", node.printState(), message)
         return _FAILURE

@@ -67,7 +67,7 @@ def test_the_texts_name_what_was_expected(faulty_path, wmi):
     )
 
 
-@pytest.mark.parametrize("package", ["skiros2_demo_skills", "skiros2_std_skills"])
+@pytest.mark.parametrize("package", ["skiros2_demo_skills", "skiros2_std_skills", "catalogue"])
 def test_our_own_libraries_have_no_faults(package):
     demo = Path(skiros2_demo_skills.__file__).parents[2] / "owl"
     wmi = LocalWorldModel("test", WorldModel(source_ontologies(), demo))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 import time
@@ -17,13 +18,14 @@ class FakeClock:
     While it is entered (`with FakeClock() as clock:`) it is what `time.time`, `time.monotonic`, `time.sleep` and, when
     rospy is imported already, `rospy.Time.now` and `rospy.get_time` go by; not for code that has said
     `from time import ...`. `sleep` lets the time pass in the thread that entered the clock; other threads sleep until
-    the clock has come so far.
+    the clock has come so far. `time.monotonic` is a nanosecond later at each look, as no two looks are at the same time.
 
     :param now: where it starts (s).
     """
 
     def __init__(self, now: float = 1000.0) -> None:
         self._now = now
+        self._looks = itertools.count()
         self._change = threading.Condition()
         self._owner = threading.current_thread()
         self._replaced = ExitStack()
@@ -57,7 +59,7 @@ class FakeClock:
     def __enter__(self) -> FakeClock:
         self._owner = threading.current_thread()
         self._running = True
-        for name, fake in (("time", self._get), ("monotonic", self._get), ("sleep", self.sleep)):
+        for name, fake in (("time", lambda: self._now), ("monotonic", self._look), ("sleep", self.sleep)):
             self._replaced.enter_context(replaced(time, name, fake))
         if (rospy := sys.modules.get("rospy")) is not None:
             # Without a node it has no time at all; with wall time, which it has then, it asks `time.time`.
@@ -71,5 +73,5 @@ class FakeClock:
             self._running = False
             self._change.notify_all()
 
-    def _get(self) -> float:
-        return self._now
+    def _look(self) -> float:
+        return self._now + 1e-9 * next(self._looks)

@@ -170,10 +170,11 @@ def test_the_nearest_are_those_of_which_most_conditions_hold(bench):
 
 
 def test_no_element_of_the_class_is_said_so_with_the_label_that_was_asked_for(bench):
-    ph = ParamHandler()
-    ph.addParam("Part", Element("skiros:Starter", "blue"), ParamTypes.Required)
-    failed = infer(ph, [], bench.wmi)
-    assert told(failed, candidates_of(failed)) == "no skiros:Starter 'blue' in the scene for parameter 'Part'"
+    for etype, kind in (("skiros:Starter", "skiros:Starter"), ("Unknown", "element")):
+        ph = ParamHandler()
+        ph.addParam("Part", Element(etype, "blue"), ParamTypes.Required)
+        failed = infer(ph, [], bench.wmi)
+        assert told(failed, candidates_of(failed)) == f"no {kind} 'blue' in the scene for parameter 'Part'"
 
 
 def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(bench):
@@ -237,6 +238,21 @@ def test_a_relation_to_a_given_element_is_looked_up_not_searched(bench, monkeypa
     assert ph.getParamValue("Part").id == bench.product.id
     assert not resolved
     assert len(found) < 10
+
+
+@pytest.mark.parametrize("etype", ["", "Unknown", "skiros:Product"])
+@pytest.mark.parametrize("label", ["", "product", "other product"])
+def test_a_label_is_asked_for_also_where_a_relation_gives_the_candidates(bench, etype, label):
+    ph = ParamHandler()
+    ph.addParam("Tray", bench.tray, ParamTypes.Required)
+    ph.addParam("Part", Element(etype, label), ParamTypes.Required)
+    failed = infer(ph, [AT_TRAY], bench.wmi)
+    if label == "other product":
+        assert failed is not None
+        assert not ph.isSpecified("Part")
+    else:
+        assert failed is None
+        assert ph.getParamValue("Part").id == bench.product.id
 
 
 def test_parameters_that_nothing_links_do_not_multiply(bench):

@@ -235,6 +235,13 @@ def test_an_element_of_another_class_does_not_fit(bench):
     assert f"parameter 'Object' is {bench.tray!r}, expected a skiros:Product" in node.progress_msg
 
 
+@pytest.mark.parametrize("any_type", [Element(), Element(""), Element])
+def test_a_parameter_of_no_class_takes_any_element(bench, any_type):
+    hold = describe("Hold", [("Object", any_type, REQUIRED)])
+    bench.load(primitive(hold, "hold", execute=lambda s: s.success(s.params["Object"].value.id)))
+    assert bench.tray.id in messages(bench.run(bench.node("hold", Object=bench.tray)))
+
+
 # -- inference ---------------------------------------------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType
 from skiros2_common.core.explanation import MOST_NAMED, Change, Finding, Near
-from skiros2_common.core.names import id_order
+from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.places import Place
 from skiros2_common.core.world_element import Element
@@ -244,7 +244,7 @@ class ConditionBase:
             found = wmi.resolve_elements(wanted)
         else:
             known = (wmi.find_element(eid) for eid in set(ids))
-            found = [e for e in known if e is not None and (not wanted.type or e.isInstance(wanted, wmi))]
+            found = [e for e in known if e is not None and (wanted.type in ANY_TYPE or e.isInstance(wanted, wmi))]
         present = {value.id for value in param.values}
         for element in sorted(found, key=lambda e: id_order(e.id)):
             if element.id not in present:

@@ -9,6 +9,9 @@ from functools import lru_cache
 
 DEFAULT_PREFIX = "skiros"
 
+#: What an abstract element has as its class when it stands for elements of any class.
+ANY_TYPE = ("", "Unknown", "skiros:Unknown")
+
 #: The highest number of an id. More digits than that are a part of the name.
 LAST_ID_NUMBER = 10**18 - 1
 

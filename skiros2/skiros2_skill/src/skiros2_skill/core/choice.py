@@ -9,6 +9,7 @@ from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, INFERENCE, PARAMETER, PRE, START
+from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core import blackboard
 from skiros2_skill.core.blackboard import Slot, Source
@@ -118,7 +119,7 @@ def _check_classes(params: ParamHandler, declared: ParamHandler, wmi: Any) -> No
     """
     for key, param in params.items():
         wanted = declared.getParamMap()[key].element_type if param.is_element else ""
-        for value in param.values if wanted else ():
+        for value in param.values if wanted not in ANY_TYPE else ():
             if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
                 raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, expected a {wanted}")
 

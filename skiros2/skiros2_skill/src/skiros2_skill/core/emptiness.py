@@ -7,6 +7,7 @@ from itertools import islice
 from typing import Any
 
 from skiros2_common.core.explanation import MOST_NAMED, Candidates, Left, Near
+from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.inference import Search
 
@@ -48,8 +49,9 @@ class _Domain:
         self.key = key
         self.left = search.like(key)
         pattern = search.patterns[key]
-        wanted = " ".join(part for part in (pattern.type or "element", pattern.label and repr(pattern.label)) if part)
-        self.candidates = Candidates(key, wanted, len(self.left))
+        kind = "element" if pattern.type in ANY_TYPE else pattern.type
+        label = f" {pattern.label!r}" if pattern.label else ""
+        self.candidates = Candidates(key, f"{kind}{label}", len(self.left))
         self._search = search
 
     def keep(self, left: list[Element], condition: Any) -> None:

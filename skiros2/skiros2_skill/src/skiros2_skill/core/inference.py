@@ -18,7 +18,7 @@ from skiros2_common.core.conditions import (
     ConditionProperty,
     ConditionRelation,
 )
-from skiros2_common.core.names import id_order
+from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 
@@ -239,7 +239,10 @@ class Search:
         return wanted
 
     def _is_like(self, element: Element, wanted: Element) -> bool:
-        return not wanted.type or element.isInstance(wanted, self.wmi)
+        if wanted.type in ANY_TYPE:
+            wanted = wanted.copy()
+            wanted.type = element.type
+        return element.isInstance(wanted, self.wmi)
 
     def ordered(self, elements: Iterable[Element]) -> list[Element]:
         """In the order in which they are tried."""

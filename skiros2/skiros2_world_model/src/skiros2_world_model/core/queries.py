@@ -6,14 +6,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import ANY_TYPE, full_name
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.scene import Scene
-
-_ANY_TYPE = ("", "Unknown", "skiros:Unknown")
 
 #: So many elements are looked at one by one, before an index over a property's values is made for them.
 _FEW = 100
@@ -24,7 +22,7 @@ def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]
 
     A value that is "" or None matches any.
     """
-    any_type = wanted.type in _ANY_TYPE
+    any_type = wanted.type in ANY_TYPE
     types = frozenset[str]() if any_type else ontology.subclasses(full_name(wanted.type))
     values = _values(wanted)
     if wanted.label:
@@ -93,7 +91,7 @@ def is_like(scene: Scene, ontology: Ontology, eid: str, wanted: Element) -> bool
 def describes(ontology: Ontology, wanted: Element, etype: str, label: str, properties: Mapping[str, Property]) -> bool:
     """Whether an abstract element describes something of that class, label and properties."""
     return (
-        (wanted.type in _ANY_TYPE or ontology.is_subclass(etype, full_name(wanted.type)))
+        (wanted.type in ANY_TYPE or ontology.is_subclass(etype, full_name(wanted.type)))
         and wanted.label in ("", label)
         and _has_values(properties, _values(wanted))
     )

@@ -149,6 +149,11 @@ def test_narrowed_types_and_more_parameters(wmi):
     assert faults_of(wmi, narrow) == []
 
 
+@pytest.mark.parametrize("etype", ["", "Unknown"])
+def test_a_parameter_of_no_class_has_no_unknown_one(wmi, etype):
+    assert faults_of(wmi, primitive(describe("Hold", [("Object", Element(etype), REQUIRED)]), "hold")) == []
+
+
 def test_numbers_fit_each_other(wmi):
     count = describe("Count", [("Number", int, REQUIRED)])
     user = compound(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any
 
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import ANY_TYPE, full_name
 from skiros2_common.core.or_condition import ConditionOr
 from skiros2_common.core.params import Param
 from skiros2_common.core.places import Place
@@ -126,7 +126,7 @@ def _narrows(own: Param, wanted: Param, wmi: Any) -> bool:
 def _unknown_names(described: Described, wmi: Any) -> Iterator[Fault]:
     skill = described.skill
     for key, param in skill.params.items():
-        if param.is_element and param.element_type and not wmi.knows(param.element_type):
+        if param.is_element and param.element_type not in ANY_TYPE and not wmi.knows(param.element_type):
             text = f"parameter {key!r} is a {param.element_type}, which no ontology declares"
             yield described.fault(WARNING, "unknown-class", text, skill.place_of(key))
     for stage, conditions in _stages(described).items():

@@ -92,3 +92,25 @@ def test_a_clone_does_not_share_the_list():
 def test_numbers_and_bools_equal_their_text(one, other, same):
     assert same_value(one, other) is same
     assert same_value(other, one) is same
+
+
+def test_values_and_type_are_asked_for_in_several_ways():
+    prop = Property("skiros:P", [1.5, 2.5])
+    assert (prop.getValue(), prop.getValue(1), prop.getValues()) == (1.5, 2.5, [1.5, 2.5])
+    assert prop.getValuesStr() == ["1.5", "2.5"]
+    assert prop.isList() and not Property("skiros:P", 1.5).isList()
+    assert prop.dataTypeIs(float) and prop.dataTypeIs(1.0) and not prop.dataTypeIs(int)
+    assert prop.makeInstance() == 0.0
+    with pytest.raises(UnknownName, match="no value at index 2, there are 2"):
+        prop.getValue(2)
+    assert Property("skiros:P", float).getValue() is None
+
+
+def test_all_values_are_set_at_once_or_taken_away():
+    prop = Property("skiros:P", [1, 2])
+    prop.setValues([3, 4, 5])
+    assert prop.values == [3, 4, 5]
+    prop.setValues(6)
+    assert prop.values == [6]
+    prop.setValues(None)
+    assert not prop.isSpecified()

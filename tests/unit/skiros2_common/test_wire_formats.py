@@ -122,3 +122,33 @@ def test_a_registered_class_may_travel():
 def test_a_class_without_a_wire_name_is_refused():
     with pytest.raises(UnknownName, match="no wire name"):
         utils.serializeParamMap({"X": Param("X", "", object(), ParamTypes.Required)})
+
+
+def test_parts_of_elements_are_encoded_and_decoded_alone():
+    encoder = utils.ParamsEncoder()
+    param = Param("Speed", "how fast", 0.5, ParamTypes.Optional)
+    assert utils.decodeParam(utils.encodeParam(encoder, param)).printState() == "Speed:[0.5]"
+    prop = product().getProperty("skiros:Weight")
+    assert utils.decodeProperty(json.dumps(utils.encodeProperty(encoder, prop))).values == [1.5]
+    element = utils.decodeElement(json.dumps(utils.encodeElement(encoder, product()), cls=utils.ParamsEncoder))
+    assert (repr(element), element.getRelations()) == (repr(product()), product().getRelations())
+
+
+def test_relations_and_statements_as_messages():
+    relation = utils.makeRelation("skiros:Tray-1", "skiros:contain", "skiros:Product-3")
+    assert utils.msg2relation(utils.relation2msg(relation)) == relation
+    parts = ("skiros:Tray-1", "skiros:contain", "skiros:Product-3")
+    assert utils.makeRelationMsg(*parts) == utils.relation2msg(relation)
+    statement = utils.makeStatementMsg(*parts, False)
+    assert (statement.relation, statement.value) == (utils.relation2msg(relation), False)
+
+
+def test_a_class_is_registered_in_three_steps_too():
+    class Size:
+        def __init__(self, metres):
+            self.metres = metres
+
+    utils.registerCtype("test::Size", Size)
+    utils.registerEncoder(Size, lambda encoder, size: size.metres)
+    utils.registerDecoder("test::Size", Size)
+    assert through_the_wire(Param("S", "", Size(2.0), ParamTypes.Required)).value.metres == 2.0

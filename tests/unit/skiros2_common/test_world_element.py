@@ -4,6 +4,7 @@ import logging
 
 import pytest
 
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
@@ -183,3 +184,71 @@ def test_is_instance_compares_values_and_relations():
     assert given_out(Weight=1.0).isInstance(pattern, FlatClasses())
     pattern.addRelation("skiros:Tray-2", "skiros:contain", "-1")
     assert not given_out(Weight=1.0).isInstance(pattern, FlatClasses())
+
+
+def test_a_value_is_added_to_a_property_which_is_made_where_missing():
+    element = given_out(Weight=[1.0])
+    element.appendProperty("skiros:Weight", 2.0)
+    element.appendProperty("skiros:Colour", "red")
+    assert element.getProperty("skiros:Weight").values == [1.0, 2.0]
+    assert element.getProperty("skiros:Colour").value == "red"
+
+
+class Nearness(DiscreteReasoner):
+    def onAddProperties(self, element):
+        element.setProperty("skiros:Distance", float)
+
+    def onRemoveProperties(self, element):
+        element.removeProperty("skiros:Distance")
+
+    def hasData(self, element, get_code):
+        return element.getProperty("skiros:Distance").isSpecified()
+
+    def getData(self, element, get_code):
+        return element.getProperty("skiros:Distance").value
+
+    def setData(self, element, data, set_code):
+        element.setProperty("skiros:Distance", data)
+
+    def getAssociatedProperties(self):
+        return [":Distance"]
+
+    def getAssociatedData(self):
+        return ["skiros:Distance"]
+
+    def run(self):
+        self.ran = not self.stopRequested
+
+
+@pytest.fixture
+def nearness(monkeypatch):
+    monkeypatch.setattr(reasoners, "_by_name", {})
+    monkeypatch.setattr(reasoners, "_owners", {})
+    reasoner = Nearness()
+    reasoners.add(reasoner)
+    return reasoner
+
+
+def test_data_go_to_the_reasoner_that_owns_their_code(nearness):
+    element = Element("skiros:Product")
+    nearness.addProperties(element)
+    assert not element.hasData(":Distance")
+    element.setData(":Distance", 2.5)
+    assert element.hasData(":Distance")
+    assert element.getData(":Distance") == element.getProperty("skiros:Distance").value == 2.5
+    assert element.getProperty("skiros:DiscreteReasoner").value == "Nearness"
+    assert element.getAssociatedReasonerId("skiros:Distance") == "Nearness"
+    assert element.getAssociatedReasonerId("skiros:Weight") == ""
+    assert element._getReasoner("Nearness") is nearness
+    nearness.removeProperties(element)
+    assert not element.hasProperty("skiros:Distance")
+    assert not element.hasProperty("skiros:DiscreteReasoner", "Nearness")
+
+
+def test_a_reasoner_runs_until_it_is_asked_to_end(nearness):
+    nearness.stop()
+    assert nearness.stopRequested
+    nearness.execute()
+    assert nearness.ran
+    assert not nearness.stopRequested
+    assert nearness.getAssociatedRelations() == nearness.computeRelations(None, None) == []

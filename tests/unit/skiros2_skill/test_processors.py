@@ -131,3 +131,22 @@ def test_reset_begins_with_the_first_child(processor):
     children = [Child("R"), Child("R")]
     processor.processChildren(children, None)
     assert [c.ticks for c in children] == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("processor", "arguments", "preempted"),
+    [
+        (Serial(), (0,), [0, 1, 0]),
+        (Selector(), (0,), [0, 1, 0]),
+        (SelectorStar(), (1,), [0, 0, 0]),
+        (ParallelFf(), (), [1, 1, 0]),
+        (ParallelFs(), (), [1, 1, 0]),
+    ],
+)
+def test_what_runs_is_stopped_by_hand(processor, arguments, preempted):
+    """Those in order stop what comes after an index."""
+    children = [Child(s) for s in ("R", "R", "S")]
+    for child in children:
+        child.visit(None)
+    processor.stopAll(children, None, *arguments)
+    assert [child.preempted for child in children] == preempted

@@ -154,37 +154,34 @@ def test_goals_are_answered_when_the_manager_ends(ros, robot):
 
 # -- goals that cannot be followed ------------------------------------------------------------------------------------
 
-DEEP = "[" * 100_000
+REFUSED = [
+    ([], "a task needs at least one skill"),
+    ([msgs.ResourceDescription("skiros:Ad", "", [])], "no skill of type skiros:Ad; near: skiros:Add"),
+    ([msgs.ResourceDescription("skiros:Add", "nobody", [])], "no implementation 'nobody'"),
+    ([msgs.ResourceDescription("skiros:Add", "add", [])], "required parameter 'B' (float) is not set"),
+    ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("{")])], "parameter is not JSON"),
+    ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("[" * 100_000)])], "parameter is not JSON"),
+    ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("7")])], "expected a JSON object"),
+    ([msgs.ResourceDescription("", "", [])], "no skill of type"),
+]
 
 
-@pytest.mark.parametrize(
-    ("skills", "named"),
-    [
-        ([], "a task needs at least one skill"),
-        ([msgs.ResourceDescription("skiros:Ad", "", [])], "no skill of type skiros:Ad; near: skiros:Add"),
-        ([msgs.ResourceDescription("skiros:Add", "nobody", [])], "no implementation 'nobody'"),
-        ([msgs.ResourceDescription("skiros:Add", "add", [])], "required parameter 'B' (float) is not set"),
-        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("{")])], "parameter is not JSON"),
-        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param(DEEP)])], "parameter is not JSON"),
-        ([msgs.ResourceDescription("skiros:Add", "add", [msgs.Param("7")])], "expected a JSON object"),
-        ([msgs.ResourceDescription("", "", [])], "no skill of type"),
-    ],
-)
-def test_a_goal_that_cannot_be_followed_is_rejected_with_the_reason(robot, skills, named):
+def test_goals_that_cannot_be_followed_are_rejected_with_the_reason_and_the_manager_lives(robot):
     client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
     assert client.wait_for_server(rospy.Duration(30))
-    client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
-    assert client.wait_for_result(rospy.Duration(30))
-    assert client.get_state() == GoalStatus.REJECTED
-    result = client.get_result()
+    for skills, named in REFUSED:
+        client.send_goal(msgs.ExecuteSkillsGoal("tests", skills))
+        assert client.wait_for_result(rospy.Duration(30))
+        assert client.get_state() == GoalStatus.REJECTED
+        result = client.get_result()
+        assert named in result.message
+        assert "\n" not in result.message
+        assert (result.task_id, result.state, result.code) == (-1, msgs.SkillProgress.FAILURE, -1)
+        (why,) = json.loads(result.explanation)
+        assert (why["stage"], why["message"]) == (PARAMETER if "parameter 'B'" in named else START, result.message)
+        assert robot.explanations()[0].message == result.message
     client.action_client.stop()
-    assert named in result.message
-    assert "\n" not in result.message
-    assert (result.task_id, result.state, result.code) == (-1, msgs.SkillProgress.FAILURE, -1)
-    (why,) = json.loads(result.explanation)
-    assert (why["stage"], why["message"]) == (PARAMETER if "parameter 'B'" in named else START, result.message)
-    assert robot.explanations()[0].message == result.message
-    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30), "the manager lives"
+    assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
 
 
 # -- why --------------------------------------------------------------------------------------------------------------
@@ -260,19 +257,18 @@ def test_a_breakpoint_pauses_the_task_that_comes_to_it(ros, robot):
     assert run.result(30).code == -7
 
 
-@pytest.mark.parametrize(
-    ("request_", "named"),
-    [
+def test_breakpoints_that_cannot_be_are_refused_with_the_reason(ros, robot):
+    service = ros.service(f"{ROBOT}/breakpoint", srvs.SkillBreakpoint)
+    for request, named in (
         ({"action": "dance"}, "unknown action 'dance', expected one of: add, remove, list"),
         ({"action": "add", "kind": "nod", "pattern": "x"}, "a breakpoint of kind 'nod', expected one of: node"),
         ({"action": "add", "kind": "node"}, "without a name or pattern"),
         ({"action": "remove", "number": 7}, "no breakpoint 7"),
-    ],
-)
-def test_a_breakpoint_that_cannot_be_is_refused_with_the_reason(ros, robot, request_, named):
-    with pytest.raises(rospy.ServiceException) as refused:
-        ros.service(f"{ROBOT}/breakpoint", srvs.SkillBreakpoint)(**request_)
-    assert named in str(refused.value)
+    ):
+        with pytest.raises(rospy.ServiceException) as refused:
+            service(**request)
+        assert named in str(refused.value)
+    assert robot.breakpoints() == {}
 
 
 # -- parameters of the node -------------------------------------------------------------------------------------------

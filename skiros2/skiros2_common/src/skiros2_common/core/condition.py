@@ -32,8 +32,7 @@ class ConditionBase:
         self._label = clabel
         self._subject_key = subj
         self._desired_state = desired_state
-        self._checked: dict[str, str] = {}  # key -> what it was at the last evaluation
-        self._ids: dict[str, str] = {}
+        self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
         self._undo: list[Callable[[], None]] = []
 
     @property
@@ -122,7 +121,8 @@ class ConditionBase:
 
     def getParamId(self, key: str) -> str:
         """The id that the element in a parameter had at the last evaluation, "" when it had none."""
-        return self._ids.get(key, "")
+        value = self._checked.get(key)
+        return value.id if isinstance(value, Element) else ""
 
     def getKeys(self) -> list[str]:
         """The keys of the parameters it speaks of."""
@@ -160,7 +160,7 @@ class ConditionBase:
         """A copy, to be remapped and evaluated on its own."""
         copy = self.__class__.__new__(self.__class__)
         copy.__dict__.update(self.__dict__)
-        copy._checked, copy._ids, copy._undo = {}, {}, []
+        copy._checked, copy._undo = {}, []
         return copy
 
     # -- shared by subclasses ----------------------------------------------------------------------------------
@@ -170,16 +170,13 @@ class ConditionBase:
 
     def _remember(self, key: str, ph: ParamHandler) -> None:
         param = ph._params.get(key)
-        value = param.value if param is not None else None
-        if isinstance(value, Element):
-            self._checked[key] = repr(value) if value.id else f"any {value!r}".rstrip("-")
-            self._ids[key] = value.id
-        else:
-            self._checked[key] = f"{key} (unset)" if value is None else str(value)
-            self._ids[key] = ""
+        self._checked[key] = param._values[0] if param is not None and param._values else None
 
     def _name(self, key: str) -> str:
-        return self._checked.get(key, key)
+        value = self._checked.get(key, key)
+        if isinstance(value, Element):
+            return repr(value) if value.id else f"any {value!r}".rstrip("-")
+        return f"{key} (unset)" if value is None else str(value)
 
     def _value(self, key: str, ph: ParamHandler) -> Any:
         """The parameter's value.

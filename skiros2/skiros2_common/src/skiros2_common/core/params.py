@@ -21,6 +21,8 @@ ParamTypes = Enum("ParamTypes", "Required Optional Inferred")
 #: How parameter types are written on the wire and in the world model.
 PARAM_TYPE_CODES = {ParamTypes.Required: 0, ParamTypes.Optional: 1, ParamTypes.Inferred: 2}
 
+_NOBODY: tuple[None, str] = (None, "")
+
 
 class Param(Property):
     """A parameter: a property with a description, a type, and the default that it was declared with.
@@ -35,7 +37,7 @@ class Param(Property):
         self._default: list[Any] = list(self._values)
         self._last_update = 0.0
         #: For the parameters of a running tree: values that a node below has put here, and its label.
-        self.given_by: tuple[list[Any] | None, str] = (None, "")
+        self.given_by: tuple[list[Any] | None, str] = _NOBODY
 
     @property
     def default(self) -> Any:
@@ -100,12 +102,15 @@ class Param(Property):
 
     def at_default(self) -> Param:
         """A copy that is set to the default."""
-        copy: Param = self.__class__.__new__(self.__class__)
+        copy = Param.__new__(Param)  # in the place of `clone`, since each start of a skill makes some
         copy._key = self._key
         copy._data_type = self._data_type
         copy._values = self._new_default()
-        copy.__dict__.update(self.__dict__)
+        copy._description = self._description
+        copy._param_type = self._param_type
+        copy._default = self._default
         copy._last_update = time_module.time()
+        copy.given_by = _NOBODY
         return copy
 
     @property

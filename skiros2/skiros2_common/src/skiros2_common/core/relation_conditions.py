@@ -46,7 +46,8 @@ class ConditionRelation(ConditionBase):
             self._object_key = target_key
 
     def getKeys(self) -> list[str]:
-        return list(dict.fromkeys([self._subject_key, self._object_key]))
+        subject, object_ = self._subject_key, self._object_key
+        return [subject, object_] if subject != object_ else [subject]
 
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self._relation, self._object_key)

@@ -20,15 +20,17 @@ from skiros2_skill.core.node import SkillInterface
 log = logging.getLogger(__name__)
 
 Source = Enum("Source", "Unset Taken Fixed Inferred Changed")
+_UNSET, _TAKEN, _FIXED, _CHANGED = Source.Unset, Source.Taken, Source.Fixed, Source.Changed
 
 
 class Slot:
     """One parameter of a running node: where its values came from, and what they were when last looked at."""
 
-    __slots__ = ("known", "param", "seen_above", "source")
+    __slots__ = ("is_element", "known", "param", "seen_above", "source")
 
     def __init__(self, param: Param, source: Source) -> None:
         self.param = param
+        self.is_element = param.is_element
         self.source = source
         self.known: list[Any] = param.values
         self.seen_above: list[Any] | None = None
@@ -62,12 +64,12 @@ def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
     :raises WrongType: a fixed value is of another type.
     """
     slots = {
-        key: Slot(param, Source.Fixed if param.hasSpecifiedDefault() else Source.Unset) for key, param in params.items()
+        key: Slot(param, _FIXED if param.hasSpecifiedDefault() else _UNSET) for key, param in params.items()
     }
     for name, values in node._specified.items():
         key = node.own_name(name)
         params.specify(key, _own(values))
-        slots[key].source = Source.Fixed
+        slots[key].source = _FIXED
     for slot in slots.values():
         slot.known = slot.param.values
     return list(slots.values())
@@ -80,20 +82,20 @@ def take(node: SkillInterface, slots: list[Slot]) -> bool:
     """
     new = False
     for slot in slots:
-        if slot.source not in (Source.Unset, Source.Taken):
+        if slot.source is not _UNSET and slot.source is not _TAKEN:
             continue
         above, _, name = declared_above(node, slot.param.key)
         if above is None or above._values is slot.seen_above:
             continue
-        if not above.isSpecified() and slot.source is Source.Unset:
+        if not above.isSpecified() and slot.source is _UNSET:
             continue
         slot.seen_above = above._values
         if above.isSpecified():
             _assign(slot.param, above._values, name)
-            slot.source = Source.Taken
+            slot.source = _TAKEN
         else:
             slot.param.setDefault()
-            slot.source = Source.Unset
+            slot.source = _UNSET
         slot.known = slot.param.values
         new = True
     return new
@@ -106,7 +108,7 @@ def renew(slots: list[Slot], wmi: Any, present: Any) -> None:
     """
     for slot in slots:
         param = slot.param
-        if not param.is_element or not param._values:
+        if not slot.is_element or not param._values:
             continue
         renewed = []
         is_same = True
@@ -161,7 +163,7 @@ def give_changed(node: SkillInterface, slots: list[Slot]) -> bool:
     params = node._params._params
     if len(params) != len(slots):  # the skill has declared parameters while it runs
         known = {slot.param.key for slot in slots}
-        slots += [Slot(param, Source.Changed) for key, param in params.items() if key not in known]
+        slots += [Slot(param, _CHANGED) for key, param in params.items() if key not in known]
     for slot in slots:
         param = params.get(slot.param.key)
         if param is None:
@@ -169,7 +171,7 @@ def give_changed(node: SkillInterface, slots: list[Slot]) -> bool:
         slot.param = param
         if param._values is not slot.known:
             slot.known = param._values
-            slot.source = Source.Changed
+            slot.source = _CHANGED
             given |= _give(node, param)
     return given
 
@@ -178,7 +180,7 @@ def give_fixed(node: SkillInterface, slots: list[Slot]) -> bool:
     """Passes the fixed values of a skill that has succeeded to the nodes above. Returns whether any was new there."""
     given = False
     for slot in slots:
-        if slot.source is Source.Fixed and slot.param.isSpecified():
+        if slot.source is _FIXED and slot.param.isSpecified():
             given |= _give(node, slot.param)
     return given
 

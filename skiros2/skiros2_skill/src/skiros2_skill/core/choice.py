@@ -37,7 +37,7 @@ def choose(
         slots: list[Slot] = []
         try:
             slots += blackboard.fix(node, params)
-            _find_params(node, slots, params, implementation.declared.params, conditions, wmi, present)
+            _find_params(node, slots, params, conditions, wmi, present)
             _adopt(node, implementation, params)
         except DoesNotFit as error:
             failure = error.failure
@@ -47,7 +47,7 @@ def choose(
             failure = Failure(EXCEPTION, START_RAISED, traceback.format_exc())
         else:
             node.slots = slots
-            node.element_slots = [slot for slot in slots if slot.param.is_element]
+            node.element_slots = [slot for slot in slots if slot.is_element]
             refused = lock_devices(node, wmi) if node.options else None
             if refused is None:
                 return None
@@ -77,14 +77,12 @@ def _find_params(
     node: SkillWrapper,
     slots: list[Slot],
     params: ParamHandler,
-    declared: ParamHandler,
     conditions: list[Any],
     wmi: Any,
     present: Any,
 ) -> None:
     """Sets the parameters that an implementation would run with: beside those that are fixed, from above and inferred.
 
-    :param declared: what the implementation declares.
     :param conditions: the pre-conditions.
     :raises SkirosError: one does not fit, or a pre-condition does not hold.
     """
@@ -95,7 +93,7 @@ def _find_params(
         if value is not None and not params.getParamValues(key):
             raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, which is not in the scene")
 
-    _check_classes(params, declared, wmi)
+    _check_classes(slots, wmi)
     unset = {param.key for param in inferable(params)}
     if unset:
         search = infer(params, conditions, wmi, _ids_above(node))
@@ -103,7 +101,7 @@ def _find_params(
             candidates = candidates_of(search)
             text = f"Pre-condition failed: {told(search, candidates)}"
             raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
-        _check_classes(params, declared, wmi)
+        _check_classes(slots, wmi)
     for slot in slots:
         if slot.param.key in unset and slot.param.isSpecified():
             slot.source = Source.Inferred
@@ -113,15 +111,17 @@ def _find_params(
         raise DoesNotFit(PRE, failure.message, failure)
 
 
-def _check_classes(params: ParamHandler, declared: ParamHandler, wmi: Any) -> None:
+def _check_classes(slots: list[Slot], wmi: Any) -> None:
     """
     :raises DoesNotFit: an element is of a class that its parameter does not allow.
     """
-    for key, param in params.items():
-        wanted = declared.getParamMap()[key].element_type if param.is_element else ""
-        for value in param.values if wanted not in ANY_TYPE else ():
+    for slot in slots:
+        if not slot.is_element or not slot.param._default:
+            continue
+        wanted = slot.param.element_type
+        for value in slot.param._values if wanted not in ANY_TYPE else ():
             if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
-                raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, expected a {wanted}")
+                raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {value!r}, expected a {wanted}")
 
 
 def _ids_above(node: SkillWrapper) -> set[str]:

@@ -170,7 +170,7 @@ class Executor:
         instance = node.getInstance()
         instance._start_progress()
         instance._waker = self._wake
-        node._input = {key: list(p.values) for key, p in node._params.items()}
+        node._input = {key: p._values for key, p in node._params._params.items()}
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)

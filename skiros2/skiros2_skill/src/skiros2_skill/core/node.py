@@ -164,7 +164,7 @@ class SkillInterface(SkillCore):
 
     def own_name(self, name: str) -> str:
         """The key of this node that has that name one level up."""
-        return next((key for key, above in self._remaps.items() if above == name), name)
+        return next((key for key, above in self._remaps.items() if above == name), name) if self._remaps else name
 
     def getParamsNoRemaps(self) -> dict[str, Param]:
         """The parameters under the keys that the skill itself uses."""

@@ -68,7 +68,7 @@ def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst
     """Whether the relation, or one under it, holds; a side without id stands for any element like it."""
     predicates = ontology.subproperties(pred)
     if src.id and dst.id:
-        return any(scene.related(src.id, p, dst.id) for p in predicates)
+        return scene.related(src.id, pred, dst.id) or any(scene.related(src.id, p, dst.id) for p in predicates)
     if src.id:
         found = (other for _, _, other in scene.relations(src.id, predicates))
         return any(is_like(scene, ontology, other, dst) for other in found)

@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
-PARTS = ("launch", "ticks", "skills", "services", "updates", "tf", "planning", "world_model", "journal")
+PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf", "planning", "world_model", "journal")
 
 
 def main() -> int:
@@ -52,6 +52,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import ticks
 
         return ticks.measure()
+    if part == "inference":
+        from benchmarks import inference
+
+        return inference.measure()
     if part == "planning":
         from benchmarks import planning
 

@@ -34,6 +34,10 @@ class _OfProperty(ConditionBase):
     def property(self) -> str:
         return self._property
 
+    def is_of(self, element: Element) -> bool:
+        """Whether the fact holds of an element as it is given here."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define is_of")
+
     def found(self, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(self._subject_key, ph, wmi)
         if element is None or element.isAbstract():
@@ -110,9 +114,9 @@ class ConditionProperty(_OfProperty):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self._holds_of(element)
+        return element is not None and self.is_of(element)
 
-    def _holds_of(self, element: Element) -> bool:
+    def is_of(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self._property, self._desired_value)
         value = element.value_of(self._property)
@@ -131,7 +135,7 @@ class ConditionProperty(_OfProperty):
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         having = (self._property, self._desired_value) if self.is_value else None
         others = self._others(self._subject_key, ph, wmi, having)
-        fitting = (e for e in others if self._holds_of(e) == self._desired_state)
+        fitting = (e for e in others if self.is_of(e) == self._desired_state)
         return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
@@ -168,7 +172,10 @@ class ConditionHasProperty(_OfProperty):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and element.hasProperty(self._property, not_none=True)
+        return element is not None and self.is_of(element)
+
+    def is_of(self, element: Element) -> bool:
+        return element.hasProperty(self._property, not_none=True)
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} has a value of {self._property}"
@@ -181,8 +188,7 @@ class ConditionHasProperty(_OfProperty):
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         others = self._others(self._subject_key, ph, wmi)
-        state = self._desired_state
-        fitting = (e for e in others if e.hasProperty(self._property, not_none=True) == state)
+        fitting = (e for e in others if self.is_of(e) == self._desired_state)
         return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:

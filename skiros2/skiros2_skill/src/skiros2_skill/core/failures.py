@@ -158,7 +158,7 @@ class Failures:
         for condition in failure.conditions:
             try:
                 findings.append(condition.explain(failure.params, self._wmi))
-            except Exception:
+            except FOREIGN_ERRORS:
                 log.exception("a condition cannot be explained: %s", condition.getDescription())
                 wanted = condition.getDescription()
                 findings.append(Finding(type(condition).__name__, condition.label, {}, wanted, f"not {wanted}"))

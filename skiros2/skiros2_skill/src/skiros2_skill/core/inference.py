@@ -14,6 +14,7 @@ from typing import Any
 
 from skiros2_common.core.conditions import (
     ConditionFunction,
+    ConditionHasProperty,
     ConditionOr,
     ConditionProperty,
     ConditionRelation,
@@ -21,6 +22,9 @@ from skiros2_common.core.conditions import (
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
+
+#: Conditions that can be told of an element without a look at the world model.
+_OF_ELEMENT = (ConditionHasProperty, ConditionProperty)
 
 
 def inferable(params: ParamHandler) -> list[Param]:
@@ -89,7 +93,8 @@ class Search:
         return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored(self.wmi)
 
     def _cost(self, condition: Any) -> int:
-        """A rank: conditions are checked in its order."""
+        """A rank; conditions are checked in its order: stored relations, facts of one element, stored relations that
+        must not hold, functions, what reasoners compute."""
         if isinstance(condition, ConditionOr):
             return max((self._cost(part) for part in condition.conditions), default=0) or 1
         if isinstance(condition, ConditionRelation):
@@ -154,6 +159,8 @@ class Search:
         """As `holds`, but a condition that speaks of no other unset parameter is checked once for an element."""
         if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
             return self.holds(condition, key, candidate)
+        if type(condition) in _OF_ELEMENT:
+            return bool(condition.is_of(candidate) == condition.desired_state)  # it was read just now
         asked = (id(condition), key, candidate.id)
         verdict = self._verdicts.get(asked)
         if verdict is None:
@@ -216,6 +223,8 @@ class Search:
 
     def like(self, key: str) -> list[Element]:
         """All elements that a key's pattern describes, ordered."""
+        if self._indexed(key) is self.patterns[key]:
+            return self._candidates(key)
         return self._resolved(self.patterns[key])
 
     def _candidates(self, key: str) -> list[Element]:

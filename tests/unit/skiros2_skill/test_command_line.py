@@ -463,8 +463,12 @@ def master(monkeypatch):
         services = [(f"{name}{end}", [name]) for name in known for end in ("/get_skills", "/command")]
         return [], [], [*services, ("/other/get_skills", ["/other"])]
 
+    def check(name, service, what):
+        if not known[name]:
+            raise NotThere(f"the {what} {name} does not answer")
+
     monkeypatch.setattr(connection, "ask_master", ask)
-    monkeypatch.setattr(connection, "_answers", lambda name: known[name])
+    monkeypatch.setattr(connection, "check_node", check)
     return known
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import http.client
 import socket
-import urllib.parse
 import xmlrpc.client
 from typing import Any
 
@@ -11,8 +11,10 @@ import rosgraph
 
 from skiros2_common.core.errors import SkirosError
 
-#: How long a master or a server may take to take a call (s).
-PATIENCE = 0.8
+#: How long a master or a node may take to answer (s).
+PATIENCE = 2.0
+
+_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error)
 
 
 class NotThere(SkirosError):
@@ -25,32 +27,38 @@ def ask_master(call: str, *arguments: Any) -> Any:
     :raises NotThere: no master answers.
     """
     uri = rosgraph.get_master_uri()
+    try:
+        return _ask(uri, call, *arguments)
+    except _NO_ANSWER as error:
+        raise NotThere(f"no ROS master answers at {uri} ({_reason(error)}); start one, or set ROS_MASTER_URI") from None
+
+
+def check_node(node: str, service: str, what: str) -> None:
+    """Makes sure that a node is there, lives and offers a service.
+
+    :param what: what the node is, for the message: "world model".
+    :raises NotThere: there is no master, or nobody on it who answers.
+    """
+    address = ask_master("lookupNode", node)
+    if not address or not ask_master("lookupService", f"{node}/{service}"):
+        raise NotThere(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
+    try:
+        # A connection to the service that says nothing would be reported by the node as a failed one.
+        _ask(str(address), "getPid")
+    except _NO_ANSWER as error:
+        raise NotThere(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
+
+
+def _ask(uri: str, call: str, *arguments: Any) -> Any:
+    """The answer of a master or node; None when it is none."""
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(PATIENCE)
     try:
-        with xmlrpc.client.ServerProxy(uri) as master:
-            code, _, value = getattr(master, call)("/command_line", *arguments)
-    except (OSError, ValueError, xmlrpc.client.Error) as error:
-        raise NotThere(f"no ROS master answers at {uri} ({_reason(error)}); start one, or set ROS_MASTER_URI") from None
+        with xmlrpc.client.ServerProxy(uri) as server:
+            code, _, value = getattr(server, call)("/command_line", *arguments)
     finally:
         socket.setdefaulttimeout(before)
     return value if code == 1 else None
-
-
-def check_service(service: str, what: str) -> None:
-    """Makes sure that a service is there and its node alive; it takes less than a second.
-
-    :param what: whose service it is, for the message: "world model /wm".
-    :raises NotThere: there is no master, or nobody on it who answers.
-    """
-    address = ask_master("lookupService", service)
-    if not address:
-        raise NotThere(f"there is no {what} on the master {rosgraph.get_master_uri()}")
-    parts = urllib.parse.urlparse(str(address))
-    try:
-        socket.create_connection((parts.hostname, parts.port), PATIENCE).close()
-    except OSError as error:
-        raise NotThere(f"the {what} does not answer at {address} ({_reason(error)})") from None
 
 
 def _reason(error: Exception) -> str:

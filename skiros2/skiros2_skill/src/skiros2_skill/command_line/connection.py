@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import difflib
 import json
-import socket
-import urllib.parse
 from collections.abc import Sequence
 from typing import Any
 
 import rosgraph
 
 from skiros2_common.command_line.answer import WrongUsage
-from skiros2_common.command_line.master import PATIENCE, NotThere, ask_master
+from skiros2_common.command_line.master import NotThere, ask_master, check_node
 from skiros2_skill.command_line.description import Skill, read_skill
 
-_SKILLS, _COMMAND = "/get_skills", "/command"
+_SKILLS, _COMMAND = "get_skills", "command"
 
 
 def connect(robot: str, author: str) -> Manager:
@@ -34,8 +32,7 @@ def find_manager(robot: str) -> str:
     registered = _registered()
     if robot:
         name = _resolved(robot, registered)
-        if not _answers(name):
-            raise NotThere(f"the skill manager {name} does not answer; it may have been killed")
+        check_node(name, _SKILLS, "skill manager")
         return name
     alive = [name for name in registered if _answers(name)]
     if len(alive) > 1:
@@ -50,8 +47,8 @@ def _registered() -> list[str]:
     """The node names of the skill managers that the master knows, also of those that were killed."""
     _, _, services = ask_master("getSystemState")
     known = {name for name, _ in services}
-    managers = [name.removesuffix(_SKILLS) for name in known if name.endswith(_SKILLS)]
-    return sorted(name for name in managers if name + _COMMAND in known)
+    managers = [name.removesuffix(f"/{_SKILLS}") for name in known if name.endswith(f"/{_SKILLS}")]
+    return sorted(name for name in managers if f"{name}/{_COMMAND}" in known)
 
 
 def _resolved(robot: str, registered: list[str]) -> str:
@@ -65,10 +62,9 @@ def _resolved(robot: str, registered: list[str]) -> str:
 
 
 def _answers(manager: str) -> bool:
-    address = urllib.parse.urlparse(str(ask_master("lookupService", manager + _SKILLS) or ""))
     try:
-        socket.create_connection((address.hostname, address.port), PATIENCE).close()
-    except (OSError, ValueError):
+        check_node(manager, _SKILLS, "skill manager")
+    except NotThere:
         return False
     return True
 
@@ -88,7 +84,7 @@ class Manager:
         """The skills that it offers. Waits until it has loaded them."""
         from skiros2_msgs import srv as srvs
 
-        answer = self._call("get_skills", srvs.ResourceGetDescriptions)
+        answer = self._call(_SKILLS, srvs.ResourceGetDescriptions)
         return [read_skill(s.type, s.name, [p.param for p in s.params]) for s in answer.list]
 
     def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
@@ -98,7 +94,7 @@ class Manager:
         """
         from skiros2_msgs import srv as srvs
 
-        answer = self._call("command", srvs.SkillCommand, self.author, action, task_id, list(skills))
+        answer = self._call(_COMMAND, srvs.SkillCommand, self.author, action, task_id, list(skills))
         return int(answer.execution_id)
 
     def why(self, task_id: int) -> Any:

@@ -101,14 +101,14 @@ class SkillRun:
             left = _LOOK if end is None else min(_LOOK, end - time.monotonic())
             if event.wait(max(0.0, left)):
                 return True
-            if end is not None and time.monotonic() >= end:
-                return False
             if self._watch.silence() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
             if self._is_unknown() and time.monotonic() - self._sent_at > SILENCE:
                 raise TimedOut(f"{self._watch.name} has not taken the skills")
             if self._watch.late_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
+            if end is not None and time.monotonic() >= end:
+                return False
 
     def _is_unknown(self) -> bool:
         return bool(self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK)

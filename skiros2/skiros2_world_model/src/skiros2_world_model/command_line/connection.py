@@ -6,7 +6,7 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.command_line.master import check_service
+from skiros2_common.command_line.master import check_node
 
 
 def connect(name: str, author: str) -> Any:
@@ -14,10 +14,10 @@ def connect(name: str, author: str) -> Any:
 
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
     :param author: who makes the changes.
-    :raises NotThere: nobody answers; it takes less than a second to say so.
+    :raises NotThere: nobody answers; it takes seconds at most to say so.
     """
     full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
-    check_service(f"{full}/get", f"world model {full}")
+    check_node(full, "get", "world model")
     import rospy  # takes a quarter of a second, which is lost when there is no master
 
     from skiros2_world_model.ros.world_model_interface import WorldModelInterface

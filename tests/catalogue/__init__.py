@@ -4,7 +4,7 @@ Each case is a compound, with its trace beside it. All of them run in one proces
 ROS, by one manager (tests/system), with the same traces. The package is a skill library: a manager loads it as any.
 """
 
-from catalogue import conditions, control, elements, parameters, processors
+from catalogue import conditions, control, elements, guards, parameters, processors
 from catalogue.case import CASES, PREEMPT, Case
 
-__all__ = ["CASES", "PREEMPT", "Case", "conditions", "control", "elements", "parameters", "processors"]
+__all__ = ["CASES", "PREEMPT", "Case", "conditions", "control", "elements", "guards", "parameters", "processors"]

@@ -18,7 +18,7 @@ class FakeClock:
     While it is entered (`with FakeClock() as clock:`) it is what `time.time`, `time.monotonic`, `time.sleep` and, when
     rospy is imported already, `rospy.Time.now` and `rospy.get_time` go by; not for code that has said
     `from time import ...`. `sleep` lets the time pass in the thread that entered the clock; other threads sleep until
-    the clock has come so far. `time.monotonic` is a nanosecond later at each look, as no two looks are at the same time.
+    the clock has come so far. `time.monotonic` is a nanosecond later at each look: no two looks are at the same time.
 
     :param now: where it starts (s).
     """

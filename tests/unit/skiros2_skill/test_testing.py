@@ -235,7 +235,7 @@ def test_why_tells_the_failure_and_what_the_tree_did(skill_bench):
     skill_bench.stand_in("Work", ["R", lambda skill: skill.fail("no grip", 7)])
     why = skill_bench.command("Work").run().why
     assert "no grip" in why
-    assert "work  R1  F-7" in why
+    assert "work  R1 F-7" in why
 
 
 def test_running_gives_up_after_so_many_ticks(skill_bench):
@@ -385,24 +385,24 @@ def test_a_world_model_may_refuse_to_be_read(skill_bench):
 # -- traces ------------------------------------------------------------------------------------------------------------
 
 TABLE = """\
-root          R   R   F-1
-  ->*         R   R   F
-    first     R1  S2  S2
-    second    .   R1  F-7
-      deeper  -   R1  F-1
-  last        .   .   ."""
+root          R  R   F-1
+  ->*         R  R   F
+    first     R1 S2  S2
+    second    .  R1  F-405
+      deeper  -  R1  F-1
+  last        .  F-5 ."""
 
 
 def test_a_trace_is_printed_as_it_is_written():
     assert str(Trace.parse(TABLE)) == TABLE
     assert Trace.parse(TABLE) == Trace.parse("\n" + TABLE.replace("\n", "\n     ").replace("root", "     root"))
-    assert Trace.parse(TABLE) != Trace.parse(TABLE.replace("F-7", "F-8"))
+    assert Trace.parse(TABLE) != Trace.parse(TABLE.replace("F-405", "F-8"))
 
 
 def test_a_trace_tells_tick_node_state_and_code():
     rows = Trace.parse(TABLE).rows()
     assert rows[0] == (1, "root", State.Running, 0)
-    assert rows[-3:-1] == [(3, "second", State.Failure, -7), (3, "deeper", State.Failure, -1)]
+    assert rows[-3:-1] == [(3, "second", State.Failure, -405), (3, "deeper", State.Failure, -1)]
     assert [row[1] for row in rows].count("deeper") == 2
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.primitive_thread import PrimitiveThreadBase
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.wrapper import SkillWrapper
 from skiros2_skill.testing.fake_clock import FakeClock
@@ -29,6 +28,7 @@ class BenchTask(Task):
         super().__init__(0, wmi, "test")
         self._clock = clock
         self._period = period
+        self._threads_before = threading.active_count()
         self._woken = threading.Event()
         self.waker = self._woken.set
         self.trace = Trace()
@@ -47,10 +47,10 @@ class BenchTask(Task):
         return state
 
     def run(self, ticks: int = 1000) -> BenchTask:
-        """Ticks until the task ends, at most so often; between two ticks the threads of its skills get some time."""
+        """Ticks until the task ends, at most so often; between two ticks threads that were started get some time."""
         while ticks and self.tick() is State.Running:
             ticks -= 1
-            if ticks and any(isinstance(i, PrimitiveThreadBase) for i in self._instances()):
+            if ticks and threading.active_count() > self._threads_before:
                 self._woken.wait(self._period if self._clock is None else _MOMENT)
         return self
 
@@ -83,11 +83,6 @@ class BenchTask(Task):
     def why(self) -> str:
         """Why nodes of the task failed, for people: the message of a failed assertion."""
         return "\n".join([self.root.progress_msg, *map(str, self.explanations()), str(self.trace)])
-
-    def _instances(self) -> Iterator[Any]:
-        for node in self.nodes():
-            if isinstance(node, SkillWrapper) and node.state is State.Running:
-                yield node.getInstance()
 
 
 def _seen(root: Any) -> Iterator[Seen]:

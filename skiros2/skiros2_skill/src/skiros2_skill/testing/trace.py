@@ -44,8 +44,8 @@ class Trace:
             first   R1 S2 S2
             second  .  R1 S2
 
-    A cell is the state (`R`unning, `S`uccess, `F`ailure, `.` idle) and the progress code where it is not 0; `-`: the
-    node was not there. Traces are equal when their tables are.
+    Two blanks at least come after a name. A cell is the state (`R`unning, `S`uccess, `F`ailure, `.` idle) and the
+    progress code where it is not 0; `-`: the node was not there. Traces are equal when their tables are.
     """
 
     def __init__(self, ticks: Sequence[Sequence[Seen]] = ()) -> None:
@@ -95,16 +95,15 @@ class Trace:
         return cls(ticks)
 
     def __str__(self) -> str:
-        names: dict[tuple[int, ...], str] = {}
-        for nodes in self.ticks:
-            names.update({node.place: node.name for node in nodes})
+        names = {node.place: "  " * len(node.place) + node.name for nodes in self.ticks for node in nodes}
+        places = sorted(names)
         cells = [{node.place: _cell(node) for node in nodes} for nodes in self.ticks]
-        left = {place: "  " * len(place) + name for place, name in names.items()}
-        width = max(map(len, left.values()), default=0)
-        return "\n".join(
-            f"{left[place]:<{width}}  " + " ".join(f"{tick.get(place, _NOT_THERE):<3}" for tick in cells).rstrip()
-            for place in sorted(names)
-        )
+        columns = [
+            [names[place] + " " for place in places],
+            *([tick.get(place, _NOT_THERE) for place in places] for tick in cells),
+        ]
+        padded = [[f"{text:<{max(map(len, column))}}" for text in column] for column in columns if column]
+        return "\n".join(" ".join(row).rstrip() for row in zip(*padded, strict=True))
 
     __repr__ = __str__
 
@@ -119,7 +118,7 @@ def _cell(node: Seen) -> str:
 
 
 def _split(line: str) -> tuple[str, list[str]]:
-    """The name and the cells of a row; two blanks, or the last word of a name, part them."""
+    """The name and the cells of a row."""
     name, _, cells = line.strip().partition("  ")
     return name, cells.split()
 

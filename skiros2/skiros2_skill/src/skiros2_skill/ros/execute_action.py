@@ -26,6 +26,10 @@ from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanation
 log = logging.getLogger(__name__)
 
 
+#: So many feedbacks may wait to be sent; those of large trees are large.
+MOST_FEEDBACK = 1000
+
+
 @dataclass
 class _Goal:
     """
@@ -67,8 +71,9 @@ class ExecuteAction:
         """Takes goals from now on."""
         self._thread.start()
         self._server.start()
-        # Before anybody is connected: actionlib's own queue of 50 drops the results of many tasks that end at once.
+        # Before anybody is connected: actionlib's own queues of 50 drop what is told of many tasks at once.
         self._server.result_pub.impl.set_queue_size(MOST_AT_ONCE)
+        self._server.feedback_pub.impl.set_queue_size(MOST_FEEDBACK)
 
     def close(self, timeout: float = 1.0) -> None:
         """Takes no more goals; when the tasks have ended.

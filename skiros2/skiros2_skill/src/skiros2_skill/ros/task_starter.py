@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.explanation import START, Explanation
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
 from skiros2_skill.core.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.library import SkillLibrary
@@ -38,7 +39,9 @@ class TaskStarter:
     :param robot: called for the robot's element, which is `Robot` for skills that are given none.
     """
 
-    def __init__(self, library: SkillLibrary, wmi: Any, ticker: Ticker, history: History, robot: Any) -> None:
+    def __init__(
+        self, library: SkillLibrary, wmi: Any, ticker: Ticker, history: History, robot: Callable[[], Element]
+    ) -> None:
         self._library = library
         self._wmi = wmi
         self._ticker = ticker

@@ -212,6 +212,7 @@ def test_others_see_no_more_of_it_and_nothing_is_planned_with_its_skills(
     cell: Cell, ros: Ros, layer: SkillLayerInterface
 ) -> None:
     ros.run("skiros2_task", "task_manager_node", name="tm")
+    wait_until(lambda: "/tm/task_plan/status" in ros.master.topics(), what="the task manager")
     place = Element("skiros:Location", "place")
     cell.wmi.add_element(place)
     (robot,) = cell.wmi.resolve_elements(Element("cora:Robot"))
@@ -282,6 +283,19 @@ def test_a_manager_that_is_started_anew_is_there_once_and_works(ros: Ros, tmp_pa
         os.kill(process, signal.SIGKILL)
         wait_until(lambda: is_other_process(ros, process), what="another life of the manager")  # noqa: B023
         assert cell.works()
+
+
+def test_clients_know_another_life_from_the_former_one(cell: Cell, ros: Ros, layer: SkillLayerInterface) -> None:
+    wait_until(lambda: ROBOT in layer.agents, what="the manager")
+    former = layer.agents[ROBOT]
+    wait_until(lambda: former._monitor_sub.get_num_connections(), what="the connection to the manager")
+    cell.moves_for_long()
+    wait_until(lambda: former.tasks, what="the task")
+    ros.kill_node(ROBOT)
+    cell.start_manager()
+    wait_until(lambda: layer.agents.get(ROBOT) not in (None, former), what="the other life")
+    assert layer.agents[ROBOT].tasks == {}
+    assert "move" in layer.agents[ROBOT].skills
 
 
 def is_other_process(ros: Ros, process: int) -> bool:

@@ -8,6 +8,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 MANAGER = "/test_robot"
 
@@ -78,3 +79,38 @@ def test_after_another_scene_robot_and_skills_are_there_again_once(
     assert registration.stands()
     assert skills(wmi, registration.robot_id) == ["counter", "wait"]
     assert len(wmi.resolve_elements(Element("skiros:Skill"))) == 2
+
+
+def test_skills_of_which_the_world_model_refused_one_do_not_stand(
+    wmi: LocalWorldModel, library: SkillLibrary, registration: Registration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(element: Element) -> str:
+        raise WmException("not now")
+
+    monkeypatch.setattr(wmi, "add_element", refuse)
+    with pytest.raises(WmException):
+        registration.register_skills(library.implementations())
+    monkeypatch.undo()
+    assert not registration.stands()
+    assert registration.enter(library.implementations())
+    assert skills(wmi, registration.robot_id) == ["counter", "wait"]
+
+
+def test_one_that_stands_is_not_entered_again(
+    wmi: LocalWorldModel, library: SkillLibrary, registration: Registration
+) -> None:
+    told: list[object] = []
+    wmi.add_listener(told.append)
+    assert not registration.enter(library.implementations())
+    assert told == []
+
+
+def test_devices_that_an_earlier_life_has_locked_are_free_when_a_manager_enters(
+    wmi: LocalWorldModel, library: SkillLibrary
+) -> None:
+    arm = Element("rparts:ArmDevice", "arm")
+    arm.setProperty("skiros:StateProperty", "Busy")
+    arm.setProperty("skiros:LockedBy", wmi.author)
+    wmi.add_element(arm)
+    assert Registration(wmi, "skiros", "test_robot", MANAGER).enter(library.implementations())
+    assert wmi.get_element(arm.id).value_of("skiros:StateProperty") == "Idle"

@@ -60,6 +60,7 @@ class DiscoveryInterface:
         watch_master()
         self._on_active, self._on_inactive = on_active, on_inactive
         self._seen: dict[str, float] = {}  # when, in wall time: simulated time may stand still, or run fast
+        self._lives: dict[str, Any] = {}  # by name, the header of the connection to it: another life has another
         self._discovery_lock = threading.RLock()
         self._down_after = PERIODS_UNTIL_DOWN * discovery_period.to_sec()
         self._ask_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
@@ -76,11 +77,21 @@ class DiscoveryInterface:
         self._ask_pub.unregister()
 
     def _on_name(self, message: Any) -> None:
+        name, header = message.data, message._connection_header
         with self._discovery_lock:
-            new = message.data not in self._seen
-            self._seen[message.data] = time.monotonic()
+            if header["callerid"] == name:
+                before = self._lives.get(name)
+                self._lives[name] = header
+                if name in self._seen and before is not None and before is not header:
+                    self._drop(name)
+            new = name not in self._seen
+            self._seen[name] = time.monotonic()
             if new:
-                self._on_active(message.data)
+                self._on_active(name)
+
+    def _drop(self, name: str) -> None:
+        del self._seen[name]
+        self._on_inactive(name)
 
     def _ask_again(self, period: float) -> None:
         while not self._discovery_ended.wait(period) and not rospy.is_shutdown():
@@ -95,6 +106,5 @@ class DiscoveryInterface:
         with self._discovery_lock:
             for name, seen in list(self._seen.items()):
                 if now - seen > self._down_after:
-                    del self._seen[name]
-                    self._on_inactive(name)
+                    self._drop(name)
         self._ask_pub.publish()

@@ -35,7 +35,7 @@ class Registration:
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
         self.robot_id = ""
-        self._skills: dict[str, tuple[str, str]] = {}  # what was added: class and label by id
+        self._skills: dict[str, tuple[str, str]] | None = None  # all that were added: class and label by id
 
     @property
     def robot(self) -> Element:
@@ -85,13 +85,15 @@ class Registration:
     def register_skills(self, implementations: Iterable[Implementation]) -> None:
         """Adds the skills in the place of what an earlier life of the manager left."""
         self.remove_skills()
-        self._skills = {}
+        self._skills = None
+        added = {}
         for implementation in implementations:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
-            self._skills[element.id] = (element.type, element.label)
+            added[element.id] = (element.type, element.label)
+        self._skills = added
 
     def stands(self) -> bool:
         """Whether the world model has the robot, as this manager's, with all the skills that were added."""

@@ -476,3 +476,37 @@ def test_two_managers_in_one_process_share_no_state():
         for _ in range(2):
             bench.run(bench.node("say"))
     assert seen == [(["a"], {})] * 4
+
+
+@pytest.mark.parametrize("hook", ["onStart", "expand"])
+def test_what_a_skill_adds_to_itself_as_it_runs_is_gone_when_it_starts_again(bench, hook):
+    seen = []
+
+    class grows(SkillBase):
+        def createDescription(self):
+            self.setDescription(describe("Grows", [CONTAINER])(), "grows")
+            self._expand_on_start = True
+
+        def grow(self):
+            seen.append((len(self._pre_conditions), len(self._hold_conditions), len(self._post_conditions)))
+            for add in (self.addPreCondition, self.addHoldCondition, self.addPostCondition):
+                add(self.getIsSpecifiedCond("There", "Container", True))
+            seen.append(sorted(self.params.keys()))
+            self.addParam("More", 1, OPTIONAL, [ParamOptions.Output])
+            return True
+
+        def onStart(self):
+            return hook != "onStart" or self.grow()
+
+        def expand(self, skill):
+            if hook == "expand":
+                self.grow()
+
+    bench.load(grows)
+    for _ in range(2):
+        bench.run(bench.node("grows"))
+    bench.run(Skill("", RetryOnFail(1))(bench.node("grows"), bench.node("grows")))
+    assert seen[::2] == [(0, 0, 0)] * 4
+    assert seen[1::2] == [["Container", "Robot"]] * 4
+    declared = bench.library.by_label("grows").declared
+    assert declared.options == {} and not declared.hasPreCond()

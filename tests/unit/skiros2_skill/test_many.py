@@ -104,10 +104,11 @@ def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(ticker, bench):
 
     for _ in range(10):
         a_hundred_nodes()
-    before = alive()
+    before, threads = alive(), threading.active_count()
     for _ in range(40):
         a_hundred_nodes()
     more = alive() - before
+    assert threading.active_count() == threads
     assert sum(more.values()) < 100, more.most_common(5)
 
 

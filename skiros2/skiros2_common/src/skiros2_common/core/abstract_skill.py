@@ -179,6 +179,22 @@ class SkillCore(SkillDescription):
         self.generateDefParams()
         self.generateDefConditions()
 
+    def _note_declared(self) -> None:
+        """The skill is loaded: what it has declared so far is what it starts with each time."""
+        self._declared = (
+            list(self._pre_conditions),
+            list(self._hold_conditions),
+            list(self._post_conditions),
+            dict(self._options),
+        )
+
+    def _restore_declared(self, params: ParamHandler) -> None:
+        """The skill is to start: takes these parameters, and forgets conditions that it added as it ran before."""
+        pre, hold, post, options = self._declared
+        self._params = params
+        self._pre_conditions, self._hold_conditions, self._post_conditions = list(pre), list(hold), list(post)
+        self._options = dict(options)
+
     # -- conditions --------------------------------------------------------------------------------------------
 
     def hasPreCond(self) -> bool:

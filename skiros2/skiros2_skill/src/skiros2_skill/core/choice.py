@@ -142,13 +142,13 @@ def _adopt(node: SkillWrapper, implementation: Implementation, params: ParamHand
     :raises ConfigurationError: an instance cannot be made.
     """
     if node.hasInstance() and node.implementation is implementation:
-        node.getInstance()._params = params
+        node.getInstance()._restore_declared(params)
         node.adopt_description()
         node.rise()
         return
     node.release()
     instance = implementation.acquire()
-    instance._params = params
+    instance._restore_declared(params)
     node.implementation = implementation
     node.setInstance(instance)
     node.rise()

@@ -95,6 +95,7 @@ class Implementation:
             ) from error
         if loaded is False:
             raise ConfigurationError(f"skill {name} cannot be loaded: its onInit returned False")
+        instance._note_declared()
         return instance
 
 

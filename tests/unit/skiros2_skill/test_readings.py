@@ -204,6 +204,82 @@ def test_an_element_that_is_gone(bench):
     assert task.tick() is State.Failure
 
 
+# -- a skill that goes on, with nothing to read ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("answer", "state", "code", "message"),
+    [
+        (lambda s: s.step("still"), State.Running, 4, "still"),
+        (lambda s: s.success("done"), State.Success, 4, "done"),
+        (lambda s: s.fail("no", 7), State.Failure, -7, "no"),
+        (lambda s: True, State.Success, 3, "on"),
+        (lambda s: None, State.Failure, -405, "returned None"),
+        (lambda s: 1 / 0, State.Failure, -405, "ZeroDivisionError"),
+    ],
+)
+def test_whatever_it_answers_after_some_ticks_counts(bench, answer, state, code, message):
+    turn = lambda s: s.step("on") if s.progress_code < 3 else answer(s)  # noqa: E731
+    bench.load(primitive(describe("Turn"), "turn", execute=turn))
+    node = bench.node("turn")
+    task = bench.task(node)
+    for _ in range(3):
+        assert task.tick() is State.Running
+    assert task.tick() is state
+    assert (node.state, node.progress_code) == (state, code)
+    assert message in node.progress_msg
+
+
+def test_its_progress_is_seen_by_its_parent_and_told_after_each_tick(bench):
+    seen = []
+    bench.load(primitive(describe("Turn"), "turn", execute=lambda s: s.step(f"step {s.progress_code}")))
+    node = bench.node("turn")
+    task = bench.task(node)
+    for _ in range(4):
+        task.tick()
+        assert task.take_changed()
+        seen.append((node.progress_msg, task.progress()[1].progress_message))
+    assert seen == [(f"step {n}", f"step {n}") for n in range(4)]
+
+
+def test_nothing_is_told_of_one_that_reports_nothing(bench):
+    bench.load(primitive(describe("Turn"), "turn", execute=State.Running))
+    task = bench.task(bench.node("turn"))
+    task.tick()
+    task.take_changed()
+    task.tick()
+    assert not task.take_changed()
+
+
+def test_it_is_started_anew_after_its_preemption(bench):
+    starts = []
+    bench.load(
+        primitive(describe("Turn"), "turn", onStart=lambda s: starts.append(s) or True, execute=State.Running)
+    )
+    node = bench.node("turn")
+    task = bench.task(node)
+    for _ in range(3):
+        task.tick()
+    task._executor.preempt(node)
+    assert node.state is State.Failure
+    node.visit(task._executor)
+    assert (len(starts), node.state) == (2, State.Running)
+
+
+def test_one_that_needs_time_to_end_is_executed_once_a_tick(bench):
+    counted = []
+    Held = describe("Held", PARAMS, hold=[contains()])
+    slow = {"execute": lambda s: counted.append(1) or s.step(""), "onPreempt": State.Running}
+    bench.load(primitive(Held, "held", **slow))
+    task = bench.task(Skill("", NoFail(Sequential()))(bench.node("held", Container=bench.tray, Object=bench.product)))
+    task.tick(), task.tick()
+    bench.wmi.set_relation(bench.tray, "skiros:contain", bench.product, False)
+    task.tick()
+    counted.clear()
+    assert task.tick() is State.Running
+    assert len(counted) == 1
+
+
 CONDITIONS = {
     "relation": lambda d: d.getRelationCond("C", "skiros:contain", "Container", "Object", True),
     "no relation": lambda d: d.getRelationCond("C", "skiros:contain", "Container", "Object", False),

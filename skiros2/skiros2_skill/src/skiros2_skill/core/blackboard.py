@@ -41,7 +41,7 @@ def declared_above(node: SkillInterface, key: str) -> tuple[Param | None, ParamH
 
     :returns: the parameter, None when nobody has it yet; the handler that has it or would get it; its name there.
     """
-    name = node.name_above(key)
+    name = node._remaps.get(key, key)
     above = node._parent
     holder = node._params
     while above is not None:
@@ -51,7 +51,7 @@ def declared_above(node: SkillInterface, key: str) -> tuple[Param | None, ParamH
             return param, holder, name
         if above._parent is None:
             break
-        name = above.name_above(name)
+        name = above._remaps.get(name, name)
         above = above._parent
     return None, holder, name
 

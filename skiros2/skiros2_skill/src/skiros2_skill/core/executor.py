@@ -105,8 +105,10 @@ class Executor:
                 return _FAILURE
         elif self.ending and node in self.ending:
             return _RUNNING
-        if (node.seen_stamp != self.readings.stamp or node.volatile) and not self._renew(node):
-            return self._fail_running(node)
+        if node.seen_stamp != self.readings.stamp or node.volatile:
+            failure = self.readings.renew(node)
+            if failure is not None:
+                return self.fail_running(node, failure)
         mark = mutations.mark
         if node.is_compound:
             state = self._tick_children(node)
@@ -124,7 +126,7 @@ class Executor:
         self._copy_progress(node)
         if self._give_changes(node):
             return _RUNNING if state is _RUNNING else self.end(node, state)
-        return self.end(node, _FAILURE) if state is not _RUNNING else self._fail_running(node)
+        return self.end(node, _FAILURE) if state is not _RUNNING else self.fail_running(node)
 
     def preempt(self, node: Any) -> State:
         """Ends a running node, leaves first; nodes call it from `visitPreempt`. Running: it needs more time."""
@@ -206,11 +208,6 @@ class Executor:
 
     # -- run ---------------------------------------------------------------------------------------------------
 
-    def _renew(self, node: SkillWrapper) -> bool:
-        """Before a running node is ticked: its parameters and hold-conditions. False when one does not hold."""
-        failure = self.readings.renew(node)
-        return failure is None or self._failed(node, failure)
-
     def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
         """Tells and notes a failure of a node. Returns False."""
         node._setProgress(failure.message, failure.code)
@@ -222,8 +219,10 @@ class Executor:
         if self._pauses:
             self._pauses.at_failure(failure.conditions)
 
-    def _fail_running(self, node: SkillWrapper) -> State:
-        """Preempts a running node; it fails with the progress that it has now."""
+    def fail_running(self, node: SkillWrapper, failure: Failure | None = None) -> State:
+        """Preempts a running node; it fails with the progress that it has now, or for that reason."""
+        if failure is not None:
+            self._failed(node, failure)
         message, code = node._progress_msg, node._progress_code
         self.preempt(node)
         if node in self.ending:  # it needs more time, but has failed already
@@ -243,7 +242,9 @@ class Executor:
         if not node.runs_after_children:
             return state
         if node.seen_stamp != self.readings.stamp:
-            self._renew(node)
+            failure = self.readings.renew(node)
+            if failure is not None:
+                self._failed(node, failure)
         return self.hooks.execute(node, state)
 
     def _tick_ending(self, node: SkillWrapper) -> None:

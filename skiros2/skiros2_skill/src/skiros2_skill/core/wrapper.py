@@ -43,7 +43,7 @@ class SkillWrapper(SkillInterface):
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
         self.seen_stamp = -1
-        self.steady_stamp = -1  # at which the node has only to be executed
+        self.steady_stamp = -1  # of its last reading, while it is a primitive that goes on and has not to be watched
         self.watch: Any = None
         self.given_mark = -1  # of the changes that were passed on
         self.volatile = False
@@ -172,13 +172,19 @@ class SkillWrapper(SkillInterface):
     def visit(self, visitor: Any) -> State:
         """One tick of the node by an executor.
 
-        At most ticks a primitive goes on, and nothing that it has read has changed. All that is done then is done here;
-        whatever else may be, by the executor.
+        At most ticks a primitive goes on. All that is done then is done here; whatever else may be, by the executor.
         """
         state: State
-        if self.steady_stamp != visitor.readings.stamp:
-            state = visitor.execute_skill(self)
-            return state
+        readings = visitor.readings
+        if self.steady_stamp != readings.stamp:
+            if self.steady_stamp < 0:
+                state = visitor.execute_skill(self)
+                return state
+            failure = readings.renew(self)
+            if failure is not None:
+                state = visitor.fail_running(self, failure)
+                return state
+            self.steady_stamp = self.seen_stamp
         notes = visitor.inside.notes
         notes.append((self, EXECUTE_HOOK))
         try:
@@ -194,7 +200,7 @@ class SkillWrapper(SkillInterface):
         except FOREIGN_ERRORS as error:
             state = visitor.go_on(self, visitor.hooks.execute_raised(self, error))
             return state
-        if answer is not _RUNNING or mutations.mark != visitor.readings.mark:
+        if answer is not _RUNNING or mutations.mark != readings.mark:
             state = visitor.go_on(self, visitor.hooks.judged(self, answer))
             return state
         if self._instance._progressed_at > self._progressed_at:

@@ -31,7 +31,7 @@ class Case:
 
     tree: type
     trace: Trace
-    scene: Event = lambda world: None
+    scene: Event | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
     events: Mapping[int, Event | str] = field(default_factory=dict)
     servers: bool = False
@@ -54,7 +54,8 @@ class Case:
     def play(self, world: SkillBench) -> BenchTask:
         """Runs the case in this process. Returns the task, with its trace."""
         world.import_libraries("catalogue")
-        self.scene(world)
+        if self.scene is not None:
+            self.scene(world)
         task = world.command(self.type, self.name, **self.params(world))
         for tick in range(1, len(self.trace.ticks) + 1):
             event = self.events.get(tick)

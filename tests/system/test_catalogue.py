@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,37 @@ def test_one_manager_does_what_all_the_traces_say(
     assert not differ, "\n\n".join(differ)
 
 
+def test_many_at_once_do_what_each_does_alone(ros: Ros, robot: SkillManagerInterface) -> None:
+    """At the manager's own rate; those that need nothing of the world. Names are not looked at: which implementation is
+    free depends on the others."""
+    messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    cases = [case for case in CASES if not (case.scene or case.events or case.servers)]
+    tasks = {_start(robot, case): case for case in cases}
+    assert len(tasks) == len(cases) > 20
+    for task in tasks:
+        messages.wait_for(lambda message, task=task: message.progress[0].task_id == task and _has_ended(message))
+    told: dict[int, list[Any]] = {task: [] for task in tasks}
+    for message in messages.all:
+        root = message.progress[0]
+        column = _states(_seen(message))
+        if root.state != root.IDLE and told[root.task_id][-1:] != [column]:
+            told[root.task_id].append(column)
+    for task, case in tasks.items():
+        columns = map(_states, case.trace.ticks)
+        assert told[task] == [column for column, _ in itertools.groupby(columns)], case.name
+
+
+def _states(nodes: Iterable[Seen]) -> list[Any]:
+    return [(node.place, node.state, node.code) for node in nodes]
+
+
+def _start(robot: SkillManagerInterface, case: Case) -> int:
+    holder = robot.get_skill(case.name)
+    for key, value in case.given.items():
+        holder.ph.specify(key, value)
+    return robot.execute(skill_list=[holder])
+
+
 @pytest.mark.parametrize("case", [case for case in CASES if case.servers], ids=lambda case: case.name)
 def test_clients_of_servers_do_the_same_in_one_process(
     servers: CatalogueServers, skill_bench: SkillBench, case: Case
@@ -96,7 +128,8 @@ class Stage:
     def play(self, case: Case) -> Trace:
         wmi = self._world.wmi
         before = {e.id for e in wmi.get_scene()}
-        case.scene(self._world)
+        if case.scene is not None:
+            case.scene(self._world)
         try:
             return Trace([list(_seen(message)) for message in self._ticks(case)])
         finally:

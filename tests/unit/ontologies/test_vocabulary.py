@@ -29,6 +29,7 @@ OURS = {
     "skiros:hasCondition",
     "skiros:hasValue",
     "skiros:AvailableForPlanning",
+    "skiros:PythonModule",
     "skiros:SkillProperty",
     "skiros:RobotProperty",
     "skiros:Velocity",

@@ -38,6 +38,7 @@ Grasp = describe(
     post=[contains(state=False), lambda d: d.getHasPropCond("Weighed", "skiros:Weight", "Object", True)],
 )
 Measure = describe("Measure", [("Force", float, OPTIONAL)])
+Grasp.__doc__ = "Closes the gripper."
 SKILLS = [primitive(Grasp, "soft_grasp"), primitive(Grasp, "hard grasp"), primitive(Measure, "measure")]
 
 
@@ -153,7 +154,7 @@ def test_describe_shows_parameters_conditions_package_and_other_implementations(
     shown = run("describe", "soft_grasp")
     assert (shown.status, shown.err) == (0, "")
     lines = [" ".join(line.split()) for line in shown.out.splitlines()]
-    assert lines[0] == "soft_grasp"
+    assert lines[0] == "soft_grasp: Closes the gripper."
     assert "type skiros:Grasp" in lines
     assert "also hard grasp (other implementations of skiros:Grasp)" in lines
     assert lines[lines.index("parameters") + 1] == "Force required float"
@@ -166,8 +167,11 @@ def test_describe_shows_parameters_conditions_package_and_other_implementations(
     assert "Weighed Object has a value of skiros:Weight" in after
 
 
-def test_describe_tells_the_package(run, bench):
-    chain = run("describe", "measure", "--json").json[0]["classes"]
+def test_describe_tells_where_the_skill_is_from(run, bench):
+    told = run("describe", "measure", "--json").json[0]
+    assert told["module"] == SKILLS[2].__module__
+    assert f"module  {told['module']}" in run("describe", "measure").out
+    chain = told["classes"]
     assert chain[-1] == "skiros:Measure"
     assert bench.wmi.get_super_class(chain[0]) == "skiros:Skill"
     assert chain[-2].removeprefix("skiros:") in run("describe", "measure").out

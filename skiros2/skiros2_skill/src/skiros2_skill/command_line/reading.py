@@ -35,7 +35,8 @@ def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) ->
         registered, trouble = _registered(world, skill)
         lines += ["", *_described(skill, others, registered, trouble, screen)]
         conditions = {kind: [vars(c) for c in some] for kind, some in registered.conditions.items()}
-        data.append({**_skill_json(skill), "conditions": conditions, "classes": registered.classes})
+        known = {"purpose": registered.purpose, "module": registered.module, "classes": registered.classes}
+        data.append({**_skill_json(skill), **known, "conditions": conditions})
     return Answer(lines[1:], data)
 
 
@@ -56,12 +57,14 @@ def _registered(world: World, skill: Skill) -> tuple[Registered, str]:
 
 
 def _described(skill: Skill, others: list[str], registered: Registered, trouble: str, screen: Screen) -> list[str]:
-    facts = [("type", skill.type)]
-    if registered.classes:
-        facts.append(("package", " > ".join(map(local_name, registered.classes[:-1]))))
-    if others:
-        facts.append(("also", f"{', '.join(others)} (other implementations of {skill.type})"))
-    lines = [screen.fitted(skill.label), *_indented(facts, screen)]
+    facts = [
+        ("type", skill.type),
+        ("under", " > ".join(map(local_name, registered.classes[:-1]))),
+        ("module", registered.module),
+        ("also", f"{', '.join(others)} (other implementations of {skill.type})" if others else ""),
+    ]
+    head = f"{skill.label}: {registered.purpose}" if registered.purpose else skill.label
+    lines = [screen.fitted(head), *_indented([fact for fact in facts if fact[1]], screen)]
     rows = [(p.key, p.kind, p.type, _default(p), p.description) for p in _in_order(skill)]
     lines += ["", "parameters", *_indented(rows, screen)]
     for kind in CONDITIONS:

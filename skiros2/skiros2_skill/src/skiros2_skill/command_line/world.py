@@ -38,10 +38,14 @@ class Condition:
 class Registered:
     """What is registered of a skill.
 
+    :param purpose: what it is for, in a sentence or two; "" when its description does not say.
+    :param module: the Python module that implements it; "" when the manager does not tell.
     :param conditions: by the keys of `CONDITIONS`.
     :param classes: those that it is under, from the one of its package down to its own.
     """
 
+    purpose: str = ""
+    module: str = ""
     conditions: dict[str, list[Condition]] = field(default_factory=dict)
     classes: list[str] = field(default_factory=list)
 
@@ -92,8 +96,10 @@ class World:
         for eid in self._skill_ids():
             if eid.rpartition("-")[0] == skill_type:
                 branch = {element.id: element for element in self._asked.get_branch(eid, "skiros:skillProperty")}
-                if branch[eid].label == label:
-                    return Registered(_conditions(branch[eid], branch), self._classes(skill_type))
+                skill = branch[eid]
+                if skill.label == label:
+                    purpose, module = (skill.value_of(key) or "" for key in ("rdfs:comment", "skiros:PythonModule"))
+                    return Registered(purpose, module, _conditions(skill, branch), self._classes(skill_type))
         raise UnknownName(f"{self._manager} has registered no skill {skill_type}-{label}")
 
     def _skill_ids(self) -> list[str]:

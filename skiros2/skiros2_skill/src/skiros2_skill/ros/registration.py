@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import re
 from collections.abc import Iterable
@@ -10,7 +11,7 @@ from typing import Any
 from skiros2_common.core.errors import ConfigurationError, SkirosError
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.property import Property
-from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE
+from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, SkillDescription
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.devices import DEVICE_HOLDER, free_former_devices
 from skiros2_skill.core.library import Implementation
@@ -90,6 +91,8 @@ class Registration:
         for implementation in implementations:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
+            element.setProperty("skiros:PythonModule", implementation.module)
+            element.setProperty("rdfs:comment", _first_sentences(type(implementation.declared._description)))
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
             added[element.id] = (element.type, element.label)
@@ -168,6 +171,12 @@ class Registration:
                 self._wmi.add_class(name, parent)
                 parent = name
         self._wmi.add_class(implementation.type, parent)
+
+
+def _first_sentences(described: type) -> str:
+    """The first paragraph of what a class says of itself, on one line; not what its bases say."""
+    said = described.__doc__ if described is not SkillDescription else ""
+    return " ".join(inspect.cleandoc(said or "").partition("\n\n")[0].split())
 
 
 def _camel_case(name: str) -> str:

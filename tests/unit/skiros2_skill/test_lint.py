@@ -2,13 +2,15 @@
 
 import re
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 import skiros2_demo_skills
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library import FaultySkill, SkillLibrary
 from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Linter, lint_libraries
@@ -113,6 +115,78 @@ def test_parameters_that_are_declared_when_the_skill_starts(wmi):
     assert faults_of(wmi, late, user) == []
 
 
+def declare(skill):
+    skill.addParam("Later", str, ParamTypes.Optional)
+
+
+def plain(description, label, **hooks):
+    """A primitive as authors write it: its hooks are its own functions."""
+    body = {"createDescription": lambda self: self.setDescription(description(), label), **hooks}
+    return type(label, (PrimitiveBase,), body)
+
+
+def nested(self):
+    def inner():
+        self.addParam("Later", str, ParamTypes.Optional)
+
+    inner()
+    return True
+
+
+@pytest.mark.parametrize("on_start", [lambda self: declare(self) or True, nested, lambda self: [declare(self)] != []])
+def test_parameters_that_another_function_declares(wmi, on_start):
+    late = plain(Work, "late", onStart=on_start)
+    user = compound("User", lambda self, skill: skill(self.skill("Work", "late", remap={"Later": "A"})))
+    assert faults_of(wmi, late, user) == []
+
+
+def test_a_skill_that_gives_itself_to_nobody_is_checked(wmi):
+    def on_start(self):
+        self.count = 1
+        return self.params["Robot"].value is not None
+
+    closed = plain(Work, "closed", onStart=on_start)
+    user = compound("User", lambda self, skill: skill(self.skill("Work", "closed", remap={"Later": "A"})))
+    assert [f.code for f in faults_of(wmi, closed, user)] == ["unknown-remap"]
+
+
+def test_an_expand_that_is_given_up_does_not_write_later(bench):
+    gate, done, refused = threading.Event(), threading.Event(), []
+
+    def expand(self, skill):
+        gate.wait(20)
+        try:
+            self.wmi.add_element(Element("skiros:Product", "made by lint"))
+        except SkirosError as error:
+            refused.append(error)
+        finally:
+            done.set()
+
+    before = bench.wmi.version
+    assert [f.code for f in faults_of(bench.wmi, compound("Slow", expand))] == ["slow-expand"]
+    gate.set()
+    assert done.wait(20)
+    assert refused
+    assert bench.wmi.version == before
+
+
+def test_whole_and_real_numbers_are_only_warned_of(wmi):
+    class real(primitive(Work, "real")):
+        def createDescription(self):
+            self.setDescription(describe("Count", [("Number", 1, ParamTypes.Optional)])(), "real")
+            self.addParam("Number", 1.0, ParamTypes.Optional)
+
+    assert [(f.severity, f.code) for f in faults_of(wmi, real)] == [(WARNING, "contradicts-description")]
+
+
+def test_a_compound_that_uses_a_faulty_skill_says_so(wmi):
+    faulty = plain(describe("Odd", [], pre=[contains("Box", "Robot")]), "odd")
+    user = compound("User", lambda self, skill: skill(self.skill("Odd", "odd")))
+    (fault,) = [f for f in faults_of(wmi, faulty, user) if f.skill == "skiros:User-user"]
+    assert (fault.severity, fault.code, fault.blocks) == (ERROR, "faulty-skill", False)
+    assert "uses skiros:Odd-odd, which cannot be loaded" in fault.text
+
+
 def test_a_tree_that_depends_on_values_is_not_checked(wmi):
     def expand(self, skill):
         for _ in range(self.params["Count"].value):
@@ -193,4 +267,4 @@ def test_a_skill_with_errors_is_not_loaded_and_the_rest_is(faulty_path, wmi, cap
 
 def test_a_faulty_description_is_refused_wherever_it_comes_from(bench):
     with pytest.raises(FaultySkill, match=r"test_lint\.py:\d+: error: \[unknown-key\].*speaks of 'Box'"):
-        bench.load(primitive(describe("Odd", [], pre=[contains("Box", "Robot")]), "odd"))
+        bench.load(plain(describe("Odd", [], pre=[contains("Box", "Robot")]), "odd"))

@@ -63,9 +63,7 @@ def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
     :raises UnknownName: a fixed parameter is none of the skill's.
     :raises WrongType: a fixed value is of another type.
     """
-    slots = {
-        key: Slot(param, _FIXED if param.hasSpecifiedDefault() else _UNSET) for key, param in params.items()
-    }
+    slots = {key: Slot(param, _FIXED if param.hasSpecifiedDefault() else _UNSET) for key, param in params.items()}
     for name, values in node._specified.items():
         key = node.own_name(name)
         params.specify(key, _own(values))

@@ -22,9 +22,7 @@ from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
-def choose(
-    node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, present: Any = None
-) -> Failure | None:
+def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, present: Any = None) -> Failure | None:
     """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's; locks its devices.
 
     :param present: as in `blackboard.renew`.

@@ -137,9 +137,7 @@ class Hooks:
         log.error("%s: %s", node.printState(), message)
         return _FAILURE
 
-    def judged(
-        self, node: SkillWrapper, answer: Any, of_children: State | None = None, late: bool = False
-    ) -> State:
+    def judged(self, node: SkillWrapper, answer: Any, of_children: State | None = None, late: bool = False) -> State:
         """The state that an answer of `execute` stands for; a failure is told and noted."""
         if answer is _RUNNING or answer is _SUCCESS:
             return _SUCCESS if answer is _SUCCESS else _RUNNING

@@ -1,15 +1,17 @@
 """Checks of skills before they run: what can be told from descriptions and trees alone.
 
 Whatever depends on values, or may be added while a skill runs, is no error. Errors keep a skill from loading, except
-for a child that no library has: it may be loaded later.
+for a child that is not there: a library may bring it later.
 """
 
 from __future__ import annotations
 
+import dis
 import inspect
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from types import CodeType, FunctionType
 from typing import Any
 
 from skiros2_common.core.places import Place, is_authors
@@ -19,7 +21,10 @@ from skiros2_skill.core.compound import SkillBase
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 
-UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
+#: The hooks in which skills declare what depends on where they run.
+_STARTS = ("onInit", "onStart", "preStart")
+
+UNKNOWN_SKILL, FAULTY_SKILL, NOT_DESCRIBED = "unknown-skill", "faulty-skill", "not-described"
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class Fault:
     @property
     def blocks(self) -> bool:
         """Whether it keeps the skill from loading."""
-        return self.severity == ERROR and self.code != UNKNOWN_SKILL
+        return self.severity == ERROR and self.code not in (UNKNOWN_SKILL, FAULTY_SKILL)
 
 
 class Described:
@@ -59,11 +64,16 @@ class Described:
 
     def __init__(self, cls: type, wmi: Any) -> None:
         self.cls = cls
-        self.skill: Any = cls()
-        self.skill._wmi = wmi
-        self.skill._create()
+        self.skill = self.instance(wmi)
         #: Whether it may declare parameters while it runs.
-        self.is_open = any("addParam" in names for names in _names_in_hooks(cls))
+        self.is_open = any(_may_declare(name, method) for name, method in _hooks(cls))
+
+    def instance(self, wmi: Any) -> Any:
+        """One more, described."""
+        skill: Any = self.cls()
+        skill._wmi = wmi
+        skill._create()
+        return skill
 
     @property
     def name(self) -> str:
@@ -114,6 +124,12 @@ class Linter:
         """The implementations of a type, with that label where one is given."""
         found = self._matching(stype, label)
         return found or [d for d in self.all() if d.skill.type == stype and label in ("", d.skill.label)]
+
+    def blocked(self, described: Described) -> bool:
+        """Whether faults of its description keep a skill from loading."""
+        from skiros2_skill.core.lint_description import description_faults
+
+        return any(fault.blocks for fault in description_faults(described, self.wmi))
 
     def all(self) -> list[Described]:
         """All that could be described."""
@@ -180,11 +196,39 @@ def _undescribed(cls: type, error: Exception) -> Fault:
     return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *place)
 
 
-def _names_in_hooks(cls: type) -> Iterable[tuple[str, ...]]:
-    """The names that the methods of a class use, but for those that describe it and those of the base classes."""
+def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:
+    """The methods of a class, by name, but for those that describe it, and those of the base classes."""
     for base in cls.__mro__:
         if base in (PrimitiveBase, SkillBase):
             return
         for name, method in vars(base).items():
-            if inspect.isfunction(method) and name not in ("createDescription", "modifyDescription"):
-                yield method.__code__.co_names
+            if isinstance(method, FunctionType) and name not in ("createDescription", "modifyDescription", "expand"):
+                yield name, method
+
+
+def _may_declare(name: str, method: FunctionType) -> bool:
+    """Whether a method may add a parameter: by itself or, at the start, in a function that it gives the skill to."""
+    loaded = ("LOAD_FAST", "LOAD_DEREF", "LOAD_CLOSURE")
+    for code in _codes(method.__code__):
+        if "addParam" in code.co_names:
+            return True
+        before: dis.Instruction | None = None
+        for step in dis.get_instructions(code) if name in _STARTS else ():
+            # `self.x` is a use of its own; a `self` that is loaded for something else is passed on
+            if before is not None and step.opname not in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"):
+                return True
+            mine = step.opname in loaded and step.argval == _first_argument(method)
+            before = step if mine and step.opname != "LOAD_CLOSURE" else None
+    return False
+
+
+def _first_argument(method: FunctionType) -> str:
+    return method.__code__.co_varnames[0] if method.__code__.co_argcount else ""
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """The code of a function and of those that are defined in it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)

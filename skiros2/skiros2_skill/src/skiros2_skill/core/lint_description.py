@@ -110,7 +110,8 @@ def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
             yield described.fault(ERROR, "contradicts-description", text)
         elif not _narrows(own, wanted, wmi):
             text = f"parameter {key!r} is {type_name(wanted)} in the description {base.type}, here {type_name(own)}"
-            yield described.fault(ERROR, "contradicts-description", text, place)
+            numbers = {own.dataType(), wanted.dataType()} == {int, float}
+            yield described.fault(WARNING if numbers else ERROR, "contradicts-description", text, place)
 
 
 def _narrows(own: Param, wanted: Param, wmi: Any) -> bool:

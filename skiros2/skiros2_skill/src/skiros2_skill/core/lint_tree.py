@@ -9,12 +9,12 @@ from typing import Any
 
 from skiros2_common.core.errors import SkirosError, WrongType
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
-from skiros2_skill.core.lint import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Described, Fault, Linter
+from skiros2_skill.core.lint import ERROR, FAULTY_SKILL, NOTE, UNKNOWN_SKILL, WARNING, Described, Fault, Linter
 from skiros2_skill.core.lint_description import fits, type_name
 from skiros2_skill.core.node import SkillInterface, all_nodes
 from skiros2_skill.core.wrapper import SkillWrapper
 
-_PATIENCE = 2.0  # s that an `expand` may take when nothing runs
+_PATIENCE = 0.5  # s that an `expand` may take when nothing runs
 
 _WRITES = ("add_", "update_", "remove_", "set_", "instantiate", "transact", "load", "save", "lock", "unlock")
 
@@ -45,7 +45,12 @@ def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
     trees = Trees(linter)
     root = trees.of(described)
     if root is None:
-        yield described.fault(NOTE, "not-checked", f"its tree depends on values: {trees.reasons[described.cls]}")
+        reason = trees.reasons[described.cls]
+        if reason:
+            yield described.fault(NOTE, "not-checked", f"its tree depends on values: {reason}")
+        else:
+            text = f"its expand takes more than {_PATIENCE} s: it holds up what runs beside it"
+            yield described.fault(WARNING, "slow-expand", text)
         return
     for node in all_nodes(root):
         if isinstance(node, SkillWrapper) and node is not root:
@@ -68,12 +73,13 @@ class Trees:
         return self._roots[described.cls]
 
     def _expanded(self, described: Described) -> SkillWrapper | None:
-        skill = described.skill
+        # An instance for this alone, which never has more of the world model than this: `expand` may go on.
         wmi = _OnlyReads(self.linter.wmi)
-        root = SkillWrapper(skill.type, skill.label, _Libraries(wmi))
+        skill = described.instance(wmi)
+        skill._instanciator = _Libraries(wmi)
+        root = SkillWrapper(skill.type, skill.label, skill._instanciator)
         root._instance = skill
         root.adopt_description()
-        before, skill._wmi, skill._instanciator = skill._wmi, wmi, _Libraries(wmi)
         outcome: list[str] = []
 
         def expand() -> None:
@@ -86,8 +92,7 @@ class Trees:
         thread = threading.Thread(target=expand, name=f"{skill.label}.expand", daemon=True)
         thread.start()
         thread.join(_PATIENCE)
-        skill._wmi, skill._expands_into = before, None
-        self.reasons[described.cls] = outcome[0] if outcome else f"expand takes more than {_PATIENCE:.0f} s"
+        self.reasons[described.cls] = outcome[0] if outcome else ""
         return root if outcome == [""] else None
 
     def options(self, node: SkillWrapper) -> list[Described]:
@@ -136,6 +141,10 @@ def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, 
     if not options:
         yield _unknown_skill(described, node, trees)
         return
+    faulty = [option for option in options if trees.linter.blocked(option)]
+    if len(faulty) == len(options):
+        text = f"uses {', '.join(option.name for option in faulty)}, which cannot be loaded"
+        yield described.fault(ERROR, FAULTY_SKILL, text, node.place)
     names, is_open = trees.names(node)
     child = f"{node.type}{f'-{node.asked_label}' if node.asked_label else ''}"
     if not is_open:

@@ -94,7 +94,8 @@ class Breakpoints:
     def at_node(self, node: Any, when: str) -> str:
         names = (node.label, node.type, f"{node.type}-{node.label}")
         place = "before the start" if when == BEFORE_START else "at the end"
-        return self._reached(NODE, when, names, f"{place} of {node.type}-{node.label}")
+        name = f"{node.type}-{node.label}" if node.label else node.type
+        return self._reached(NODE, when, names, f"{place} of {name}")
 
     def at_condition(self, label: str) -> str:
         return self._reached(CONDITION, FAILS, (label,), f"condition [{label}] fails")

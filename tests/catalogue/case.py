@@ -51,13 +51,16 @@ class Case:
             for key, value in self.given.items()
         }
 
-    def play(self, world: SkillBench) -> BenchTask:
-        """Runs the case in this process. Returns the task, with its trace."""
+    def play(self, world: SkillBench, ticks: int | None = None) -> BenchTask:
+        """Runs the case in this process. Returns the task, with its trace.
+
+        :param ticks: so many; None: as many as its trace has.
+        """
         world.import_libraries("catalogue")
         if self.scene is not None:
             self.scene(world)
         task = world.command(self.type, self.name, **self.params(world))
-        for tick in range(1, len(self.trace.ticks) + 1):
+        for tick in range(1, (len(self.trace.ticks) if ticks is None else ticks) + 1):
             event = self.events.get(tick)
             if event == PREEMPT:
                 task.preempt()

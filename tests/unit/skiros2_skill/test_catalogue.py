@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from catalogue import CASES, Case
+from catalogue import CASES, Case, conditions
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.world_element import Element
 from skiros2_skill.testing import SkillBench
+
+_BUSY = Element("rparts:ArmDevice")
+_BUSY.setProperty("skiros:StateProperty", "Busy")
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if not case.servers], ids=lambda case: case.name)
@@ -13,6 +18,38 @@ def test_a_tree_does_what_its_trace_says(skill_bench: SkillBench, case: Case) ->
     task = case.play(skill_bench)
     assert str(task.trace) == str(case.trace), task.why
     assert task.ended.is_set()
+
+
+@pytest.mark.parametrize(
+    ("case", "ticks"),
+    [
+        pytest.param(case, ticks, id=f"{case.name}-{ticks}")
+        for case in CASES
+        if not case.servers and case.tree.__module__ != conditions.__name__  # these are all alike
+        for ticks in range(len(case.trace.ticks))
+    ],
+)
+def test_what_is_preempted_after_any_tick_ends_and_what_has_ended_stays(
+    skill_bench: SkillBench, case: Case, ticks: int
+) -> None:
+    task = case.play(skill_bench, ticks)
+    before = {seen.place: seen for seen in case.trace.ticks[ticks - 1]} if ticks else {}
+    task.preempt()
+    task.tick()
+    assert task.ended.is_set(), task.why
+    root, *others = task.trace.ticks[-1]
+    assert (root.state, root.code) == (State.Failure, -1)
+    for seen in others:
+        was = before.get(seen.place)
+        if was is None:
+            assert seen.state is State.Idle, task.why
+        elif was.state is State.Running:
+            assert seen.state in (State.Failure, State.Success), task.why
+        else:
+            assert (seen.state, seen.code) == (was.state, was.code), task.why
+    assert not skill_bench.wmi.resolve_elements(_BUSY)
+    if case.scene is None:
+        assert str(case.play(skill_bench).trace) == str(case.trace)
 
 
 def test_no_case_is_there_twice() -> None:

@@ -106,6 +106,7 @@ def said_about(hook: str) -> dict[str, str]:
         "false": preempted or f"{hook} returned False",
         "true": preempted,
         "thread": preempted,
+        "ask": preempted,
     }
 
 

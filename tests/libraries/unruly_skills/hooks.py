@@ -3,10 +3,15 @@
 import sys
 import threading
 
+import rospy
+
 from skiros2_common.core.abstract_skill import SkillDescription
-from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.utils import serializeParamMap
+from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
 
 
 class Unruly(SkillDescription):
@@ -48,6 +53,13 @@ class unruly(PrimitiveBase):
             return self._misbehave(hook, otherwise)
         if what == "thread":
             threading.Thread(target=self._in_a_thread).start()
+            return otherwise
+        if what == "ask":  # services of its own manager
+            name = rospy.get_name()
+            rospy.ServiceProxy(f"{name}/get_skills", srvs.ResourceGetDescriptions)()
+            count = Param("CountTarget", "", 1, ParamTypes.Required)
+            skill = msgs.ResourceDescription("skiros:Counter", "counter", serializeParamMap({"CountTarget": count}))
+            rospy.ServiceProxy(f"{name}/command", srvs.SkillCommand)("unruly", "start", -1, [skill])
             return otherwise
         if what == "remove":
             self.wmi.remove_element(self.params["Thing"].value)

@@ -343,6 +343,12 @@ def test_robot_is_the_robot_of_the_manager_also_when_another_fits(bench):
     assert first.id not in messages(task)
 
 
+def test_robot_is_another_one_when_that_is_given(bench):
+    other = bench.add("cora:Robot", "skiros:other_robot")
+    bench.load(primitive(Work, "work", execute=lambda s: s.success(s.params["Robot"].value.id)))
+    assert other.id in messages(bench.run(bench.node("work", Robot=other)))
+
+
 def test_a_robot_that_a_sibling_updates_at_each_tick_is_seen(bench):
     other = bench.add("cora:Robot", "skiros:other_robot")
 

@@ -1,0 +1,114 @@
+"""Primitives that work in a thread: what they tell while it runs, and how its end becomes theirs."""
+
+import threading
+
+import pytest
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.primitive_thread import PrimitiveThreadBase
+
+
+class Dig(SkillDescription):
+    pass
+
+
+class dig(PrimitiveThreadBase):
+    """Waits to be told what `run` answers, or raises."""
+
+    willing = True
+
+    def createDescription(self):
+        self.setDescription(Dig(), "dig")
+        self.go_on = threading.Event()
+        self.woken = threading.Event()
+        self._waker = self.woken.set
+
+    def preStart(self):
+        self.status = "takes the spade"
+        return self.willing
+
+    def run(self):
+        self.status = "digs"
+        assert self.go_on.wait(10)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer(self) if callable(self.answer) else self.answer
+
+
+@pytest.fixture
+def skill():
+    made = dig()
+    made.init(None)
+    yield made
+    made.go_on.set()
+
+
+def end(skill, answer):
+    """The state once `run` has answered so."""
+    skill.answer = answer
+    skill.woken.clear()
+    skill.go_on.set()
+    assert skill.woken.wait(10)
+    return skill.tick()
+
+
+def test_it_runs_and_tells_its_status_until_the_thread_has_its_result(skill):
+    assert skill.start()
+    while skill.progress_msg != "digs":
+        assert skill.tick() is State.Running
+    code = skill.progress_code
+    assert end(skill, lambda self: self.success("found a bone")) is State.Success
+    assert skill.progress_msg == "found a bone"
+    assert skill.progress_code >= code
+    assert skill.tick() is State.Success  # and stays so
+
+
+def test_a_failure_has_the_message_and_the_code_that_run_gave(skill):
+    skill.start()
+    assert end(skill, lambda self: self.fail("a rock", 7)) is State.Failure
+    assert (skill.progress_msg, skill.progress_code) == ("a rock", -7)
+
+
+def test_what_run_raises_is_a_failure_with_its_text(skill):
+    skill.start()
+    assert end(skill, RuntimeError("the spade broke")) is State.Failure
+    assert "RuntimeError: the spade broke" in skill.progress_msg
+    assert skill.progress_code == -405
+
+
+@pytest.mark.parametrize("answer", [None, State.Running, State.Idle, 7, "done"])
+def test_an_answer_that_is_no_end_is_a_failure_that_names_it(skill, answer):
+    skill.start()
+    assert end(skill, answer) is State.Failure
+    assert f"dig.run returned {answer!r}, expected success(...) or fail(...)" in skill.progress_msg
+
+
+@pytest.mark.parametrize(("answer", "state"), [(State.Success, State.Success), (State.Failure, State.Failure)])
+def test_a_bare_state_will_do(skill, answer, state):
+    skill.start()
+    assert end(skill, answer) is state
+
+
+def test_a_pre_start_that_says_no_starts_no_thread(skill):
+    skill.willing = False
+    before = threading.active_count()
+    assert not skill.start()
+    assert threading.active_count() == before
+    assert skill.state is State.Failure
+
+
+def test_it_starts_again_after_its_end(skill):
+    for answer in (State.Failure, State.Success):
+        skill.go_on.clear()
+        assert skill.start()
+        assert end(skill, answer) is answer
+        skill.reset()
+
+
+def test_it_does_not_start_while_its_thread_still_runs(skill):
+    """Used by hand; in a task another instance is taken."""
+    skill.start()
+    assert skill.preempt() is State.Failure
+    assert not skill.start()
+    assert skill.progress_msg == "the thread of an earlier start has not ended"
+    assert not hasattr(skill, "answer")

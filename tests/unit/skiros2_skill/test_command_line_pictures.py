@@ -227,7 +227,7 @@ def live(monkeypatch):
     monkeypatch.setattr(watching.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
     monkeypatch.setattr(watching, "screen", lambda: Screen(60))
     out = io.StringIO()
-    view = LiveView(out, "/arm", nothing_holds)
+    view = LiveView(out, nothing_holds, idle="no task runs on /arm; Ctrl-C ends")
 
     def shown(*tasks):
         for nodes in tasks:

@@ -13,15 +13,17 @@ from typing import Any, NoReturn, TextIO
 import actionlib
 import rospy
 
+from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.onlooker import Onlooker
+from skiros2_demo.plan_text import plan_lines
 from skiros2_demo.system import END_SIGNALS, System, SystemDown
-from skiros2_demo.tree_view import TreeView, plan_lines
 from skiros2_demo.world_state import WorldState
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, SkillCommandRequest
+from skiros2_skill.command_line.watching import LineView, LiveView, View
 from skiros2_skill.ros.utils import deserialize_skill
 
 ROBOT = "/mobile_manipulator"
@@ -136,7 +138,14 @@ class Demo:
             if time.monotonic() > deadline:
                 raise SystemDown(f"the task has not ended within {self._options.timeout:.0f} s")
 
-        nodes = onlooker.follow(answer.execution_id, TreeView(self._out).show, check)
+        live = self._out.isatty()
+        view: View = LiveView(self._out, lambda skill_type, label: ()) if live else LineView(self._out, Screen())
+
+        def show(nodes: list[Any]) -> None:
+            view.show(nodes)
+            view.draw()
+
+        nodes = onlooker.follow(answer.execution_id, show, check)
         if nodes[0].state != nodes[0].SUCCESS:
             self._say(f"  The task failed: {nodes[0].progress_message}")
 

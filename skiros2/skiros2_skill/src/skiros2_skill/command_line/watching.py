@@ -71,7 +71,9 @@ def _follow(follower: Any, task_id: int | None, news: list[Nodes], view: View) -
 def _view(robot: str, as_json: bool, page: Screen, holds: HoldConditions) -> View:
     if as_json:
         return JsonView(sys.stdout)
-    return LiveView(sys.stdout, robot, holds) if sys.stdout.isatty() else LineView(sys.stdout, page)
+    if sys.stdout.isatty():
+        return LiveView(sys.stdout, holds, idle=f"no task runs on {robot}; Ctrl-C ends")
+    return LineView(sys.stdout, page)
 
 
 class Conditions:
@@ -146,14 +148,17 @@ class JsonView:
 
 
 class LiveView:
-    """The trees of all tasks, drawn anew in place on a terminal. Those of tasks that have ended stay above."""
+    """The trees of all tasks, drawn anew in place on a terminal. Those of tasks that have ended stay above.
 
-    def __init__(self, out: TextIO, robot: str, holds: HoldConditions) -> None:
+    :param idle: stands there while no task runs.
+    """
+
+    def __init__(self, out: TextIO, holds: HoldConditions, idle: str = "") -> None:
         self._out = out
-        self._robot = robot
         self._holds = holds
+        self._idle = [idle] if idle else []
         self._tasks: dict[int, Nodes] = {}
-        self._drawn: list[str] = [""]
+        self._drawn: list[str] = []
 
     def show(self, nodes: Nodes) -> None:
         self._tasks[nodes[0].id] = nodes
@@ -166,9 +171,9 @@ class LiveView:
         most = max(2, height // max(1, len(self._tasks)))
         above = [text for nodes in ended for text in self._picture(nodes, height)]
         live = [text for _, nodes in sorted(self._tasks.items()) for text in self._picture(nodes, most)]
-        live = live[-height:] or [f"no task runs on {self._robot}; Ctrl-C ends"]
+        live = live[-height:] or self._idle
         if above or live != self._drawn:
-            back = f"\033[{len(self._drawn)}A\033[J" if self._drawn != [""] else ""
+            back = f"\033[{len(self._drawn)}A\033[J" if self._drawn else ""
             self._out.write(back + "".join(f"{text}\n" for text in [*above, *live]))
             self._drawn = live
         self._out.flush()

@@ -1,0 +1,22 @@
+"""Plans can be read in a terminal, and in a log."""
+
+import pytest
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_demo.plan_text import plan_lines
+from support.recorded_run import PLAN, PRODUCT, TRAY_B
+
+NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
+
+
+def test_a_plan_is_a_numbered_line_for_each_step_without_the_robot() -> None:
+    assert plan_lines(PLAN, lambda i: NAMES.get(i, i)) == [
+        "1. pick     Object: Product A",
+        "2. place    Container: Tray B",
+    ]
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"children": [{}]}'])
+def test_a_text_that_is_no_plan_is_refused(text: str) -> None:
+    with pytest.raises(WrongValue, match="the plan cannot be read"):
+        plan_lines(text, str)

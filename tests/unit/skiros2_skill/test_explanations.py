@@ -323,9 +323,35 @@ def test_two_nodes_that_fail_alike_are_told_apart(bench):
 
 def test_only_the_last_failures_are_kept(bench):
     numbers = iter(range(1000))
-    bench.load(primitive(Work, "work", execute=lambda s: s.fail(f"no {next(numbers)}", 1)))
+    bench.load(primitive(Work, "work", execute=lambda s: s.fail("no" * next(numbers), 1)))
     told = bench.run(Skill("", RetryOnFail(299))(bench.node("work")), ticks=400).explanations()
-    assert [e.message for e in told] == [f"no {n}" for n in range(200, 300)]
+    assert [len(e.message) for e in told] == [2 * n for n in range(200, 300)]
+
+
+def test_failures_that_are_other_in_numbers_alone_are_counted_and_the_last_is_told(bench):
+    numbers = iter([1, 2.5, 1e-7, 12])
+    bench.load(primitive(Work, "work", execute=lambda s: s.fail(f"{next(numbers)} N are too many", 1)))
+    explanation = only(bench.run(Skill("", RetryOnFail(3))(bench.node("work"))))
+    assert (explanation.message, explanation.times) == ("12 N are too many", 4)
+
+
+def test_a_condition_on_a_value_that_changes_is_told_with_the_last_value(bench):
+    def drain(skill):
+        element = bench.wmi.get_element(bench.product.id)
+        element.setProperty("skiros:Weight", next(values))
+        bench.wmi.update_element_properties(element)
+        return skill.success()
+
+    values = iter([4.5, 3.0, 2.25])
+    heavy = lambda d: d.getPropCond("Heavy", "skiros:Weight", "Object", ">", 9.0, True)  # noqa: E731
+    bench.load(
+        primitive(describe("Drain"), "drain", execute=drain), primitive(describe("Lift", [OBJECT], pre=[heavy]), "lift")
+    )
+    lift = bench.node("lift", Object=bench.product)
+    explanation = only(bench.run(Skill("", RetryOnFail(2))(bench.node("drain"), lift)))
+    assert explanation.times == 3
+    assert explanation.findings[0].found == f"{bench.product!r}: skiros:Weight is 2.25"
+    assert explanation.message == lift.progress_msg
 
 
 # -- the task's verdict ------------------------------------------------------------------------------------------------

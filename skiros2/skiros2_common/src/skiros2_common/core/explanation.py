@@ -189,8 +189,8 @@ class Explanation:
     :param candidates: for `INFERENCE`, what the scene had for each unset parameter.
     :param params: where the values of the parameters came from.
     :param tried: where there were several implementations, one for each that was tried.
-    :param stamp: when it failed so first (s since the epoch).
-    :param times: how often it failed so, one time after the other.
+    :param stamp: when it failed with this message first (s since the epoch).
+    :param times: how often it failed so, with this message or one that is other in numbers alone.
     """
 
     stage: str

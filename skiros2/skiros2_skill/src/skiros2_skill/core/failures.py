@@ -1,12 +1,13 @@
 """What failed in a task: kept while it runs and after, to be explained to people.
 
 A failure is noted as cheap data where it happens. It becomes an `Explanation`, for which the world model is searched,
-when the same node has not failed so before: a reactive tree may have a node that fails at each tick.
+when the same node has not failed so just before: a reactive tree may have a node that fails at each tick.
 """
 
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 import traceback
@@ -29,6 +30,9 @@ MOST_KEPT = 100
 
 PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
 START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
+
+#: A value may be another one at each tick: such failures are one kind.
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 #: In words, and the codes for those that do not hold and those that raise.
 _CONDITIONS = {
@@ -105,13 +109,15 @@ class Failures:
         self._lock = threading.Lock()
 
     def note(self, node: SkillInterface, failure: Failure) -> None:
-        """Keeps a failure; one that the same node had before is counted."""
-        key = (_place(node), failure.label, failure.stage, failure.code, failure.message)
-        kept = self._kept.get(key)
-        if kept is None:
-            kept = _Kept(node, self._explained(node, failure), failure.late)
+        """Keeps a failure; one that the same node had before, with the same message but for numbers, is counted."""
+        key = (_place(node), failure.label, failure.stage, failure.code, _NUMBER.sub("#", failure.message))
+        known = self._kept.get(key)
+        if known is not None and known.explanation.message == failure.message:
+            explanation = known.explanation
         else:
-            kept = _Kept(node, replace(kept.explanation, times=kept.explanation.times + 1), failure.late)
+            explanation = self._explained(node, failure)
+        times = known.explanation.times + 1 if known is not None else 1
+        kept = _Kept(node, replace(explanation, times=times), failure.late)
         with self._lock:
             self._kept.pop(key, None)
             self._kept[key] = kept

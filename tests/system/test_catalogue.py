@@ -64,7 +64,7 @@ def robot(ros: Ros) -> Iterator[SkillManagerInterface]:
 def test_one_manager_does_what_all_the_traces_say(
     ros: Ros, robot: SkillManagerInterface, servers: CatalogueServers
 ) -> None:
-    messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    messages = _listen(ros, robot)
     world = SkillBench(wmi=WorldModelInterface("tests", make_cache=True))
     differ = []
     for case in CASES:
@@ -77,7 +77,7 @@ def test_one_manager_does_what_all_the_traces_say(
 def test_many_at_once_do_what_each_does_alone(ros: Ros, robot: SkillManagerInterface) -> None:
     """At the manager's own rate; those that need nothing of the world. Names are not looked at: which implementation is
     free depends on the others."""
-    messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    messages = _listen(ros, robot)
     cases = [case for case in CASES if not (case.scene or case.events or case.servers)]
     tasks = {_start(robot, case): case for case in cases}
     assert len(tasks) == len(cases) > 20
@@ -92,6 +92,17 @@ def test_many_at_once_do_what_each_does_alone(ros: Ros, robot: SkillManagerInter
     for task, case in tasks.items():
         columns = map(_states, case.trace.ticks)
         assert told[task] == [column for column, _ in itertools.groupby(columns)], case.name
+
+
+def _listen(ros: Ros, robot: SkillManagerInterface) -> Messages:
+    """What the manager tells from here on; it is heard already."""
+    messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
+    task = robot.tick_once(skill_list=[robot.get_skill("default_sequence")])
+    messages.wait_for(lambda message: message.progress[0].task_id == task)  # it is told once a second at least
+    robot.preempt_one(task)
+    messages.wait_for(lambda message: message.progress[0].task_id == task and _has_ended(message))
+    messages.clear()
+    return messages
 
 
 def _states(nodes: Iterable[Seen]) -> list[Any]:

@@ -32,7 +32,7 @@ class Slot:
         self.param = param
         self.is_element = param.is_element
         self.source = source
-        self.known: list[Any] = param.values
+        self.known: list[Any] = param._values
         self.seen_above: list[Any] | None = None
 
 
@@ -69,7 +69,7 @@ def fix(node: SkillInterface, params: ParamHandler) -> list[Slot]:
         params.specify(key, _own(values))
         slots[key].source = _FIXED
     for slot in slots.values():
-        slot.known = slot.param.values
+        slot.known = slot.param._values
     return list(slots.values())
 
 

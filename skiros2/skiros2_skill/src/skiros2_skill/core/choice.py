@@ -85,11 +85,11 @@ def _find_params(
     :raises SkirosError: one does not fit, or a pre-condition does not hold.
     """
     blackboard.take(node, slots)
-    given = {slot.param.key: slot.param.value for slot in slots if slot.source is Source.Fixed}
+    fixed = [(slot, slot.param.value) for slot in slots if slot.is_element and slot.source is Source.Fixed]
     blackboard.renew(slots, wmi, present)
-    for key, value in given.items():
-        if value is not None and not params.getParamValues(key):
-            raise DoesNotFit(PARAMETER, f"parameter {key!r} is {value!r}, which is not in the scene")
+    for slot, value in fixed:
+        if value is not None and not slot.param._values:
+            raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {value!r}, which is not in the scene")
 
     _check_classes(slots, wmi)
     unset = {param.key for param in inferable(params)}
@@ -101,9 +101,9 @@ def _find_params(
             raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
         _check_classes(slots, wmi)
     for slot in slots:
-        if slot.param.key in unset and slot.param.isSpecified():
+        if unset and slot.param.key in unset and slot.param.isSpecified():
             slot.source = Source.Inferred
-        slot.known = slot.param.values
+        slot.known = slot.param._values
     failure = unmet(PRE, conditions, params, wmi)
     if failure is not None:
         raise DoesNotFit(PRE, failure.message, failure)
@@ -114,9 +114,10 @@ def _check_classes(slots: list[Slot], wmi: Any) -> None:
     :raises DoesNotFit: an element is of a class that its parameter does not allow.
     """
     for slot in slots:
-        if not slot.is_element or not slot.param._default:
+        default = slot.param._default
+        if not slot.is_element or not default:
             continue
-        wanted = slot.param.element_type
+        wanted = default[0].type
         for value in slot.param._values if wanted not in ANY_TYPE else ():
             if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
                 raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {value!r}, expected a {wanted}")

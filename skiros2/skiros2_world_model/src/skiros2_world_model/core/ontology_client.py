@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.world_element import Element
@@ -16,6 +17,11 @@ from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 _NOT_PLAIN = re.compile(r"[^\w-]")
+
+
+@lru_cache(maxsize=10_000)
+def _named(name: str, default_prefix: str) -> str:
+    return name if is_iri(name) else full_name(name, default_prefix)
 
 
 class OntologyAbstractInterface(ABC):
@@ -178,7 +184,7 @@ class OntologyAbstractInterface(ABC):
     # -- names -------------------------------------------------------------------------------------------------
 
     def _name(self, name: str) -> str:
-        return name if is_iri(name) else full_name(name, self._default_prefix)
+        return _named(name, self._default_prefix)
 
     def _term(self, name: str) -> str:
         """A name as the server reads it; prefixes that only this client knows are written out."""

@@ -65,7 +65,7 @@ class Follower:
         while (left := end - time.monotonic()) > 0:
             for nodes in self.news(left):
                 if nodes[0].id == task_id:
-                    return {task_id: nodes}
+                    return {nodes[0].id: nodes}
                 tasks[nodes[0].id] = nodes
         return {number: nodes for number, nodes in tasks.items() if task_id is None and not has_ended(nodes)}
 

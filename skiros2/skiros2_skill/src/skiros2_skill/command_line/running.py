@@ -53,8 +53,8 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answ
         result = running.result()
     except TimedOut as error:
         raise NotThere(str(error)) from None
-    if result.task_id < 0 and not interrupted:
-        raise Refused(result.message)
+    if result.task_id < 0:
+        raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
     lines, data = _told(result, manager.name, telling.seconds, _not_given(steps, known))
     return Answer([screen.fitted(line) if screen.width else line for line in lines], data, status)
@@ -70,12 +70,13 @@ def _follow(running: Any, telling: _Telling) -> bool:
             telling.tell_end()
             return interrupted
         except KeyboardInterrupt:
+            name = f"task {running.task}" if running.task >= 0 else "what was not started yet"
             if interrupted:
-                sys.stderr.write(f"task {running.task} has not ended yet; leaving it\n")
+                sys.stderr.write(f"{name} has not ended yet; leaving it\n")
                 raise
             interrupted = True
             running.cancel()
-            sys.stderr.write(f"preempting task {running.task}; Ctrl-C again leaves it alone\n")
+            sys.stderr.write(f"preempting {name}; Ctrl-C again leaves it alone\n")
 
 
 class _Telling:

@@ -19,7 +19,10 @@ _LOOKS = {
     RUNNING: ("▶", ">", "running", "36"),
     IDLE: ("·", ".", "idle", "90"),
 }
-_UNKNOWN = ("?", "?", "unknown", "33")
+_UNKNOWN = ("?", "?", "unknown", "35")
+
+#: The colour of a hold-condition.
+_CONDITION = "33"
 
 #: A node whose message alone changes is told of so often at most (s).
 _PACE = 1.0
@@ -41,7 +44,7 @@ class Line:
 
 def has_ended(nodes: Sequence[Any]) -> bool:
     """Whether a `SkillProgress` of each node tells of a task that has ended."""
-    return abs(nodes[0].progress_code) == 1
+    return bool(abs(nodes[0].progress_code) == 1)
 
 
 def summary(nodes: Sequence[Any]) -> str:
@@ -145,9 +148,6 @@ class _Forest:
         return _Node(
             cells, [Branch([f"holds: {text}"]) for text in conditions], colour, state, state in (RUNNING, FAILURE)
         )
-
-
-_CONDITION = "33"
 
 
 def _count(nodes: Sequence[_Node]) -> Branch:

@@ -1,0 +1,153 @@
+"""The command `run` with a manager in this process: what it tells of the task, and how it ends."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from skiros2_common.command_line.layout import Screen
+from skiros2_common.command_line.master import NotThere
+from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
+from skiros2_msgs import msg as msgs
+from skiros2_skill.command_line import following, running
+from skiros2_skill.command_line.description import read_skill
+from skiros2_skill.ros import skill_run
+
+ADD = read_skill(
+    "skiros:Add",
+    "add",
+    [
+        '{"key": "A", "specType": 0, "type": "float", "values": []}',
+        '{"key": "Speed", "specType": 1, "type": "float", "values": [0.5]}',
+        '{"key": "Sum", "specType": 1, "type": "float", "values": []}',
+        '{"key": "Box", "specType": 2, "type": "skiros_wm::Element", "values": []}',
+        '{"key": "Robot", "specType": 2, "type": "skiros_wm::Element", "values": []}',
+    ],
+)
+SUCCESS, FAILURE, RUNNING = msgs.SkillProgress.SUCCESS, msgs.SkillProgress.FAILURE, msgs.SkillProgress.RUNNING
+
+
+def feedback(state):
+    root = msgs.SkillProgress(id=4, type=":Root", state=state, progress_code={SUCCESS: 1, FAILURE: -1}.get(state, 0))
+    node = msgs.SkillProgress(id=1, parent_id=4, type="skiros:Add", label="add", state=state)
+    return msgs.ExecuteSkillsFeedback(4, [root, node])
+
+
+def result(state, message="", explanations=(), task_id=4, **params):
+    encoded = [msgs.Param(json.dumps({"key": key, "values": values})) for key, values in params.items()]
+    explained = json.dumps([explanation.to_dict() for explanation in explanations])
+    return msgs.ExecuteSkillsResult(task_id, state, 1 if state == SUCCESS else -7, message, encoded, explained)
+
+
+def failure(stage, label, message):
+    return Explanation(stage, "skiros:Add", label, 1, -7, message)
+
+
+class FakeRun:
+    """A task that has a result after so many interruptions."""
+
+    task = 4
+
+    def __init__(self, outcome, interruptions):
+        self._outcome = outcome
+        self._interruptions = interruptions
+        self.cancelled = 0
+
+    def wait(self, timeout):
+        if isinstance(self._outcome, Exception):
+            raise self._outcome
+        if self._interruptions:
+            self._interruptions -= 1
+            raise KeyboardInterrupt
+        return True
+
+    def cancel(self):
+        self.cancelled += 1
+
+    def result(self):
+        return self._outcome
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Runs `add` with a task that ends so. Returns the answer and the task."""
+    sent = []
+
+    def run(outcome, *words, interruptions=0, as_json=False):
+        one = FakeRun(outcome, interruptions)
+
+        def start(author, skills, take):
+            sent.append(skills)
+            take(feedback(RUNNING))
+            take(feedback(getattr(outcome, "state", RUNNING)))
+            return one
+
+        monkeypatch.setattr(skill_run, "SkillRunner", lambda name: SimpleNamespace(run=start))
+        monkeypatch.setattr(following, "become_node", lambda name: None)
+        monkeypatch.setattr(running, "_OVERTAKEN", 0.0)
+        manager = SimpleNamespace(name="/arm", author="tests", skills=lambda: [ADD])
+        arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
+        return running.run(manager, arguments, Screen()), one
+
+    return run
+
+
+def test_it_tells_the_progress_and_what_the_skills_have_found(run, capsys):
+    box = {"id": "skiros:Box-3", "label": "tray", "type": "skiros:Box", "relations": [], "properties": {}}
+    answer, _ = run(result(SUCCESS, "Success", A=[1.0], Speed=[0.7], Sum=[3.0], Box=[box], Robot=[box], Inner=[9]))
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "task 4 on /arm"
+    assert [line.split()[2:] for line in told[1:]] == [["▶", "add"], ["✓", "add"]]
+    assert answer.status == 0
+    assert answer.lines[0].startswith("task 4 has succeeded after 0.")
+    assert answer.lines[1:] == ['  Box = skiros:Box-3 "tray"', "  Sum = 3.0"]
+    assert answer.data["params"]["Box"] == [{"id": "skiros:Box-3", "label": "tray", "type": "skiros:Box"}]
+    assert answer.data["state"] == "success"
+
+
+def test_with_json_it_tells_nothing_before_the_end(run, capsys):
+    answer, _ = run(result(SUCCESS), as_json=True)
+    assert capsys.readouterr().out == ""
+    assert answer.data["task"] == 4
+
+
+def test_a_failure_is_explained_by_the_last_one(run):
+    reasons = [failure(EXECUTE, "first", "slipped"), failure(EXECUTE, "add", "too heavy")]
+    answer, _ = run(result(FAILURE, "add: too heavy", reasons))
+    assert answer.status == 1
+    assert answer.lines[0].startswith("task 4 has failed after")
+    assert "    too heavy" in answer.lines
+    assert answer.lines[-1] == "  1 more failed before: why 4"
+    assert not any("slipped" in line for line in answer.lines)
+    assert [data["label"] for data in answer.data["explanations"]] == ["first", "add"]
+
+
+def test_a_failure_without_explanation_tells_its_message(run):
+    answer, _ = run(result(FAILURE, "nobody knows"))
+    assert answer.lines[0].endswith(" s: nobody knows")
+
+
+def test_one_interruption_preempts_and_waits_for_the_end(run, capsys):
+    answer, task = run(result(FAILURE, "Preempted", [failure(PREEMPT, "", "Preempted")]), interruptions=1)
+    assert task.cancelled == 1
+    assert capsys.readouterr().err == "preempting task 4; Ctrl-C again leaves it alone\n"
+    assert answer.status == 130
+    assert answer.lines[0].startswith("task 4 was preempted after")
+    assert answer.data["state"] == "preempted"
+
+
+def test_a_second_interruption_leaves_the_task_alone(run, capsys):
+    with pytest.raises(KeyboardInterrupt):
+        run(result(FAILURE), interruptions=2)
+    assert capsys.readouterr().err.endswith("task 4 has not ended yet; leaving it\n")
+
+
+def test_what_the_manager_refuses_is_an_error(run):
+    with pytest.raises(Refused, match="no such element"):
+        run(result(FAILURE, "no such element", task_id=-1))
+
+
+def test_a_manager_that_dies_is_not_there(run):
+    with pytest.raises(NotThere, match="has said nothing"):
+        run(TimedOut("/arm/execute has said nothing for 5 s"))

@@ -92,7 +92,9 @@ class Cell:
         self.ros.service("/wm/last_will", srvs.WmLastWill)
 
     def start_manager(self) -> None:
-        self.ros.run("skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=PARAMS, env=self.env)
+        self.manager = self.ros.run(
+            "skiros2_skill", "skill_manager_node", name=ROBOT[1:], params=PARAMS, env=self.env
+        )
         self.wait_for_manager()
 
     def wait_for_manager(self) -> None:
@@ -186,8 +188,8 @@ def test_a_manager_that_is_killed_leaves_the_world_model(cell: Cell, ros: Ros) -
 
 def test_one_that_ends_in_order_has_nothing_left_to_be_done(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
-    os.kill(ros.master.node_pid(ROBOT), signal.SIGINT)
-    ros.wait_until_gone(ROBOT)
+    cell.manager.interrupt()
+    cell.manager.wait()
     wait_until(lambda: cell.skills() == [] and cell.lock() == ("Idle", None), what="skills and lock away")
     cell.wmi.add_element(Element("skiros:Part", "after"))  # and this is told after all before
     cell.changes.wait_for(lambda change: any(e.label == "after" for e in change.elements))

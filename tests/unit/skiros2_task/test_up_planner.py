@@ -172,6 +172,20 @@ def test_the_process_that_is_kept_ready_is_started_anew_when_it_died() -> None:
     assert set(descendants(os.getpid())) <= before
 
 
+def test_a_process_that_dies_with_a_request_on_its_way_is_started_anew() -> None:
+    before = set(descendants(os.getpid()))
+    processes = EngineProcesses()
+    try:
+        (pid,) = set(descendants(os.getpid())) - before
+        os.kill(pid, signal.SIGSTOP)  # it takes nothing any more
+        killing = threading.Timer(0.3, os.kill, (pid, signal.SIGKILL))
+        killing.start()
+        assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+        killing.join()
+    finally:
+        processes.close()
+
+
 def test_a_planner_outlives_no_process_that_used_it(tmp_path: Path) -> None:
     """A node that is killed takes its engines with it."""
     program = """if True:

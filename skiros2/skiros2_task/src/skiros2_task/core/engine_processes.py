@@ -23,6 +23,7 @@ from skiros2_task.core.processes import kill_tree
 
 _CANCEL_PERIOD = 0.02  # s between two looks at whether a run is cancelled
 _GRACE = 2.0  # s that an engine gets beyond its time to end by itself
+_DYING_TIME = 1.0  # s that a process may take to be gone
 _LOADING_TIME = 60.0  # s that loading unified-planning may take
 
 
@@ -48,17 +49,17 @@ class EngineProcesses:
     def __init__(self) -> None:
         """Starts the process, which loads in the background."""
         self._lock = threading.Lock()
+        self._closed = False
         self._process, self._requests = _start()
 
     def run(self, job: Job, cancelled: threading.Event) -> Run:
         """Runs a job until there is an answer, its time is over or `cancelled` is set."""
         folder = Path(tempfile.mkdtemp(prefix="skiros-plan-"))
         try:
-            connection = self._connect(folder)
             try:
-                answer = _answer(connection, job, cancelled)
-            finally:
-                connection.close()
+                answer = self._answer(folder, job, cancelled)
+            except _NotTaken:
+                answer = self._answer_of_new(folder, job, cancelled)
             log = _text(folder / LOG_FILE)
             if answer is None:
                 last = (log.strip().splitlines() or ["without a word"])[-1]
@@ -71,7 +72,29 @@ class EngineProcesses:
     def close(self) -> None:
         """Ends the process and its children."""
         with self._lock:
+            self._closed = True
             self._stop()
+
+    def _answer(self, folder: Path, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+        connection = self._connect(folder)
+        try:
+            return _answer(connection, job, cancelled)
+        finally:
+            connection.close()
+
+    def _answer_of_new(self, folder: Path, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+        """The answer of a new process, when the one that was asked was dying; None otherwise."""
+        with self._lock:
+            try:
+                self._process.wait(_DYING_TIME)
+            except subprocess.TimeoutExpired:
+                return None  # it lives, and other runs with it
+            if self._closed:
+                return None
+        try:
+            return self._answer(folder, job, cancelled)
+        except _NotTaken:
+            return None
 
     def _connect(self, folder: Path) -> socket.socket:
         """The connection to a new child process; the process is started anew if it has died."""
@@ -79,6 +102,8 @@ class EngineProcesses:
             ours, theirs = _pair(socket.SOCK_STREAM)
             try:
                 try:
+                    if self._process.poll() is not None:
+                        raise BrokenPipeError
                     self._ask(folder, theirs)
                 except OSError:  # it has died, or is dying
                     self._stop()
@@ -124,12 +149,15 @@ def _pair(kind: socket.SocketKind) -> tuple[socket.socket, socket.socket]:
 
 
 def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
-    """The answer to a job; None when the process ended without one. Nothing of the run is left afterwards."""
+    """The answer to a job; None when the process ended without one. Nothing of the run is left afterwards.
+
+    :raises _NotTaken: no process has begun with it.
+    """
     reader = _Reader(connection, cancelled)
     try:
         pid = reader.next(_LOADING_TIME)
         if not isinstance(pid, int):
-            return None
+            raise _NotTaken
         with contextlib.suppress(OSError):  # it is gone: the missing answer tells
             connection.sendall(pickle.dumps(job))
         try:
@@ -141,6 +169,10 @@ def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> 
         return answer if isinstance(answer, WorkerAnswer) else None
     except _Ended as reason:
         return reason.answer
+
+
+class _NotTaken(Exception):
+    """A job that no process has begun with."""
 
 
 class _Ended(Exception):

@@ -7,7 +7,7 @@ import pytest
 
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.command_line.master import NotThere
-from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
 from skiros2_skill.command_line import following, running
@@ -74,7 +74,13 @@ def run(monkeypatch):
     """Runs `add` with a task that ends so. Returns the answer and the task."""
     sent = []
 
-    def run(outcome, *words, interruptions=0, as_json=False):
+    def run(outcome, *words, interruptions=0, as_json=False, asked=None):
+        def why(task_id):
+            if asked is None:
+                raise SkirosError("the manager does not answer")
+            assert task_id == outcome.task_id
+            return SimpleNamespace(json=json.dumps([explanation.to_dict() for explanation in asked]))
+
         one = FakeRun(outcome, interruptions)
 
         def start(author, skills, take):
@@ -86,7 +92,7 @@ def run(monkeypatch):
         monkeypatch.setattr(skill_run, "SkillRunner", lambda name: SimpleNamespace(run=start))
         monkeypatch.setattr(following, "become_node", lambda name: None)
         monkeypatch.setattr(running, "_OVERTAKEN", 0.0)
-        manager = SimpleNamespace(name="/arm", author="tests", skills=lambda: [ADD])
+        manager = SimpleNamespace(name="/arm", author="tests", skills=lambda: [ADD], why=why)
         arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
         return running.run(manager, arguments, Screen()), one
 
@@ -121,6 +127,12 @@ def test_a_failure_is_explained_by_the_last_one(run):
     assert answer.lines[-1] == "  1 more failed before: why 4"
     assert not any("slipped" in line for line in answer.lines)
     assert [data["label"] for data in answer.data["explanations"]] == ["first", "add"]
+
+
+def test_the_manager_is_asked_for_more_than_the_result_tells(run):
+    asked = [failure(EXECUTE, "add", "too heavy since mary has filled it")]
+    answer, _ = run(result(FAILURE, "add: too heavy", [failure(EXECUTE, "add", "too heavy")]), asked=asked)
+    assert "    too heavy since mary has filled it" in answer.lines
 
 
 def test_a_failure_without_explanation_tells_its_message(run):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import sys
 import threading
 import time
@@ -13,13 +14,15 @@ from skiros2_common.command_line.answer import OK, REFUSED, Answer
 from skiros2_common.command_line.frame import INTERRUPTED
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.command_line.master import NotThere
-from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_skill.command_line.assignments import Step, read_steps
 from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.command_line.description import Skill
 from skiros2_skill.command_line.tree import SUCCESS, Changes, has_ended, word_of
 from skiros2_skill.command_line.world import World
+
+log = logging.getLogger(__name__)
 
 #: How often what is new is shown (s).
 _PERIOD = 0.1
@@ -56,7 +59,8 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answ
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
-    lines, data = _told(result, manager.name, telling.seconds, _not_given(steps, known))
+    explanations = _explanations(manager, result)
+    lines, data = _told(result, explanations, manager.name, telling.seconds, _not_given(steps, known))
     return Answer([screen.fitted(line) if screen.width else line for line in lines], data, status)
 
 
@@ -126,10 +130,23 @@ class _Telling:
         self.tell()
 
 
-def _told(result: Any, robot: str, seconds: float, shown: set[str]) -> tuple[list[str], dict[str, Any]]:
+def _explanations(manager: Manager, result: Any) -> list[dict[str, Any]]:
+    """Why a task failed: what the manager tells when it is asked, where it also looks up who changed what."""
+    told = result.explanation
+    if result.state != SUCCESS:
+        try:
+            told = manager.why(result.task_id).json
+        except SkirosError as error:
+            log.debug("%s", error)
+    explanations: list[dict[str, Any]] = json.loads(told or "[]")
+    return explanations
+
+
+def _told(
+    result: Any, explanations: list[dict[str, Any]], robot: str, seconds: float, shown: set[str]
+) -> tuple[list[str], dict[str, Any]]:
     """A result for people and for programs."""
     params = {p["key"]: [_brief(v) for v in p["values"]] for p in (json.loads(m.param) for m in result.params)}
-    explanations = json.loads(result.explanation or "[]")
     preempted = result.state != SUCCESS and bool(explanations) and explanations[-1]["stage"] == PREEMPT
     data = {
         "robot": robot,

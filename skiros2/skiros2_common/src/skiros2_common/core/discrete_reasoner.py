@@ -6,6 +6,10 @@ import threading
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.names import DEFAULT_PREFIX, full_name, local_name
+
+#: So many names are remembered with their reasoners.
+_MOST_ANSWERS = 1000
 
 
 class DiscreteReasoner:
@@ -103,6 +107,7 @@ class ReasonerRegistry:
     def __init__(self) -> None:
         self._by_name: dict[str, DiscreteReasoner] = {}
         self._owners: dict[str, DiscreteReasoner] = {}
+        self._answers: dict[str, DiscreteReasoner | None] = {}
 
     def add(self, reasoner: DiscreteReasoner) -> None:
         """Adds a reasoner; one of the same class takes the place of the earlier one."""
@@ -113,6 +118,7 @@ class ReasonerRegistry:
             for name in (name for names in owned for name in names):
                 owners.setdefault(name, known)
         self._owners = owners
+        self._answers = {}  # who still gives an old answer, writes it to the old ones
 
     def names(self) -> list[str]:
         return list(self._by_name)
@@ -124,6 +130,21 @@ class ReasonerRegistry:
         """The reasoner with that class name, or that owns that code, property or relation; None if nobody does."""
         found = self._by_name.get(name)
         return found if found is not None else self._owners.get(name)
+
+    def find_written(self, name: str) -> DiscreteReasoner | None:
+        """As `find`, however the name is written: `pX`, `:pX` or `skiros:pX`. Any thread; asked for most conditions."""
+        answers = self._answers
+        try:
+            return answers[name]
+        except KeyError:
+            if len(answers) >= _MOST_ANSWERS:
+                answers.clear()
+        full = full_name(name)
+        ways = [name, full]
+        if full.startswith(f"{DEFAULT_PREFIX}:"):
+            ways.append(":" + local_name(full))  # how reasoners write their codes and relations
+        answers[name] = found = next((found for way in ways if (found := self.find(way)) is not None), None)
+        return found
 
     def get(self, name: str) -> DiscreteReasoner:
         """As `find`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as time_module
-from collections.abc import ItemsView, Iterator, KeysView, ValuesView
+from collections.abc import Container, ItemsView, Iterator, KeysView, ValuesView
 from copy import deepcopy
 from enum import Enum
 from typing import Any
@@ -100,12 +100,12 @@ class Param(Property):
         # The skill may change what it gets: an abstract element, a dict. What was declared stays as it is.
         return [_own(v) for v in self._default]
 
-    def at_default(self) -> Param:
-        """A copy that is set to the default."""
+    def at_default(self, is_set: bool = True) -> Param:
+        """A copy that is set to the default, or unset."""
         copy = Param.__new__(Param)  # in the place of `clone`, since each start of a skill makes some
         copy._key = self._key
         copy._data_type = self._data_type
-        copy._values = self._new_default()
+        copy._values = self._new_default() if is_set else []
         copy._description = self._description
         copy._param_type = self._param_type
         copy._default = self._default
@@ -192,9 +192,12 @@ class ParamHandler:
         """A copy of the parameters by key."""
         return {key: param.clone() for key, param in self._params.items()}  # type: ignore[misc]
 
-    def at_defaults(self) -> ParamHandler:
-        """A copy in which each parameter is set to its default."""
-        return ParamHandler({key: param.at_default() for key, param in self._params.items()})
+    def at_defaults(self, but: Container[str] = ()) -> ParamHandler:
+        """A copy in which each parameter is set to its default.
+
+        :param but: those that are unset instead, for they are to be set to something else.
+        """
+        return ParamHandler({key: param.at_default(key not in but) for key, param in self._params.items()})
 
     def getParamMap(self) -> dict[str, Param]:
         """The parameters by key, not a copy."""

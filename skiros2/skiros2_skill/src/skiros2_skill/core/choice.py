@@ -30,7 +30,7 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, p
     """
     tried: list[Failure] = []
     for implementation in candidates:
-        params = implementation.declared.params.at_defaults()
+        params = implementation.declared.params.at_defaults(but=[node.own_name(name) for name in node._specified])
         conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
         slots: list[Slot] = []
         try:

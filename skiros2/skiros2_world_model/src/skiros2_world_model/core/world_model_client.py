@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.names import DEFAULT_PREFIX, full_name, local_name
+from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
 from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
 from skiros2_world_model.core.coordination import Coordination
@@ -229,13 +229,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
 
     def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
         """The reasoner called so, or that owns that code, property or relation; None when none does."""
-        name = full_name(pred)
-        found = reasoners.find(pred)
-        if found is None and name != pred:
-            found = reasoners.find(name)
-        if found is None and name.startswith(f"{DEFAULT_PREFIX}:"):
-            found = reasoners.find(":" + local_name(name))  # how reasoners write their codes and relations
-        return found
+        return reasoners.find_written(pred)
 
     def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
         """The relations that a reasoner computes between two elements, as dicts.

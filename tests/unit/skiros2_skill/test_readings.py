@@ -186,8 +186,8 @@ def test_a_skill_s_own_parameter_in_its_hold_condition(bench):
 
 
 def test_a_relation_that_is_put_under_another_later(bench):
-    task = held(bench, lambda d: d.getRelationCond("Apart", "skiros:near", "Container", "Object", False))
-    bench.wmi.model.modify([("skiros:contain", "rdfs:subPropertyOf", "skiros:near", True)], "test")
+    task = held(bench, lambda d: d.getRelationCond("Apart", "skiros:closeTogether", "Container", "Object", False))
+    bench.wmi.model.modify([("skiros:contain", "rdfs:subPropertyOf", "skiros:closeTogether", True)], "test")
     assert task.tick() is State.Failure
 
 

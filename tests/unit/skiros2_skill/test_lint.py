@@ -187,6 +187,32 @@ def test_a_compound_that_uses_a_faulty_skill_says_so(wmi):
     assert "uses skiros:Odd-odd, which cannot be loaded" in fault.text
 
 
+def ring(*labels):
+    """Compounds of which each has the next as its child, and the last the first."""
+    following = dict(zip(labels, (*labels[1:], labels[0]), strict=True))
+    return [compound(one, lambda self, skill, to=to: skill(self.skill(to))) for one, to in following.items()]
+
+
+@pytest.mark.parametrize("labels", [("One",), ("One", "Two"), ("One", "Two", "Three")])
+def test_compounds_that_contain_each_other_are_warned_of_once(wmi, labels):
+    linter = Linter(classes := ring(*labels), wmi)
+    for _ in range(2):  # asked again, it says the same
+        (fault,) = [f for cls in classes for f in linter.lint(cls) if f.severity == WARNING]
+        assert (fault.code, fault.skill) == ("recursion", "skiros:One-one")
+        assert all(f"skiros:{label}-{label.lower()}" in fault.text for label in labels[1:])
+
+
+def test_a_compound_that_leads_into_a_cycle_is_no_part_of_it(wmi):
+    user = compound("User", lambda self, skill: skill(self.skill("One")))
+    assert [f.skill for f in faults_of(wmi, user)] == ["skiros:User-user"]  # without the ring its child is unknown
+    assert [f for f in Linter([user, *ring("One", "Two")], wmi).lint(user) if f.severity == WARNING] == []
+
+
+def test_a_cycle_with_an_alternative_is_no_fault(wmi):
+    other = plain(describe("Two", []), "other")
+    assert faults_of(wmi, *ring("One", "Two"), other) == []
+
+
 def test_a_tree_that_depends_on_values_is_not_checked(wmi):
     def expand(self, skill):
         for _ in range(self.params["Count"].value):

@@ -100,6 +100,7 @@ class Linter:
         self.wmi = wmi
         self._waiting = list(classes)
         self._described: dict[type, Described | Fault] = {}
+        self._cycles: dict[frozenset[type], tuple[type, Place | None]] = {}
 
     def add(self, cls: type) -> None:
         """One more class that implements a skill."""
@@ -130,6 +131,10 @@ class Linter:
         from skiros2_skill.core.lint_description import description_faults
 
         return any(fault.blocks for fault in description_faults(described, self.wmi))
+
+    def tells_cycle(self, classes: Iterable[type], cls: type, place: Place | None) -> bool:
+        """Whether it is there that some classes are told to contain each other: the place that asks first."""
+        return self._cycles.setdefault(frozenset(classes), (cls, place)) == (cls, place)
 
     def all(self) -> list[Described]:
         """All that could be described."""

@@ -52,9 +52,8 @@ def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
             text = f"its expand takes more than {_PATIENCE} s: it holds up what runs beside it"
             yield described.fault(WARNING, "slow-expand", text)
         return
-    for node in all_nodes(root):
-        if isinstance(node, SkillWrapper) and node is not root:
-            yield from _child_faults(described, root, node, trees)
+    for node in _skills_under(root):
+        yield from _child_faults(described, root, node, trees)
 
 
 class Trees:
@@ -98,6 +97,27 @@ class Trees:
     def options(self, node: SkillWrapper) -> list[Described]:
         """The implementations that a node may take."""
         return self.linter.options(node.type, node.asked_label)
+
+    def way_back(self, start: Described, node: SkillWrapper, seen: set[type]) -> list[Described]:
+        """The compounds by which a node leads to that one again where none has an alternative, and that one; or none.
+
+        :param seen: the classes that were followed before; grows.
+        """
+        options = self.options(node)
+        if len(options) != 1 or options[0].cls in seen:
+            return []
+        (only,) = options
+        seen.add(only.cls)
+        if only.cls is start.cls:
+            return [only]
+        if not only.is_compound or only.skill.expand_on_start:
+            return []
+        root = self.of(only)
+        for below in _skills_under(root) if root is not None else ():
+            way = self.way_back(start, below, seen)
+            if way:
+                return [only, *way]
+        return []
 
     # A key of a node may be one of its skill, or one that a skill under it takes from above.
 
@@ -156,8 +176,15 @@ def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, 
     yield from _pre_condition_faults(described, node, options, child)
     yield from _type_faults(described, root, node, options, child, trees.linter.wmi)
     yield from _missing(described, root, node, options, child, trees)
-    if all(option.cls is described.cls for option in options):
-        yield described.fault(WARNING, "recursion", "it is a part of itself, without an alternative", node.place)
+    way = trees.way_back(described, node, set())
+    if way and trees.linter.tells_cycle([step.cls for step in way], described.cls, node.place):
+        through = " and ".join(step.name for step in way[:-1])
+        text = f"it is a part of itself{f' through {through}' if through else ''}, without an alternative"
+        yield described.fault(WARNING, "recursion", text, node.place)
+
+
+def _skills_under(root: SkillWrapper) -> list[SkillWrapper]:
+    return [node for node in all_nodes(root) if isinstance(node, SkillWrapper) and node is not root]
 
 
 def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fault:

@@ -174,7 +174,7 @@ class errand_good(Errands):
 @case(
     """
     root          R   F-1
-      errand_bad  R   F
+      errand_bad  R   F-4
         errand    R1  F-4
         act       .   .
     """,
@@ -220,7 +220,7 @@ class errand_stopped(Errands):
 @case(
     """
     root     F-1
-      asks   F
+      asks   F-6
         ask  S1
         ask  F-6
     """,

@@ -181,13 +181,13 @@ _WHEN = {
         "S",
         """
         root      R   R   F-1
-          TREE    R   R   F
+          TREE    R   R   F-1
             LEAF  S1  S1  F-1
             act   R1  R2  F-9
         """,
         """
         root      F-1
-          TREE    F
+          TREE    F-1
             LEAF  F-1
             act   .
         """,
@@ -197,13 +197,13 @@ _WHEN = {
         "RRRS",
         """
         root      R   R   F-1
-          TREE    R   R   F
+          TREE    R   R   F-2
             LEAF  R1  R2  F-2
             act   R1  R2  F-9
         """,
         """
         root      F-1
-          TREE    F
+          TREE    F-2
             LEAF  F-2
             act   .
         """,
@@ -213,12 +213,12 @@ _WHEN = {
         "RRS",
         """
         root      R   R   F-1
-          TREE    R   R   F
+          TREE    R   R   F-3
             LEAF  R1  R2  F-3
         """,
         """
         root      R   R   F-1
-          TREE    R   R   F
+          TREE    R   R   F-3
             LEAF  R1  R2  F-3
         """,
     ),

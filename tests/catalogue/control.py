@@ -152,10 +152,10 @@ class recovery(Tree):
 
 @case(
     """
-    root              F-1
-      refuses         F
-        refusal       F-2
-          act         .
+    root         F-1
+      refuses    F-2
+        refusal  F-2
+          act    .
     """
 )
 class refuses(Tree):
@@ -206,10 +206,10 @@ class thread(Thoughts):
 
 @case(
     """
-    root            R   R   F-1
-      thread_fails  R   R   F
-        think       R1  R2  F-8
-        act         .   .   .
+    root            R  R  F-1
+      thread_fails  R  R  F-8
+        think       R1 R2 F-8
+        act         .  .  .
     """
 )
 class thread_fails(Thoughts):
@@ -220,10 +220,10 @@ class thread_fails(Thoughts):
 
 @case(
     """
-    root             R   R   F-1
-      thread_raises  R   R   F
-        think        R1  R2  F-405
-        act          .   .   .
+    root             R  R  F-1
+      thread_raises  R  R  F-405
+        think        R1 R2 F-405
+        act          .  .  .
     """
 )
 class thread_raises(Thoughts):
@@ -234,10 +234,10 @@ class thread_raises(Thoughts):
 
 @case(
     """
-    root                     R   R   F-1
-      thread_without_answer  R   R   F
-        think                R1  R2  F-405
-        act                  .   .   .
+    root                     R  R  F-1
+      thread_without_answer  R  R  F-405
+        think                R1 R2 F-405
+        act                  .  .  .
     """
 )
 class thread_without_answer(Thoughts):
@@ -249,7 +249,7 @@ class thread_without_answer(Thoughts):
 @case(
     """
     root              F-1
-      thread_refuses  F
+      thread_refuses  F-1
         think         F-1
         act           .
     """

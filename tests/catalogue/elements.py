@@ -85,9 +85,9 @@ class known_is_preferred(Tree):
 
 @case(
     """
-    root                F-1
-      nothing_fits      F
-        Take            F-1
+    root            F-1
+      nothing_fits  F-1
+        Take        F-1
     """,
     scene=lambda world: world.add("skiros:Product", "lost"),
 )
@@ -100,9 +100,9 @@ class nothing_fits(Tree):
 
 @case(
     """
-    root                F-1
-      given_wrongly     F
-        Take            F-1
+    root             F-1
+      given_wrongly  F-1
+        Take         F-1
     """,
     scene=two_trays,
     given={"Object": "@bolt 1", "Container": "@tray 2"},
@@ -171,9 +171,9 @@ class consumed(Tree):
 
 @case(
     """
-    root             F-1
-      not_consumed   F
-        remove_not   F-3
+    root            F-1
+      not_consumed  F-3
+        remove_not  F-3
     """,
     scene=two_trays,
     given={"Thing": "@bolt 1"},
@@ -207,9 +207,9 @@ class unspecified(Tree):
 
 @case(
     """
-    root                F-1
-      not_unspecified   F
-        forget_not      F-3
+    root               F-1
+      not_unspecified  F-3
+        forget_not     F-3
     """,
     scene=two_trays,
     given={"Thing": "@bolt 1"},
@@ -256,10 +256,10 @@ class locked(Tree):
 
 @case(
     """
-    root               F-1
-      respected_type   F
-        box            S1
-        Box            F-1
+    root              F-1
+      respected_type  F-1
+        box           S1
+        Box           F-1
     """,
     scene=two_trays,
     given={"Good": "@tray 1", "Bad": "@bolt 1"},
@@ -303,9 +303,9 @@ class choice(Tree):
 
 @case(
     """
-    root               F-1
-      no_choice        F
-        lift_heavy     F-1
+    root            F-1
+      no_choice     F-1
+        lift_heavy  F-1
     """,
     scene=lambda world: world.add("skiros:Product", "feather", Weight=0.1),
     given={"Thing": "@feather"},
@@ -321,9 +321,9 @@ class no_choice(Tree):
 
 @case(
     """
-    root          F-1
-      none_fits   F
-        Lift      F-1
+    root         F-1
+      none_fits  F-1
+        Lift     F-1
     """,
     scene=lambda world: world.add("skiros:Product", "vapour"),
     given={"Thing": "@vapour"},

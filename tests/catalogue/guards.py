@@ -78,7 +78,7 @@ class compound_starts(Tree):
 @case(
     """
     root                       F-1
-      compound_does_not_start  F
+      compound_does_not_start  F-1
         starts_heavy           F-1
         act                    .
     """,
@@ -96,12 +96,12 @@ class compound_does_not_start(Tree):
 
 @case(
     """
-    root                R   R   F-1
-      compound_held     R   R   F
-        act             R1  R2  F-9
-        stays_heavy     R   R   F-2
-          act           R1  R2  F-9
-        act             R1  R2  F-9
+    root             R  R  F-1
+      compound_held  R  R  F-2
+        act          R1 R2 F-9
+        stays_heavy  R  R  F-2
+          act        R1 R2 F-9
+        act          R1 R2 F-9
     """,
     scene=heavy,
     given=_GIVEN,
@@ -119,11 +119,11 @@ class compound_held(Tree):
 
 @case(
     """
-    root                R   F-1
-      compound_ended    R   F
-        ends_heavy      R   F-3
-          act           R1  S2
-        act             .   .
+    root              R  F-1
+      compound_ended  R  F-3
+        ends_heavy    R  F-3
+          act         R1 S2
+        act           .  .
     """,
     scene=heavy,
     given=_GIVEN,
@@ -140,13 +140,13 @@ class compound_ended(Tree):
 
 @case(
     """
-    root                   R   F-1
-      broken_by_the_first  R   F
-        ->*                R   S
-          act              R1  S2
-          weigh            .   S1
-        stays_heavy        R   F-2
-          act              R1  F-9
+    root                   R  F-1
+      broken_by_the_first  R  F-2
+        ->*                R  S
+          act              R1 S2
+          weigh            .  S1
+        stays_heavy        R  F-2
+          act              R1 F-9
     """,
     scene=heavy,
     given=_GIVEN,
@@ -166,13 +166,13 @@ class broken_by_the_first(Tree):
 
 @case(
     """
-    root                  R   R   F-1
-      broken_by_the_last  R   R   F
-        stays_heavy       R   R   F-2
-          act             R1  R2  F-9
-        ->*               R   S   S
-          act             R1  S2  S2
-          weigh           .   S1  S1
+    root                  R  R  F-1
+      broken_by_the_last  R  R  F-2
+        stays_heavy       R  R  F-2
+          act             R1 R2 F-9
+        ->*               R  S  S
+          act             R1 S2 S2
+          weigh           .  S1 S1
     """,
     scene=heavy,
     given=_GIVEN,
@@ -192,11 +192,11 @@ class broken_by_the_last(Tree):
 
 @case(
     """
-    root              F-1
-      own_condition   F
-        weigh         S1
-        weigh         S1
-        Weigh         F-1
+    root             F-1
+      own_condition  F-1
+        weigh        S1
+        weigh        S1
+        Weigh        F-1
     """,
     scene=heavy,
     given={"Object": "@thing"},

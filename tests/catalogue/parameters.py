@@ -77,7 +77,7 @@ class passes_on(Tree):
 @case(
     """
     root                   F-1
-      specify_after_remap  F
+      specify_after_remap  F-6
         hear               S1
         hear               F-6
     """
@@ -176,13 +176,13 @@ class default_is_kept(Tree):
 
 @case(
     """
-    root                R    R    S1
-      expand_anew       R    R    S
-        count           S1   S1   S1
-        grows           F    F    S
-          hear_number   F-6  F-6  S1
-          act           -    .    S1
-          act           -    -    S1
+    root               R   R   S1
+      expand_anew      R   R   S
+        count          S1  S1  S1
+        grows          F-6 F-6 S
+          hear_number  F-6 F-6 S1
+          act          -   .   S1
+          act          -   -   S1
     """
 )
 class expand_anew(Tree):
@@ -211,11 +211,11 @@ class grows(Tree):
 
 @case(
     """
-    root                R    R    S1
-      expand_once       R    R    S
-        count           S1   S1   S1
-        stays           F    F    S
-          hear_number   F-6  F-6  S1
+    root               R   R   S1
+      expand_once      R   R   S
+        count          S1  S1  S1
+        stays          F-6 F-6 S
+          hear_number  F-6 F-6 S1
     """
 )
 class expand_once(Tree):

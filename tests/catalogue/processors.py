@@ -95,10 +95,10 @@ class default_sequence(Tree):
 
 @case(
     """
-    root          R   F-1
-      self_set    R   F
-        act       R1  F-9
-        act       R1  F-5
+    root        R  F-1
+      self_set  R  F-5
+        act     R1 F-9
+        act     R1 F-5
     """
 )
 class self_set(Tree):
@@ -111,11 +111,11 @@ class self_set(Tree):
 
 @case(
     """
-    root                 R   F-1
-      serial_star_fails  R   F
-        act              S1  S1
-        act              R1  F-5
-        act              .   .
+    root                 R  F-1
+      serial_star_fails  R  F-5
+        act              S1 S1
+        act              R1 F-5
+        act              .  .
     """
 )
 class serial_star_fails(Tree):
@@ -128,11 +128,11 @@ class serial_star_fails(Tree):
 
 @case(
     """
-    root      R   R   F-1
-      serial  R   R   F
-        check  S1  S1  F-1
-        act    R1  R2  F-9
-        act    .   .   .
+    root       R  R  F-1
+      serial   R  R  F-1
+        check  S1 S1 F-1
+        act    R1 R2 F-9
+        act    .  .  .
     """,
     scene=heavy,
     given={"Thing": "@thing"},
@@ -214,10 +214,10 @@ class selector_preempts(Tree):
 
 @case(
     """
-    root              R    F-1
-      selector_fails  R    F
-        act           F-5  F-5
-        act           R1   F-5
+    root              R   F-1
+      selector_fails  R   F-5
+        act           F-5 F-5
+        act           R1  F-5
     """
 )
 class selector_fails(Tree):
@@ -273,12 +273,12 @@ class parallel_ff(Tree):
 
 @case(
     """
-    root                 R   F-1
-      parallel_ff_fails  R   F
-        act              R1  F-9
-        act              S1  S1
-        act              R1  F-5
-        act              R1  F-9
+    root                 R  F-1
+      parallel_ff_fails  R  F-5
+        act              R1 F-9
+        act              S1 S1
+        act              R1 F-5
+        act              R1 F-9
     """
 )
 class parallel_ff_fails(Tree):
@@ -308,10 +308,10 @@ class parallel_fs(Tree):
 
 @case(
     """
-    root                 R   F-1
-      parallel_fs_fails  R   F
-        act              R1  F-9
-        act              R1  F-5
+    root                 R  F-1
+      parallel_fs_fails  R  F-5
+        act              R1 F-9
+        act              R1 F-5
     """
 )
 class parallel_fs_fails(Tree):
@@ -360,10 +360,10 @@ class no_fail_parallel(Tree):
 
 @case(
     """
-    root             R    R    F-1
-      retry_on_fail  R    R    F
-        act          S1   S1   S1
-        act          F-5  F-5  F-5
+    root             R   R   F-1
+      retry_on_fail  R   R   F-5
+        act          S1  S1  S1
+        act          F-5 F-5 F-5
     """
 )
 class retry_on_fail(Tree):

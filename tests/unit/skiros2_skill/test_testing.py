@@ -178,7 +178,7 @@ def test_stand_ins_are_the_children_of_the_skill_under_test(skill_bench):
     assert right.calls.count("execute") == 1
     assert task.trace == Trace.parse("""
         root       F-1
-          both     F
+          both     F-1
             |ff|   F
               left   F-1
               right  F-1

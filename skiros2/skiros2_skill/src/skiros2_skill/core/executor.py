@@ -276,6 +276,10 @@ class Executor:
                 instance._setProgress(failure.message, failure.code)
                 self._note(node, failure)
                 state = _FAILURE
+        if state is _FAILURE and not preempted and node._children and instance._progress_code >= 0:
+            cause = self.failures.cause_under(node)
+            if cause is not None:  # the compound itself says nothing
+                instance._setProgress(*cause)
         state = self.hooks.on_end(node, state, preempted)
         self._copy_progress(node)
         return self._close(node, state)

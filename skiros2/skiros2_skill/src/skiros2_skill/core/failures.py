@@ -137,6 +137,15 @@ class Failures:
                 return kept.node, kept.explanation
         return None
 
+    def cause_under(self, node: SkillInterface) -> tuple[str, int] | None:
+        """The message, in one line, and the code of the failure because of which a compound has failed."""
+        for kept in reversed(self._kept.values()):
+            failed = kept.node
+            if not kept.late and failed._state is State.Failure and failed.inSubtreeOf(node):
+                text = kept.explanation.message.strip().rpartition("\n")[2]
+                return f"{failed.label or failed.type}: {text}", min(kept.explanation.code, -1)
+        return None
+
     def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
         path = [_name(n) for n in _path(node) if n._parent is not None or n is node]
         return self._explanation(node, failure, path)

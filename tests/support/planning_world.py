@@ -140,6 +140,8 @@ class PlanningWorld:
 
     def __init__(self, wm: Any = None) -> None:
         self.wm = wm if wm is not None else LocalWorldModel()
+        #: The skills of each robot, by manager, class and label.
+        self.offered: dict[tuple[str, str, str], SkillCore] = {}
         # Of a transport world:
         self.places: list[str] = []
         self.products: list[str] = []
@@ -164,6 +166,7 @@ class PlanningWorld:
             element = offered.toElement()
             element.addRelation(robot, "skiros:hasSkill", "-1")
             self.wm.add_element(element)
+            self.offered[f"/{name}", element.type, element.label] = offered
         if at:
             self.relate(robot, "skiros:at", at)
         return robot

@@ -1,4 +1,4 @@
-"""A planner that tests share: its process is loaded once."""
+"""A planner that tests share: its process is loaded once, and all that it makes is checked."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import pytest
 
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner
+from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.up_planner import UpPlanner
+from support.plan_checks import CheckedPlanner, carry_out, is_known
 from support.planning_world import PlanningWorld
 
 Plan = Callable[[PlanningWorld, str], PlanningResult]
@@ -25,9 +26,14 @@ def processes() -> Iterator[EngineProcesses]:
 
 @pytest.fixture
 def plan(processes: EngineProcesses) -> Plan:
-    """Plans a goal in a world."""
+    """Plans a goal in a world, and carries the plan out on a copy of it: the goal has to hold then."""
+    planner = CheckedPlanner(UpPlanner(processes))
 
     def make(world: PlanningWorld, goal: str) -> PlanningResult:
-        return TaskPlanner(world.wm, UpPlanner(processes), Limits(seconds=30.0)).plan(goal)
+        result = TaskPlanner(world.wm, planner, Limits(seconds=30.0)).plan(goal)
+        if result.verdict is Verdict.PLANNED and is_known(world, result.calls):
+            after = carry_out(world, result.calls)
+            assert TaskPlanner(after.wm, planner, Limits()).plan(goal).verdict is Verdict.NOTHING_TO_DO
+        return result
 
     return make

@@ -67,6 +67,11 @@ class UpProblem:
             for instance in plan.actions
         )
 
+    def names_of(self, step: PlanStep) -> tuple[str, ...]:
+        """A step as PDDL names it: the action and its objects."""
+        objects = (self._objects[argument].object().name for argument in step.arguments)
+        return (self._naming.name(("action", step.action), ()), *objects)
+
     @property
     def environment(self) -> Any:
         """The unified-planning environment that the problem belongs to."""

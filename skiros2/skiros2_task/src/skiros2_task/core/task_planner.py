@@ -18,7 +18,7 @@ from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
 from skiros2_task.core.reachability import contradictions, explain
 from skiros2_task.core.simulation import flaw
-from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.world_view import WorldView
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
@@ -52,12 +52,16 @@ class PlanningResult:
     :param calls: what to run, in order, when planned.
     :param message: in words, for the one who asked.
     :param notes: what was left out of the domain, and why.
+    :param task: what was planned with; None when the goal could not be read.
+    :param steps: the plan, a step for each of the calls.
     """
 
     verdict: Verdict
     calls: tuple[SkillCall, ...] = ()
     message: str = ""
     notes: tuple[str, ...] = ()
+    task: PlanningTask | None = None
+    steps: tuple[PlanStep, ...] = ()
 
 
 class TaskPlanner:
@@ -78,29 +82,48 @@ class TaskPlanner:
         cancelled: threading.Event | None = None,
         progress: Callable[[str], None] | None = None,
         asked_by: str = "",
+        limits: Limits | None = None,
+        adapt: Callable[[PlanningTask], PlanningTask] | None = None,
     ) -> PlanningResult:
         """The plan for a goal, or why there is none. Blocks as long as the limits allow.
 
         :param goal: its text, or a formula over the ids of elements.
         :param progress: told in words what is being done.
         :param asked_by: who asks. A skill manager runs the plan itself, so it gets one for its own robot alone.
+        :param limits: others than those of all requests.
+        :param adapt: changes what is planned with, before the planner sees it.
         :raises WmException: the world model does not answer.
         """
         tell = progress or log.info
         tell("reading the world model")
-        world = WorldView(self._wm)
-        world.robots = tuple(r for r in world.robots if r.manager == asked_by) or world.robots
+        world = self._view(asked_by)
         try:
             task = make_task(world, self._formula(goal, world))
         except WrongValue as error:
             return PlanningResult(Verdict.FAILED, message=str(error))
+        task = adapt(task) if adapt is not None else task
         if task.satisfied:
-            return self._kept(goal, task, PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already"))
+            done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)
+            return self._kept(goal, task, done)
         if not task.actions:
             return self._kept(goal, task, self._impossible(task, world))
         tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({self._planner.name})")
-        answer = self._planner.solve(task, self._limits, cancelled)
+        answer = self._planner.solve(task, limits or self._limits, cancelled)
         return self._kept(goal, task, self._result(answer, task, world), answer)
+
+    def look(self, goal: str | Formula) -> PlanningTask:
+        """What would be planned with for a goal, as the world is now.
+
+        :raises WrongValue: the goal cannot be read in the world as it is.
+        :raises WmException: the world model does not answer.
+        """
+        world = self._view()
+        return make_task(world, self._formula(goal, world))
+
+    def _view(self, asked_by: str = "") -> WorldView:
+        world = WorldView(self._wm)
+        world.robots = tuple(r for r in world.robots if r.manager == asked_by) or world.robots
+        return world
 
     def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
         if isinstance(goal, str):
@@ -115,7 +138,7 @@ class TaskPlanner:
                 message = f"the planner gave a plan that does not work: {wrong}"
                 return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
             calls = skill_calls(task, answer.plan, world.objects)
-            return PlanningResult(Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes)
+            return PlanningResult(Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task, answer.plan)
         if answer.outcome is Outcome.IMPOSSIBLE:
             return self._impossible(task, world, answer.reason)
         return PlanningResult(_VERDICTS[answer.outcome], message=answer.reason, notes=task.notes)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, field
 
-from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.json_text import read_json
+from skiros2_common.core.json_data import JsonData
 
 #: Where in the life of a node it failed: no implementation or `onStart` refused, a parameter does not fit, no elements
 #: were found for unset parameters, a condition does not hold, the skill's own `fail` or a bool for an answer, a hook
@@ -177,7 +174,7 @@ class Origin:
 
 
 @dataclass
-class Explanation:
+class Explanation(JsonData):
     """Why a node failed.
 
     :param stage: one of `STAGES`.
@@ -192,6 +189,8 @@ class Explanation:
     :param stamp: when it failed with this message first (s since the epoch).
     :param times: how often it failed so, with this message or one that is other in numbers alone.
     """
+
+    _called = "explanation"
 
     stage: str
     type: str
@@ -242,63 +241,3 @@ class Explanation:
             finding = waiting.pop()
             yield from finding.changes
             waiting += finding.parts
-
-    # -- JSON --------------------------------------------------------------------------------------------------
-
-    def to_dict(self) -> dict[str, Any]:
-        """The explanation as JSON has it: dicts, lists, texts and numbers."""
-        return asdict(self)
-
-    def to_json(self) -> str:
-        return json.dumps(self.to_dict())
-
-    @classmethod
-    def from_dict(cls, data: Any) -> Explanation:
-        """
-        :raises WrongType: something is of another type than declared.
-        :raises WrongValue: something is missing, or is not declared.
-        """
-        made: Explanation = _read(cls, data, "explanation")
-        return made
-
-    @classmethod
-    def from_json(cls, text: str) -> Explanation:
-        """
-        :raises WrongValue: the text is no JSON, or something is missing or not declared.
-        :raises WrongType: something is of another type than declared.
-        """
-        try:
-            data = read_json(text)
-        except ValueError as error:
-            raise WrongValue(f"explanation: {error}") from error
-        return cls.from_dict(data)
-
-
-def _read(declared: Any, data: Any, place: str) -> Any:
-    """The value of a declared type that JSON data stand for."""
-    if get_origin(declared) is list:
-        (item,) = get_args(declared)
-        return [_read(item, value, f"{place}[{i}]") for i, value in enumerate(_checked(data, list, place))]
-    if get_origin(declared) is dict:
-        _, item = get_args(declared)
-        return {key: _read(item, value, f"{place}.{key}") for key, value in _checked(data, dict, place).items()}
-    if declared in (str, int):
-        return _checked(data, declared, place)
-    if declared is float:
-        return float(_checked(data, (int, float), place))
-    types = get_type_hints(declared)
-    unknown = _checked(data, dict, place).keys() - {f.name for f in fields(declared)}
-    if unknown:
-        raise WrongValue(f"{place}: {', '.join(sorted(unknown))} is no part of {declared.__name__}")
-    values = {key: _read(types[key], value, f"{place}.{key}") for key, value in data.items()}
-    try:
-        return declared(**values)
-    except TypeError as error:
-        raise WrongValue(f"{place}: {error}") from error
-
-
-def _checked(data: Any, expected: Any, place: str) -> Any:
-    if not isinstance(data, expected) or isinstance(data, bool):
-        name = getattr(expected, "__name__", "number")
-        raise WrongType(f"{place}: expected a {name}, got {type(data).__name__}")
-    return data

@@ -66,7 +66,6 @@ def test_a_plan_that_does_not_work_is_not_given(world: PlanningWorld, plan: tupl
 @pytest.mark.parametrize(
     ("outcome", "verdict"),
     [
-        (Outcome.TIMED_OUT, Verdict.TIMED_OUT),
         (Outcome.CANCELLED, Verdict.CANCELLED),
         (Outcome.FAILED, Verdict.FAILED),
     ],
@@ -76,10 +75,25 @@ def test_a_planner_without_a_plan_is_quoted(world: PlanningWorld, outcome: Outco
     assert (result.verdict, result.calls, result.message) == (verdict, (), "because")
 
 
+def test_a_planner_that_was_too_slow_is_quoted(world: PlanningWorld) -> None:
+    result = planner(world, PlannerAnswer(Outcome.TIMED_OUT, reason="60 s were over")).plan(drive_goal(world))
+    assert (result.verdict, result.calls) == (Verdict.TIMED_OUT, ())
+    first, second = result.message.splitlines()
+    assert first == "no plan (timed out): 60 s were over"
+    assert second == f"{drive_goal(world)} may be reachable, as far as this tells: more time may help"
+
+
+def test_a_planner_that_was_too_slow_had_no_chance_where_the_goal_cannot_be_reached(world: PlanningWorld) -> None:
+    answer = PlannerAnswer(Outcome.TIMED_OUT, reason="60 s were over")
+    result = planner(world, answer).plan(f"(skiros:at {world.robots[0]} {world.products[0]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "(timed out: 60 s were over)" in result.message
+
+
 def test_an_impossible_goal_is_explained(world: PlanningWorld) -> None:
     goal = f"(skiros:at {world.robots[0]} {world.products[0]})"
     result = planner(world, PlannerAnswer(Outcome.IMPOSSIBLE, reason="no way")).plan(goal)
-    assert result.message.splitlines()[0] == "no plan: no way"
+    assert result.message.splitlines()[0] == "no plan (proven impossible): no way"
     assert f"{world.products[0]} is no skiros:Location" in result.message
 
 

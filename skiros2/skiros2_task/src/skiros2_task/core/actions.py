@@ -125,6 +125,28 @@ def condition_predicates(robots: Iterable[Robot]) -> set[Predicate]:
     return found
 
 
+def why_unusable(skill: Skill) -> str:
+    """Why planning cannot use a skill; "" when it can."""
+    try:
+        _action("", skill, ())
+    except _Unusable as reason:
+        return str(reason)
+    return ""
+
+
+def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
+    """What the post-conditions of a skill say that it brings about, whether planning can use it or not."""
+    found = []
+    for condition in skill.post:
+        try:
+            predicate = _predicate(condition)
+        except _Unusable:
+            continue  # said by `why_unusable`
+        if predicate is not None:
+            found.append((predicate, condition.state))
+    return found
+
+
 def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> tuple[Action, list[str]]:
     if not skill.available:
         raise _Unusable("it is not available for planning")

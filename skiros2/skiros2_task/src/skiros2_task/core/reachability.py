@@ -1,4 +1,4 @@
-"""Why there is no plan: what cannot come about even if nothing that was once true, or once false, were ever undone.
+"""What may come about if nothing that was once true, or once false, were ever undone.
 
 The facts reached so are a superset of those that any plan reaches (the relaxation that planners take their heuristics
 from: Bonet and Geffner, Planning as heuristic search, AIJ 2001). What is not among them is unreachable for sure.
@@ -7,7 +7,7 @@ from: Bonet and Geffner, Planning as heuristic search, AIJ 2001). What is not am
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from skiros2_task.core.actions import Action
@@ -91,7 +91,18 @@ def explore(task: PlanningTask, seconds: float) -> Reached:
 
 def _steps(task: PlanningTask, action: Action, reached: Reached) -> Iterator[PlanStep]:
     """The ways to do an action when its pre-condition may hold."""
-    parts = conjuncts(action.precondition)
+    for binding in ways(task, action, conjuncts(action.precondition), reached, {}):
+        yield PlanStep(action.name, tuple(binding[v.name] for v in action.variables))
+
+
+def ways(
+    task: PlanningTask, action: Action, parts: Sequence[Formula], reached: Reached, start: Binding
+) -> Iterator[Binding]:
+    """The objects for all variables of an action with which some conditions may hold.
+
+    :param parts: the conditions.
+    :param start: the objects of those variables that are given.
+    """
     atoms = [part for part in parts if isinstance(part, Atom)]
     rest = [part for part in parts if not isinstance(part, Atom)]
     candidates = {v.name: task.candidates(v.classes) for v in action.variables}
@@ -119,63 +130,6 @@ def _steps(task: PlanningTask, action: Action, reached: Reached) -> Iterator[Pla
         for value in candidates[free]:
             yield from complete({**binding, free: value}, [])
 
-    for binding in complete({}, atoms):
+    for binding in complete(start, atoms):
         if all(reached.may_hold(bind(part, binding)) for part in rest):
-            yield PlanStep(action.name, tuple(binding[v.name] for v in action.variables))
-
-
-def explain(task: PlanningTask, seconds: float = 5.0) -> list[str] | None:
-    """In words, which parts of the goal cannot be reached and what stands in the way; None when time ran out.
-
-    None of them: each can be reached on its own, as far as this tells.
-    """
-    reached = explore(task, seconds)
-    if not reached.complete:
-        return None
-    return [
-        f"{part} cannot be reached: {_obstacle(part, task, reached)}"
-        for part in conjuncts(task.goal)
-        if not reached.may_hold(part)
-    ]
-
-
-def contradictions(goal: Formula) -> list[str]:
-    """In words, what a goal asks for together with its opposite."""
-    parts = set(conjuncts(goal))
-    return [f"the goal asks for {part} and for the opposite" for part in conjuncts(goal) if Not(part) in parts]
-
-
-def _obstacle(part: Formula, task: PlanningTask, reached: Reached) -> str:
-    """What the skills that could bring about a part of the goal lack."""
-    state = not isinstance(part, Not)
-    atom = part.part if isinstance(part, Not) else part
-    if not isinstance(atom, Atom):
-        return "none of its alternatives can"
-    hindered = []
-    for action in task.actions:
-        for effect in action.effects:
-            binding = _unify(effect.atom, atom) if effect.state == state else None
-            if binding is None:
-                continue
-            wrong = [
-                f"{binding[v.name]} is no {' and '.join(v.classes)}"
-                for v in action.variables
-                if v.name in binding and binding[v.name] not in task.candidates(v.classes)
-            ]
-            needs = [bind(p, binding) for p in conjuncts(action.precondition) if isinstance(p, Atom)]
-            lacks = [str(need) for need in needs if isinstance(need, Atom) and not any(reached.matches(need, {}))]
-            missing = f"it needs {', '.join(lacks)}" if lacks else "its conditions never hold together"
-            reason = ", ".join(wrong) or missing
-            hindered.append(f"{action.skill.name} cannot bring it about: {reason}")
-    return "; ".join(dict.fromkeys(hindered)) or "no skill brings it about"
-
-
-def _unify(effect: Atom, wanted: Atom) -> Binding | None:
-    """The variables' values with which an effect is the wanted atom."""
-    if effect.predicate != wanted.predicate:
-        return None
-    binding: Binding = {}
-    for mine, term in zip(effect.terms, wanted.terms, strict=True):
-        if (binding.setdefault(mine, term) if mine.startswith("?") else mine) != term:
-            return None
-    return binding
+            yield binding

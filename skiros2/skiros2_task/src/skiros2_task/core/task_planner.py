@@ -13,12 +13,13 @@ from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.formula import Formula
 from skiros2_task.core.goal import GoalReader, check_goal
+from skiros2_task.core.left_out import skills_left_out
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
-from skiros2_task.core.reachability import contradictions, explain
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.why import NoPlan, no_plan
 from skiros2_task.core.world_view import WorldView
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
@@ -35,6 +36,9 @@ class Verdict(Enum):
     CANCELLED = "cancelled"
     FAILED = "failed"
 
+
+#: Why nothing can be planned in a world without robots.
+NO_ROBOT = "no robot in the world model offers skills"
 
 _VERDICTS = {
     Outcome.SOLVED: Verdict.PLANNED,
@@ -54,6 +58,7 @@ class PlanningResult:
     :param notes: what was left out of the domain, and why.
     :param task: what was planned with; None when the goal could not be read.
     :param steps: the plan, a step for each of the calls.
+    :param why: why there is no plan, when a planner, or what comes before it, found none.
     """
 
     verdict: Verdict
@@ -62,6 +67,7 @@ class PlanningResult:
     notes: tuple[str, ...] = ()
     task: PlanningTask | None = None
     steps: tuple[PlanStep, ...] = ()
+    why: NoPlan | None = None
 
 
 class TaskPlanner:
@@ -106,7 +112,8 @@ class TaskPlanner:
             done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)
             return self._kept(goal, task, done)
         if not task.actions:
-            return self._kept(goal, task, self._impossible(task, world))
+            reason = "none of the robots' skills can help" if world.robots else NO_ROBOT
+            return self._kept(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world))
         tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({self._planner.name})")
         answer = self._planner.solve(task, limits or self._limits, cancelled)
         return self._kept(goal, task, self._result(answer, task, world), answer)
@@ -139,22 +146,7 @@ class TaskPlanner:
                 return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
             calls = skill_calls(task, answer.plan, world.objects)
             return PlanningResult(Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task, answer.plan)
-        if answer.outcome is Outcome.IMPOSSIBLE:
-            return self._impossible(task, world, answer.reason)
-        return PlanningResult(_VERDICTS[answer.outcome], message=answer.reason, notes=task.notes)
-
-    def _impossible(self, task: PlanningTask, world: WorldView, reason: str = "") -> PlanningResult:
-        """Says why there is no plan."""
-        why: list[str] | None = []
-        if not world.robots:
-            reason = "no robot in the world model offers skills"
-        else:
-            reason = reason or "none of the robots' skills can help"
-            why = contradictions(task.goal) or explain(task)
-            if why == []:
-                reason += ": each part of the goal can be reached on its own, but not all together"
-        message = "\n".join([f"no plan: {reason}", *(why or ())])
-        return PlanningResult(Verdict.IMPOSSIBLE, message=message, notes=task.notes)
+        return _without_plan(answer.outcome, answer.reason, task, world)
 
     def _kept(
         self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
@@ -170,3 +162,13 @@ class TaskPlanner:
                 texts["planner.log"] = answer.log
             self._archive.keep(texts)
         return result
+
+
+def _without_plan(outcome: Outcome, reason: str, task: PlanningTask, world: WorldView) -> PlanningResult:
+    """Says why there is no plan. A planner that was too slow may still have had no chance."""
+    if outcome in (Outcome.CANCELLED, Outcome.FAILED):
+        why = NoPlan(outcome.value, reason)
+        return PlanningResult(_VERDICTS[outcome], message=reason, notes=task.notes, task=task, why=why)
+    why = no_plan(task, outcome.value, reason, skills_left_out(world, task))
+    verdict = next(_VERDICTS[o] for o in Outcome if o.value == why.verdict)
+    return PlanningResult(verdict, message=str(why), notes=task.notes, task=task, why=why)

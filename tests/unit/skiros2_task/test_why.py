@@ -1,0 +1,195 @@
+"""Why there is no plan: what each part of the goal lacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_task.core.formula import FALSE, And, Atom, Formula, Kind, Not, Or, Predicate, conjunction
+from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.left_out import skills_left_out
+from skiros2_task.core.problem import make_task
+from skiros2_task.core.task import PlanningTask
+from skiros2_task.core.why import HOLDS, REACHABLE, UNKNOWN, UNREACHABLE, Fact, NoPlan, no_plan
+from skiros2_task.core.world_view import WorldView
+from support.planning_world import DRIVE, PICK, PLACE, REQUIRED, PlanningWorld, prop, skill, transport_world
+from support.transport_task import HAS_A, at, contain, transport_task
+
+R, G, A, B, P = (
+    "cora:Robot-0",
+    "rparts:GripperEffector-0",
+    "skiros:Location-0",
+    "skiros:Location-1",
+    "skiros:Product-0",
+)
+
+
+def impossible(task: PlanningTask, **options: Any) -> NoPlan:
+    return no_plan(task, "proven impossible", **options)
+
+
+def without(task: PlanningTask, predicate: Predicate) -> PlanningTask:
+    """The task without all facts of a predicate."""
+    return replace(task, init=frozenset(atom for atom in task.init if atom.predicate != predicate))
+
+
+def of_world(world: PlanningWorld, goal: str) -> NoPlan:
+    view = WorldView(world.wm)
+    task = make_task(view, GoalReader(view, set()).read(goal))
+    return impossible(task, left_out=skills_left_out(view, task))
+
+
+def test_what_holds_already_is_no_matter_and_the_rest_is_told_the_unreachable_first() -> None:
+    goal = conjunction([at(R, A), at(R, B), contain(P, B)])
+    why = impossible(transport_task(1, 2, 1, goal))
+    assert [(fact.text, fact.state) for fact in why.goals] == [
+        (str(contain(P, B)), UNREACHABLE),
+        (str(at(R, B)), REACHABLE),
+    ]
+    assert why.unreachable == why.goals[:1]
+
+
+def test_elements_of_the_wrong_class_are_named_where_no_skill_could_do_it() -> None:
+    (fact,) = impossible(transport_task(1, 2, 1, contain(P, B))).goals
+    place = next(a for a in fact.achievers if a.skill == "skiros:Place (place)")
+    assert place.values == {"Place": P, "Object": B}
+    assert place.obstacles == [f"{P} is no skiros:Location", f"{B} is no skiros:Product"]
+
+
+def test_the_nearest_way_to_do_a_skill_is_told_down_to_the_fact_that_is_missing() -> None:
+    why = impossible(without(transport_task(1, 2, 1), HAS_A))
+    (fact,) = why.goals
+    (place,) = fact.achievers
+    assert place.skill == "skiros:Place (place)"
+    assert place.values == {"Robot": R, "Gripper": G, "Place": B, "Object": P}
+    owned, held = place.unmet
+    assert (owned.text, owned.note) == (f"(skiros:hasA {R} {G})", "no skill brings it about")
+    assert held.text == str(contain(G, P))
+    (pick,) = held.achievers
+    assert pick.skill == "skiros:Pick (pick)"
+    assert [(f.text, f.note) for f in pick.unmet] == [(owned.text, "see above")]
+    assert why.missing == [owned.text]
+
+
+def test_of_several_ways_the_one_that_lacks_least_is_told() -> None:
+    # The second robot is at no place, the first one only lacks its gripper.
+    task = transport_task(2, 2, 1)
+    gone = {Atom(HAS_A, (R, G)), at("cora:Robot-1", A), Atom(HAS_A, ("cora:Robot-1", "rparts:GripperEffector-1"))}
+    why = impossible(replace(task, init=task.init - gone))
+    assert why.goals[0].achievers[0].values["Robot"] == R
+
+
+def test_a_robot_that_lacks_the_skill_is_named() -> None:
+    can_place = Predicate(Kind.CAN, "place")
+    why = impossible(without(transport_task(1, 2, 1), can_place))
+    (lacking,) = why.goals[0].achievers[0].unmet
+    assert (lacking.text, lacking.note) == (f"{R} has the skill place", "its manager does not offer it")
+
+
+def test_a_kind_of_element_that_the_scene_lacks_is_named() -> None:
+    (fact,) = impossible(transport_task(0, 2, 1)).goals
+    assert "the scene has nothing for Robot (cora:Robot)" in fact.achievers[0].obstacles
+
+
+def test_what_must_not_hold_and_never_stops_is_named() -> None:
+    owned = Atom(HAS_A, (R, G))
+    why = impossible(transport_task(1, 2, 1, Not(owned)))
+    (fact,) = why.goals
+    assert (fact.text, fact.note) == (f"(not {owned})", "no skill brings it about")
+
+
+@pytest.mark.parametrize(
+    "goal", [And((at(R, B), Not(at(R, B)))), And((Or((at(R, B), contain(B, P))), Not(at(R, B)), Not(contain(B, P))))]
+)
+def test_a_goal_and_its_opposite_are_named(goal: Formula) -> None:
+    facts = impossible(transport_task(1, 2, 1, goal)).goals
+    against = [f for f in facts if f.note == "the goal asks for it and for the opposite"]
+    assert against
+    assert {f.state for f in against} == {UNREACHABLE}
+
+
+def test_of_alternatives_each_is_told() -> None:
+    (fact,) = impossible(transport_task(1, 2, 1, Or((contain(P, A), contain(P, B))))).goals
+    assert fact.note == "none of its alternatives can"
+    assert [part.text for part in fact.parts] == [str(contain(P, A)), str(contain(P, B))]
+
+
+def test_of_many_alternatives_some_are_told_and_the_others_counted() -> None:
+    task = transport_task(1, 6, 1)
+    places = task.members["skiros:Location"]
+    (fact,) = impossible(replace(task, goal=Or(tuple(contain(P, place) for place in places)))).goals
+    assert (len(fact.parts), fact.more) == (3, 3)
+    assert fact.text == "(or ...)"
+
+
+def test_a_choice_among_nothing_is_named() -> None:
+    (fact,) = impossible(transport_task(1, 2, 1, FALSE)).goals
+    assert fact.note == "the scene has nothing that it could be about"
+
+
+def test_parts_that_can_be_reached_on_their_own_only_are_said_to_be_so() -> None:
+    why = impossible(transport_task(1, 3, 1, And((at(R, B), at(R, "skiros:Location-2")))))
+    assert {fact.state for fact in why.goals} == {REACHABLE}
+    assert "but not all together" in str(why)
+
+
+def test_a_planner_that_gave_up_is_not_believed_where_the_goal_cannot_be_reached() -> None:
+    assert no_plan(transport_task(1, 2, 1, contain(P, B)), "timed out").verdict == "proven impossible"
+    assert no_plan(transport_task(1, 2, 1), "timed out").verdict == "timed out"
+
+
+def test_without_time_nothing_is_claimed() -> None:
+    why = no_plan(transport_task(1, 2, 1), "timed out", seconds=-1.0)
+    assert [fact.state for fact in why.goals] == [UNKNOWN]
+    assert "there was no time to find out" in str(why)
+
+
+def test_skills_that_planning_cannot_use_are_named_where_they_would_help() -> None:
+    world = transport_world(robots=0)
+    paint = skill(
+        "Paint",
+        [("Object", "skiros:Product", REQUIRED)],
+        pre=[],
+        post=[prop("Object", "skiros:Colour", "=", "red")],
+    )
+    world.robot("painter", paint, DRIVE, at=world.places[0])
+    world.thing("skiros:Product", Colour="red")
+    why = of_world(world, f"(red {world.products[0]})")
+    (achiever,) = why.goals[0].achievers
+    assert achiever.obstacles == ["it has no pre-conditions"]
+    assert why.left_out == [f"{achiever.skill} of /painter: it has no pre-conditions"]
+    assert why.missing == []
+
+
+def test_skills_for_which_the_scene_has_nothing_are_named() -> None:
+    world = transport_world(robots=0)
+    world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
+    why = of_world(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
+    obstacles = {text for achiever in why.goals[0].achievers for text in achiever.obstacles}
+    assert obstacles == {"the scene has nothing for Gripper (rparts:GripperEffector)"}
+
+
+def test_the_text_tells_all_of_it() -> None:
+    why = impossible(without(transport_task(1, 2, 1), HAS_A), reason="search space exhausted")
+    lines = str(why).splitlines()
+    assert lines[0] == "no plan (proven impossible): search space exhausted"
+    assert lines[1] == f"(skiros:contain {B} {P}) cannot be reached"
+    assert lines[2] == f"  skiros:Place (place) with Robot={R}, Gripper={G}, Place={B}, Object={P} needs"
+    assert lines[3] == f"    (skiros:hasA {R} {G}) cannot be reached: no skill brings it about"
+    assert lines[-2:] == ["what would have to be so, and no skill brings about:", f"  (skiros:hasA {R} {G})"]
+
+
+def test_it_travels_as_json() -> None:
+    why = impossible(without(transport_task(1, 2, 1), HAS_A))
+    assert NoPlan.from_json(why.to_json()) == why
+    with pytest.raises(WrongValue, match="why there is no plan"):
+        NoPlan.from_json("{")
+    with pytest.raises(WrongType, match=r"why there is no plan.goals\[0\].more: expected a int, got str"):
+        NoPlan.from_dict({"verdict": "failed", "reason": "", "goals": [{"text": "", "state": HOLDS, "more": "x"}]})
+
+
+def test_a_fact_that_is_in_doubt_is_said_to_be_so() -> None:
+    assert list(Fact("(a b)", UNKNOWN, "because").lines()) == ["(a b) is not known to be reachable: because"]

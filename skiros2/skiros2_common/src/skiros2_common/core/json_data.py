@@ -1,4 +1,4 @@
-"""Dataclasses of plain values that travel as JSON: texts, numbers, truth values, lists, dicts and other such classes."""
+"""Dataclasses of plain values that travel as JSON: texts, numbers, truth values, lists, dicts and others such."""
 
 from __future__ import annotations
 

@@ -58,6 +58,7 @@ class Action:
     :param name: a name that PDDL can hold, used once.
     :param robot: the variable for the robot that does it.
     :param managers: the manager of each robot that has the skill, by the robot's id.
+    :param during: what holds only while it runs: the skill itself brings it about when it starts (a lock, say).
     """
 
     name: str
@@ -67,6 +68,7 @@ class Action:
     variables: tuple[Variable, ...]
     precondition: Formula
     effects: tuple[Effect, ...]
+    during: tuple[Effect, ...] = ()
 
     @property
     def made(self) -> frozenset[str]:
@@ -159,24 +161,27 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
     _check_contradictions(skill.post, "post")
     reader = _ConditionReader(skill)
     # What a skill itself brings about before it holds it (a lock, say) is not asked for at the start.
-    holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
+    own = [c for c in skill.hold if any(c.contradicts(pre) for pre in skill.pre)]
+    holds = [c for c in skill.hold if c not in own]
     precondition = conjunction([reader.formula(c) for c in (*skill.pre, *holds)])
     if precondition == FALSE:
         raise _Unusable("its pre-conditions can never hold")
     effects = tuple(Effect(atom, state) for c in skill.post for atom, state in reader.effects(c))
     if not effects:
         raise _Unusable("its post-conditions change nothing that planning can read")
+    during = tuple(Effect(atom, state) for c in own for atom, state in reader.effects(c))
     robot, variables = reader.variables()
     fixed = {f"?{p.key}": p.fixed for p in skill.parameters if p.fixed}
     precondition = bind(precondition, fixed)
-    effects = tuple(
-        Effect(Atom(e.atom.predicate, tuple(fixed.get(t, t) for t in e.atom.terms)), e.state) for e in effects
+    effects, during = (
+        tuple(Effect(Atom(e.atom.predicate, tuple(fixed.get(t, t) for t in e.atom.terms)), e.state) for e in some)
+        for some in (effects, during)
     )
     variables, precondition = _lift_classes(variables, precondition)
     can = Atom(Predicate(Kind.CAN, name), (robot,))
     made = [Not(e.atom) for e in effects if e.atom.predicate == IN_SCENE and e.state]
-    action = Action(name, skill, robot, managers, variables, conjunction([can, precondition, *made]), effects)
-    return action, reader.opaque
+    precondition = conjunction([can, precondition, *made])
+    return Action(name, skill, robot, managers, variables, precondition, effects, during), reader.opaque
 
 
 def _check_contradictions(conditions: Sequence[SkillCondition], what: str) -> None:

@@ -46,7 +46,15 @@ def relevant_part(actions: Sequence[Action], goal: Formula, families: FactFamili
                 _need(action.precondition, needed)
                 growing = True
     predicates = tuple(dict.fromkeys(predicate for predicate, _ in needed))
-    kept = tuple(replace(a, effects=_effects(a, predicates, families)) for a in normal if a.name in chosen)
+    kept = tuple(
+        replace(
+            a,
+            effects=_consequences(a.effects, predicates, families),
+            during=_consequences(a.during, predicates, families),
+        )
+        for a in normal
+        if a.name in chosen
+    )
     return Relevant(kept, goal, predicates, tuple(a.name for a in actions if a.name not in chosen))
 
 
@@ -64,10 +72,15 @@ def _gives(action: Action, needed: dict[Literal, None], families: FactFamilies) 
     )
 
 
-def _effects(action: Action, predicates: Sequence[Predicate], families: FactFamilies) -> tuple[Effect, ...]:
-    """The effects on predicates that matter. Where one fact is made both true and false, true wins, as in PDDL."""
+def _consequences(
+    effects: Sequence[Effect], predicates: Sequence[Predicate], families: FactFamilies
+) -> tuple[Effect, ...]:
+    """What effects do to the predicates that matter.
+
+    Where one fact is made both true and false, true wins, as in PDDL.
+    """
     found: dict[tuple[Atom, tuple[tuple[str, str], ...]], bool] = {}
-    for effect in action.effects:
+    for effect in effects:
         for predicate, state in families.consequences(effect.atom.predicate, effect.state, predicates):
             key = (Atom(predicate, effect.atom.terms), effect.each)
             found[key] = state or found.get(key, False)

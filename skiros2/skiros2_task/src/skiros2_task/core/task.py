@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
-from skiros2_task.core.actions import Action
-from skiros2_task.core.formula import Atom, Formula, Predicate, bind, holds
+from skiros2_task.core.actions import Action, Effect
+from skiros2_task.core.formula import Atom, Formula, Predicate, bind, expand_quantifiers, holds
 
 #: Stands for the class of all objects of a task.
 EVERYTHING = "*"
@@ -70,18 +70,32 @@ class PlanStep:
 
 def effects_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
     """What a step makes true or false."""
-    action = task.action(step.action)
-    values = _values(action, step)
-    for effect in action.effects:
-        for choice in product(*(task.members[cls] for _, cls in effect.each)):
-            chosen = {**values, **{name: obj for (name, _), obj in zip(effect.each, choice, strict=True)}}
-            yield Atom(effect.atom.predicate, tuple(chosen.get(t, t) for t in effect.atom.terms)), effect.state
+    return _ground(task, step, task.action(step.action).effects)
+
+
+def during_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
+    """What a step makes true or false when it starts, and takes back when it ends."""
+    return _ground(task, step, task.action(step.action).during)
 
 
 def precondition_of(task: PlanningTask, step: PlanStep) -> Formula:
-    """What has to hold when a step starts."""
+    """What has to hold when a step starts, and must not be spoiled while it runs."""
     action = task.action(step.action)
-    return bind(action.precondition, _values(action, step))
+    return expand_quantifiers(bind(action.precondition, _values(action, step)), task.members.__getitem__)
+
+
+def robot_of(task: PlanningTask, step: PlanStep) -> str:
+    """The robot that does a step."""
+    action = task.action(step.action)
+    return _values(action, step)[action.robot]
+
+
+def _ground(task: PlanningTask, step: PlanStep, effects: Iterable[Effect]) -> Iterator[tuple[Atom, bool]]:
+    values = _values(task.action(step.action), step)
+    for effect in effects:
+        for choice in product(*(task.members[cls] for _, cls in effect.each)):
+            chosen = {**values, **{name: obj for (name, _), obj in zip(effect.each, choice, strict=True)}}
+            yield Atom(effect.atom.predicate, tuple(chosen.get(t, t) for t in effect.atom.terms)), effect.state
 
 
 def _values(action: Action, step: PlanStep) -> dict[str, str]:

@@ -1,0 +1,252 @@
+"""Plans of which only the order that is needed is kept."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.skill_description import ParamOptions
+from skiros2_task.core.actions import Action, Effect, Variable, condition_predicates
+from skiros2_task.core.formula import Atom, Formula, Kind, Not, Or, Predicate, conjunction, disjunction
+from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder, deorder
+from skiros2_task.core.problem import make_task
+from skiros2_task.core.simulation import flaw
+from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, during_of, effects_of, robot_of
+from skiros2_task.core.world_view import WorldView
+from support.planning_world import INFERRED, REQUIRED, PlanningWorld, prop, skill
+from support.planning_world import given as specified
+from support.random_tasks import planned_tasks
+from support.transport_task import at, contain, transport_task
+
+R, G = ("cora:Robot-0", "cora:Robot-1"), ("rparts:GripperEffector-0", "rparts:GripperEffector-1")
+L = ("skiros:Location-0", "skiros:Location-1", "skiros:Location-2")
+P = ("skiros:Product-0", "skiros:Product-1")
+
+
+def bring(robot: int, product: int, start: int, target: int) -> tuple[PlanStep, ...]:
+    """The steps by which a robot at the start brings a product that is there to the target."""
+    hand = (R[robot], G[robot])
+    return (
+        PlanStep("pick", (*hand, L[start], P[product])),
+        PlanStep("drive", (R[robot], L[start], L[target])),
+        PlanStep("place", (*hand, L[target], P[product])),
+    )
+
+
+# -- which order is kept ------------------------------------------------------------------------------------------
+
+
+def test_steps_of_one_robot_that_need_each_other_stay_in_order() -> None:
+    assert deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before == {(0, 1), (1, 2)}
+
+
+def test_two_robots_work_at_the_same_time() -> None:
+    task = transport_task(2, 2, 2, conjunction([contain(L[1], P[0]), at(R[1], L[1])]))
+    plan = (*bring(0, 0, 0, 1), PlanStep("drive", (R[1], L[0], L[1])))
+    assert deorder(task, plan).before == {(0, 1), (1, 2)}
+
+
+def test_a_step_waits_for_what_another_robot_makes() -> None:
+    task = transport_task(2, 3, 1, contain(L[2], P[0]))
+    plan = (*bring(0, 0, 0, 1), PlanStep("drive", (R[1], L[0], L[1])), *bring(1, 0, 1, 2))
+    assert deorder(task, plan).before == {(0, 1), (1, 2), (2, 4), (3, 4), (4, 5), (5, 6)}
+
+
+def test_links_tell_where_each_fact_comes_from() -> None:
+    links = deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).links
+    assert CausalLink(INIT, 0, at(R[0], L[0]), True) in links
+    assert CausalLink(1, 2, at(R[0], L[1]), True) in links
+    assert CausalLink(2, GOAL, contain(L[1], P[0]), True) in links
+
+
+def test_what_follows_from_other_orders_is_left_out() -> None:
+    """The robot and its gripper order pick before place, too; through the drive that is said already."""
+    assert (0, 2) not in deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before
+
+
+def test_predecessors_are_those_right_before_a_step() -> None:
+    order = PartialOrder(bring(0, 0, 0, 1), frozenset({(0, 2), (1, 2)}), ())
+    assert order.predecessors() == [[], [], [0, 1]]
+
+
+# -- small tasks of one predicate each --------------------------------------------------------------------------------
+
+A, B, C = (Atom(Predicate(Kind.VALUE, f"skiros:{name}", True), ("thing",)) for name in "ABC")
+
+
+def small_task(
+    goal: Formula, init: frozenset[Atom], **skills: tuple[Formula, dict[Atom, bool], dict[Atom, bool]]
+) -> tuple[PlanningTask, tuple[PlanStep, ...]]:
+    """A task, and as plan each skill once, in that order, each by a robot of its own.
+
+    :param skills: what each needs, makes, and makes while it runs.
+    """
+    robots = tuple(f"robot-{name}" for name in skills)
+    actions = tuple(
+        Action(
+            name,
+            Skill(f"skiros:{name}", name, (), (), (), ()),
+            "?Robot",
+            (),
+            (Variable("?Robot", "Robot", ("cora:Robot",)),),
+            needs,
+            tuple(Effect(atom, state) for atom, state in makes.items()),
+            tuple(Effect(atom, state) for atom, state in during.items()),
+        )
+        for name, (needs, makes, during) in skills.items()
+    )
+    members = {"cora:Robot": robots, EVERYTHING: (*robots, "thing")}
+    predicates = tuple(atom.predicate for atom in (A, B, C))
+    task = PlanningTask(actions, {}, members, predicates, init, goal)
+    return task, tuple(PlanStep(name, (f"robot-{name}",)) for name in skills)
+
+
+NOTHING = conjunction([])
+
+
+def test_a_step_that_spoils_what_another_needs_waits_for_its_end() -> None:
+    task, plan = small_task(B, frozenset({A}), use=(A, {B: True}, {}), spoil=(NOTHING, {A: False}, {}))
+    assert deorder(task, plan).before == {(0, 1)}
+
+
+def test_a_step_that_spoils_what_is_made_for_another_stays_before_it_is_made() -> None:
+    task, plan = small_task(
+        C, frozenset({A}), spoil=(A, {A: False, B: False}, {}), make=(NOTHING, {B: True}, {}), use=(B, {C: True}, {})
+    )
+    assert deorder(task, plan).before == {(0, 1), (1, 2)}
+
+
+def test_what_must_not_hold_is_a_need_too() -> None:
+    task, plan = small_task(
+        B, frozenset({A}), clear=(NOTHING, {A: False}, {}), use=(Not(A), {B: True}, {}), again=(NOTHING, {A: True}, {})
+    )
+    assert deorder(task, plan).before == {(0, 1), (1, 2)}
+
+
+def test_steps_that_make_a_fact_different_stay_in_order_though_nobody_needs_it() -> None:
+    task, plan = small_task(NOTHING, frozenset(), make=(NOTHING, {A: True}, {}), undo=(NOTHING, {A: False}, {}))
+    assert deorder(task, plan).before == {(0, 1)}
+
+
+def test_a_fact_that_two_steps_make_comes_from_the_first() -> None:
+    task, plan = small_task(
+        C, frozenset(), one=(NOTHING, {A: True}, {}), two=(NOTHING, {A: True}, {}), use=(A, {C: True}, {})
+    )
+    assert deorder(task, plan).before == {(0, 2)}
+
+
+def test_of_alternatives_the_one_that_holds_from_the_start_is_needed() -> None:
+    task, plan = small_task(C, frozenset({B}), one=(NOTHING, {A: True}, {}), use=(disjunction([A, B]), {C: True}, {}))
+    assert deorder(task, plan).before == set()
+
+
+def test_a_denied_alternative_needs_all_its_parts() -> None:
+    nor = Not(Or((A, B)))
+    task, plan = small_task(
+        C, frozenset({A, B}), a=(NOTHING, {A: False}, {}), b=(NOTHING, {B: False}, {}), use=(nor, {C: True}, {})
+    )
+    assert deorder(task, plan).before == {(0, 2), (1, 2)}
+
+
+def test_steps_that_lock_one_device_follow_each_other() -> None:
+    lock = (A, {A: True}, {A: False})
+    task, plan = small_task(A, frozenset({A}), one=lock, two=lock, three=lock)
+    assert deorder(task, plan).before == {(0, 1), (1, 2)}
+
+
+def test_a_step_that_needs_a_device_free_does_not_run_while_it_is_locked() -> None:
+    task, plan = small_task(B, frozenset({A}), lock=(A, {}, {A: False}), use=(A, {B: True}, {}))
+    assert deorder(task, plan).before == {(0, 1)}
+
+
+def test_steps_that_only_read_a_fact_run_at_the_same_time() -> None:
+    task, plan = small_task(conjunction([B, C]), frozenset({A}), one=(A, {B: True}, {}), two=(A, {C: True}, {}))
+    assert deorder(task, plan).before == set()
+
+
+@pytest.mark.parametrize("plan", [bring(0, 0, 1, 0), bring(0, 0, 0, 1)[:2]], ids=["a step", "the goal"])
+def test_a_plan_that_does_not_work_is_refused(plan: tuple[PlanStep, ...]) -> None:
+    with pytest.raises(WrongValue, match=r"the plan does not work: .* does not hold"):
+        deorder(transport_task(1, 2, 1), plan)
+
+
+def test_a_locked_device_is_a_resource_of_skills_too() -> None:
+    """Two robots look through one camera, which each locks while it looks."""
+    world = PlanningWorld()
+    camera = world.thing("skiros:DepthCamera", StateProperty="Idle")
+    products = [world.thing("skiros:Product") for _ in range(2)]
+    look = skill(
+        "Look",
+        [
+            ("Object", "skiros:Product", REQUIRED),
+            ("Camera", "skiros:DepthCamera", INFERRED, [ParamOptions.Lock]),
+        ],
+        [specified("Object")],
+        [prop("Object", "skiros:Seen", "=", True)],
+    )
+    robots = [world.robot(name, look) for name in ("alpha", "beta")]
+    view = WorldView(world.wm)
+    goal = GoalReader(view, condition_predicates(view.robots)).read(", ".join(f"(Seen {p})" for p in products))
+    task = make_task(view, goal)
+    plan = [PlanStep("look", (robot, product, camera)) for robot, product in zip(robots, products, strict=True)]
+    assert deorder(task, plan).before == {(0, 1)}
+
+
+# -- of all plans -----------------------------------------------------------------------------------------------------
+
+
+@given(planned=planned_tasks(), data=st.data())
+def test_each_order_that_respects_it_is_a_plan_that_works(
+    planned: tuple[PlanningTask, tuple[PlanStep, ...]], data: st.DataObject
+) -> None:
+    task, plan = planned
+    order = deorder(task, plan)
+    done: list[int] = []
+    above = order.predecessors()
+    while len(done) < len(plan):
+        ready = [i for i in range(len(plan)) if i not in done and all(p in done for p in above[i])]
+        done.append(data.draw(st.sampled_from(ready)))
+    assert flaw(task, [plan[i] for i in done]) == ""
+
+
+@given(planned=planned_tasks())
+def test_steps_that_may_run_at_the_same_time_leave_each_other_alone(
+    planned: tuple[PlanningTask, tuple[PlanStep, ...]],
+) -> None:
+    """Neither makes false what the other makes, not even while it runs, and each has a robot of its own."""
+    task, plan = planned
+    for i, j in unordered(deorder(task, plan)):
+        assert robot_of(task, plan[i]) != robot_of(task, plan[j])
+        for one, other in ((plan[i], plan[j]), (plan[j], plan[i])):
+            spoilt = {(atom, not state) for atom, state in (*net_effects(task, one), *during_of(task, one))}
+            assert not spoilt & (net_effects(task, other) | set(during_of(task, other)))
+
+
+@given(planned=planned_tasks())
+def test_each_link_is_from_before_and_nothing_between_breaks_it(
+    planned: tuple[PlanningTask, tuple[PlanStep, ...]],
+) -> None:
+    task, plan = planned
+    for link in deorder(task, plan).links:
+        end = len(plan) if link.consumer == GOAL else link.consumer
+        assert link.producer < end
+        for k in range(link.producer + 1, end):
+            assert (link.atom, not link.state) not in net_effects(task, plan[k]) | set(during_of(task, plan[k]))
+
+
+def net_effects(task: PlanningTask, step: PlanStep) -> set[tuple[Atom, bool]]:
+    """What a step changes; what it makes both true and false is true."""
+    made = set(effects_of(task, step))
+    return {(atom, state) for atom, state in made if state or (atom, True) not in made}
+
+
+def unordered(order: PartialOrder) -> list[tuple[int, int]]:
+    """The pairs of steps that may run at the same time."""
+    above: list[set[int]] = []
+    for before in order.predecessors():
+        above.append({*before, *(i for b in before for i in above[b])})
+    return [(i, j) for j in range(len(order.steps)) for i in range(j) if i not in above[j]]

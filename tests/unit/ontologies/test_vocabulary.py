@@ -29,6 +29,7 @@ OURS = {
     "skiros:hasCondition",
     "skiros:hasValue",
     "skiros:AvailableForPlanning",
+    "skiros:Duration",
     "skiros:PythonModule",
     "skiros:SkillProperty",
     "skiros:RobotProperty",

@@ -163,6 +163,7 @@ class SkillCore(SkillDescription):
         )
         self._options = {key: list(options) for key, options in description.options.items()}
         self._available_for_planning = description.available_for_planning
+        self._duration = description.duration
         self._places = dict(description._places)
         self._description = description
         self._label = label or self.__class__.__name__

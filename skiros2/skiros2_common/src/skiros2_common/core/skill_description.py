@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from typing import Any
 
 from skiros2_common.core import conditions as cond
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.places import Place, authors_place
@@ -30,6 +32,7 @@ class SkillDescription:
         self._hold_conditions: list[Any] = []
         self._post_conditions: list[Any] = []
         self._available_for_planning = True
+        self._duration: float | None = None
         self._places: dict[str, Place | None] = {}  # where each parameter was declared
         self._wmi: Any = None
 
@@ -81,6 +84,20 @@ class SkillDescription:
         """Says whether the task manager may plan with the skill."""
         self._available_for_planning = available
 
+    @property
+    def duration(self) -> float | None:
+        """How long the skill takes (s), for plans; None where that is to be learned from its runs."""
+        return self._duration
+
+    def set_duration(self, seconds: float) -> None:
+        """Says how long the skill takes, for plans.
+
+        :raises WrongValue: that is no duration.
+        """
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0.0 <= seconds < math.inf:
+            raise WrongValue(f"the duration of {self._type} is {seconds!r}, expected seconds")
+        self._duration = float(seconds)
+
     def getDescription(self) -> SkillDescription:
         """A copy of the description alone."""
         copy = SkillDescription()
@@ -89,6 +106,7 @@ class SkillDescription:
         )
         copy._options = {key: list(options) for key, options in self._options.items()}
         copy._available_for_planning = self._available_for_planning
+        copy._duration = self._duration
         return copy
 
     def setDescription(self, typein: str, paramsin: ParamHandler, prein: Any, holdin: Any, postin: Any) -> None:
@@ -237,6 +255,8 @@ class SkillDescription:
         """The skill as an element of the world model, with its parameters and conditions as children."""
         element = Element(self._type, self._label)
         element.setProperty("skiros:AvailableForPlanning", self._available_for_planning)
+        if self._duration is not None:
+            element.setProperty("skiros:Duration", self._duration)
         for param in self._params.values():
             element.addRelation("-1", "skiros:hasParam", param.toElement())
         for relation, some in (

@@ -6,12 +6,16 @@ parameter (`skiros:hasParam`) and each condition (`skiros:hasPreCondition` and s
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 from skiros2_common.core.world_element import Element
+
+log = logging.getLogger(__name__)
 
 #: Names of the Python types that a parameter's `skiros:DataType` may hold; all else is the class of an element.
 _PYTHON_TYPES = frozenset({"str", "int", "float", "bool", "list", "dict", "tuple", "set", "NoneType"})
@@ -83,6 +87,7 @@ class Skill:
 
     :param type: the class, such as `skiros:Pick`.
     :param label: the implementation.
+    :param duration: how long it takes (s), where its description says so.
     """
 
     type: str
@@ -92,6 +97,7 @@ class Skill:
     hold: tuple[SkillCondition, ...]
     post: tuple[SkillCondition, ...]
     available: bool = True
+    duration: float | None = None
 
     @property
     def name(self) -> str:
@@ -145,6 +151,7 @@ def read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
         conditions("skiros:hasHoldCondition"),
         conditions("skiros:hasPostCondition"),
         available=_truth(element.value_of("skiros:AvailableForPlanning"), True),
+        duration=_duration(element),
     )
 
 
@@ -193,6 +200,20 @@ def _value(value: Any) -> str | bool | float | None:
         return float(value)
     text = str(value)
     return text == "True" if text in ("True", "False") else text
+
+
+def _duration(element: Element) -> float | None:
+    value = element.value_of("skiros:Duration")
+    if value is None:
+        return None
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if math.isfinite(seconds) and seconds >= 0.0:
+        return seconds
+    log.warning("skill %s-%s: skiros:Duration is %r, expected seconds", element.id, element.label, value)
+    return None
 
 
 def _truth(value: Any, default: bool) -> bool:

@@ -177,13 +177,17 @@ def descendants(pid: int) -> list[ProcessId]:
 
 
 def _stat(pid: int) -> list[str] | None:
-    """The fields of /proc/PID/stat after the name: state, parent, ...; None for one that has ended."""
+    """The fields of /proc/PID/stat after the name: state, parent, ...; None for one that has ended.
+
+    A killed one has ended when its last thread has: one that is still writing to the disk keeps the connections open.
+    """
     try:
         text = Path(f"/proc/{pid}/stat").read_text()
+        threads = len(os.listdir(f"/proc/{pid}/task"))
     except OSError:
         return None
     fields = text.rpartition(")")[2].split()
-    return None if fields[0] in "ZX" else fields
+    return None if fields[0] in "ZX" and threads <= 1 else fields
 
 
 def _started_at(pid: int) -> str | None:

@@ -10,8 +10,9 @@ from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import serializeParamMap
+from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.command_line import connection, control, program, world
+from skiros2_skill.command_line import connection, program, world
 from skiros2_skill.command_line.assignments import read_steps
 from skiros2_skill.command_line.description import choose, read_skill
 from skiros2_skill.command_line.world import World
@@ -52,6 +53,7 @@ class FakeManager:
         self.told: list[tuple[Any, ...]] = []
         self.breakpoints: list[dict[str, Any]] = []
         self.refuses = ""
+        self.run_by_number: list[int] = []
 
     def skills(self):
         return self._skills
@@ -61,6 +63,9 @@ class FakeManager:
             raise Refused(self.refuses)
         self.told.append((action, task_id, *skills))
         return task_id if task_id >= 0 or not skills else 7
+
+    def tasks(self, task_id=-1):
+        return [[msgs.SkillProgress(id=n)] for n in self.run_by_number if task_id in (-1, n)]
 
     def why(self, task_id):
         self.told.append(("why", task_id))
@@ -402,22 +407,32 @@ def test_a_task_is_resumed_or_ticked_once(run, manager):
     assert manager.told == [("start", 3), ("tick_once", 3)]
 
 
-def test_without_a_number_all_paused_tasks_go_on(run, manager, monkeypatch):
-    monkeypatch.setattr(control, "_tasks", lambda manager: [3, 5])
+def test_without_a_number_all_paused_tasks_go_on(run, manager):
+    manager.run_by_number = [3, 5]
     assert run("resume").out == "task 3 goes on\ntask 5 goes on\n"
     manager.refuses = "task 3 runs already"
     assert run("resume") == (1, "", "resume: task 3 runs already; task 3 runs already\n")
-    monkeypatch.setattr(control, "_tasks", lambda manager: [])
+    manager.run_by_number = []
     assert run("resume") == (1, "", "resume: no task is paused\n")
 
 
-def test_without_a_number_the_only_task_is_ticked_once(run, manager, monkeypatch):
-    monkeypatch.setattr(control, "_tasks", lambda manager: [5])
+def test_without_a_number_the_only_task_is_ticked_once(run, manager):
+    manager.run_by_number = [5]
     assert run("step").out == "task 5 was ticked once\n"
-    monkeypatch.setattr(control, "_tasks", lambda manager: [3, 5])
+    manager.run_by_number = [3, 5]
     assert run("step") == (1, "", "step: there are 2 tasks (3, 5): name one\n")
-    monkeypatch.setattr(control, "_tasks", lambda manager: [])
+    manager.run_by_number = []
     assert run("step") == (1, "", "step: no task runs\n")
+
+
+# -- watch -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_task_that_does_not_run_is_not_watched(run, manager):
+    manager.run_by_number = [3]
+    assert run("watch", "--once", "4") == (
+        1, "", f"watch: no task 4 runs on {ROBOT}; why 4 may tell its end\n",
+    )
 
 
 def test_breakpoints_are_listed_added_and_removed(run, manager):

@@ -97,6 +97,16 @@ class Manager:
         answer = self._call(_COMMAND, srvs.SkillCommand, self.author, action, task_id, list(skills))
         return int(answer.execution_id)
 
+    def tasks(self, task_id: int = -1) -> list[Sequence[Any]]:
+        """The tasks that have not ended, ordered by id: the `SkillProgress` of each node, each before its children.
+
+        :param task_id: only this one; -1: all.
+        """
+        from skiros2_msgs import srv as srvs
+
+        trees = self._call("tasks", srvs.SkillTasks, task_id).tasks
+        return sorted((tree.progress for tree in trees), key=lambda nodes: nodes[0].id)
+
     def why(self, task_id: int) -> Any:
         """Why a task failed: a `SkillWhyResponse`."""
         from skiros2_msgs import srv as srvs

@@ -26,7 +26,7 @@ def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> A
     """Lets a paused task go on, or all that are paused."""
     resumed = []
     refusals = []
-    for task_id in _tasks(manager) if arguments.task is None else [arguments.task]:
+    for task_id in _numbers(manager) if arguments.task is None else [arguments.task]:
         try:
             resumed.append(manager.command("start", task_id))
         except SkirosError as error:  # it runs already, or has ended meanwhile
@@ -40,7 +40,7 @@ def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Ans
     """Ticks a paused task once; without its number, the only one that there is."""
     task_id = arguments.task
     if task_id is None:
-        tasks = _tasks(manager)
+        tasks = _numbers(manager)
         if len(tasks) != 1:
             told = f"there are {len(tasks)} tasks ({', '.join(map(str, tasks))}): name one" if tasks else "no task runs"
             raise Refused(told)
@@ -58,16 +58,9 @@ def _or_all(task_id: int | None) -> int:
     return _ALL if task_id is None else task_id
 
 
-def _tasks(manager: Manager) -> list[int]:
-    """The tasks that have not ended."""
-    from skiros2_skill.command_line.following import Follower, become_node
-
-    become_node("skill_control")
-    follower = Follower(manager)
-    try:
-        return sorted(follower.all_tasks())
-    finally:
-        follower.close()
+def _numbers(manager: Manager) -> list[int]:
+    """The ids of the tasks that have not ended."""
+    return [nodes[0].id for nodes in manager.tasks()]
 
 
 def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:

@@ -12,10 +12,6 @@ import rospy
 from skiros2_common.command_line.master import NotThere
 from skiros2_msgs.msg import TreeProgress
 from skiros2_skill.command_line.connection import Manager
-from skiros2_skill.command_line.tree import has_ended
-
-#: A manager tells of each of its tasks once a second at least; after so long it has told of all (s).
-ALL_TOLD = 1.4
 
 #: After so long without news it is asked whether it is still there (s).
 _SILENCE = 2.0
@@ -54,20 +50,6 @@ class Follower:
                 raise NotThere(f"the skill manager {self._manager.name} is gone")
             self._heard_at = time.monotonic()
         return news
-
-    def all_tasks(self, task_id: int | None = None) -> dict[int, Sequence[Any]]:
-        """The nodes of all tasks that have not ended, by their ids.
-
-        :param task_id: only this one; returns as soon as it was told of, also of its end.
-        """
-        tasks: dict[int, Sequence[Any]] = {}
-        end = time.monotonic() + ALL_TOLD
-        while (left := end - time.monotonic()) > 0:
-            for nodes in self.news(left):
-                if nodes[0].id == task_id:
-                    return {nodes[0].id: nodes}
-                tasks[nodes[0].id] = nodes
-        return {number: nodes for number, nodes in tasks.items() if task_id is None and not has_ended(nodes)}
 
     def _take(self, message: Any) -> None:
         if message.progress:

@@ -27,27 +27,34 @@ _PERIOD = 0.1
 
 def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> Answer:
     """Shows what tasks do, as a tree on a terminal, else a line for each change; by default all, until Ctrl-C."""
+    holds = Conditions(World(manager.name, manager.author))
+    if arguments.once:
+        return _picture(_tasks(manager, arguments.task), page, holds)
     from skiros2_skill.command_line.following import Follower, become_node
 
-    holds = Conditions(World(manager.name, manager.author))
     become_node("skill_watch")
-    follower = Follower(manager)
+    follower = Follower(manager)  # before it is asked: no news are lost
     try:
-        first = follower.all_tasks(arguments.task) if arguments.once or arguments.task is not None else {}
-        if arguments.task is not None and not first:
-            raise UnknownName(f"no task {arguments.task} runs on {manager.name}; why {arguments.task} may tell its end")
-        if arguments.once:
-            return _picture(list(first.values()), page, holds)
-        view = _view(manager.name, arguments.json, page, holds)
-        return _follow(follower, arguments.task, list(first.values()), view)
+        first = _tasks(manager, arguments.task)
+        return _follow(follower, arguments.task, first, _view(manager.name, arguments.json, page, holds))
     finally:
         follower.close()
+
+
+def _tasks(manager: Manager, task_id: int | None) -> list[Nodes]:
+    """The tasks that have not ended: this one, or all."""
+    if task_id is None:
+        return manager.tasks()
+    tasks = manager.tasks(task_id)
+    if not tasks:
+        raise UnknownName(f"no task {task_id} runs on {manager.name}; why {task_id} may tell its end")
+    return tasks
 
 
 def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> Answer:
     coloured = sys.stdout.isatty()
     lines: list[str] = []
-    for nodes in sorted(tasks, key=lambda nodes: nodes[0].id):
+    for nodes in tasks:
         lines += ["", *(line.shown(coloured) for line in picture(page, nodes, holds))]
     return Answer(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 

@@ -75,6 +75,7 @@ class Task:
         self._gives_up = False
         self._stuck: Stuck | None = None
         self._tells_all = True
+        self._numbering = threading.Lock()
         #: How often `take_changed` has answered yes.
         self.changes = 0
         self.ended = threading.Event()
@@ -248,8 +249,9 @@ class Task:
         return changed
 
     def progress(self) -> list[NodeProgress]:
-        """The state of every node, each before its children; of those for which there are ids."""
-        self._number_nodes()
+        """The state of every node, each before its children; of those for which there are ids. Any thread."""
+        with self._numbering:
+            self._number_nodes()
         reason = "" if self.ended.is_set() or not self.paused else "paused"
         return [
             NodeProgress(

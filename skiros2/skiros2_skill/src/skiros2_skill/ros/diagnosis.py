@@ -1,18 +1,22 @@
-"""The services of a manager for those who look for a fault: `~why` and `~breakpoint`."""
+"""The services of a manager for those who look at its tasks: `~tasks`, `~why` and `~breakpoint`."""
 
 from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import rospy
 
 from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.authors import name_authors
-from skiros2_skill.core.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.breakpoints import Breakpoint
 from skiros2_skill.core.history import History
+from skiros2_skill.core.task import Task
+from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.progress import wire_text
 from skiros2_skill.ros.task_starter import explanations_json
 
@@ -24,14 +28,18 @@ _ALL = -1
 class Diagnosis:
     """Offers the services until `close`.
 
+    :param progress: the `SkillProgress` of each node of a task.
     :param wmi: is asked who made the changes that explanations speak of.
     """
 
-    def __init__(self, history: History, breakpoints: Breakpoints, wmi: Any) -> None:
+    def __init__(self, history: History, ticker: Ticker, progress: Callable[[Task], list[Any]], wmi: Any) -> None:
         self._history = history
+        self._ticker = ticker
+        self._progress = progress
         self._wmi = wmi
-        self._breakpoints = breakpoints
+        self._breakpoints = ticker.breakpoints
         self._services = [
+            rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
             rospy.Service("~breakpoint", srvs.SkillBreakpoint, self._on_breakpoint),
         ]
@@ -39,6 +47,10 @@ class Diagnosis:
     def close(self) -> None:
         for service in self._services:
             service.shutdown()
+
+    def _on_tasks(self, request: Any) -> Any:
+        tasks = [task for task in self._ticker.tasks() if request.task_id in (_ALL, task.id)]
+        return srvs.SkillTasksResponse([msgs.TreeProgress(self._progress(task)) for task in tasks])
 
     def _on_why(self, request: Any) -> Any:
         try:

@@ -79,11 +79,12 @@ class ProgressPublisher:
     def _message(self, task: Task) -> Any:
         changes, message = self._told.get(task.id, (-1, None))
         if changes != task.changes or self.with_params:
-            message = _Written(self._nodes(task))
+            message = _Written(self.nodes(task))
             self._told[task.id] = (task.changes, message)
         return message
 
-    def _nodes(self, task: Task) -> list[Any]:
+    def nodes(self, task: Task) -> list[Any]:
+        """The `SkillProgress` of each node as it is now, each before its children. Any thread."""
         return [self._node(task.id, node) for node in task.progress()]
 
     def _node(self, task_id: int, node: NodeProgress) -> Any:

@@ -94,7 +94,7 @@ class SkillManager(DiscoverableNode):
             self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout
         )
         self._starter = TaskStarter(self._library, self._wmi, ticker, self._history, lambda: self._registration.robot)
-        self._diagnosis = Diagnosis(self._history, ticker.breakpoints, self._wmi)
+        self._diagnosis = Diagnosis(self._history, ticker, self._progress.nodes, self._wmi)
         self._execute = ExecuteAction(self._starter, ticker)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),

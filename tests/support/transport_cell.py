@@ -1,0 +1,222 @@
+"""A cell of robots that carry products, without a world model: facts, a clock, and robots that take time and fail.
+
+It does what an executive asks for, and tells it what has come of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from skiros2_task.core.commands import Claim, Command, End, Look, Plan, Start, Stop, Wake
+from skiros2_task.core.execution import Executive
+from skiros2_task.core.formula import And, Atom, holds
+from skiros2_task.core.jobs import Job, carried_out, make_jobs, with_jobs_done, without_skills
+from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
+from skiros2_task.core.task_planner import Verdict
+from support.transport_task import CONTAIN, GRIPPER, PLACE, ROBOT, contain, transport_task
+
+PLANNING_TIME, STEP_TIME = 0.5, 2.0
+
+
+@dataclass
+class Doing:
+    """A step that a robot does.
+
+    :param until: when it ends.
+    :param fails: it changes nothing, and fails.
+    """
+
+    job: Job
+    until: float
+    fails: bool = False
+
+
+class TransportCell:
+    """Carries out one goal: each product at the place after its own.
+
+    :param fails: tells of each step that is started whether it will fail.
+    """
+
+    def __init__(
+        self,
+        robots: int,
+        places: int,
+        products: int,
+        max_replans: int = 5,
+        fails: Callable[[Job], bool] = lambda job: False,
+    ) -> None:
+        task = transport_task(robots, places, products)
+        self.robots = task.members[ROBOT]
+        managers = tuple((robot, robot) for robot in self.robots)
+        self._task = replace(task, actions=tuple(replace(action, managers=managers) for action in task.actions))
+        self.facts = task.init
+        self.now = 0.0
+        self.gone: set[str] = set()
+        self.doing: dict[int, Doing] = {}
+        self.started: list[tuple[Job, bool]] = []  # with whether what it needs held
+        self.end: End | None = None
+        self._fails = fails
+        self._due: list[tuple[float, Callable[[], Sequence[Command]]]] = []
+        self.executive = Executive(lambda: self.now, max_replans)
+        self.tell(self.executive.begin())
+
+    @property
+    def task(self) -> PlanningTask:
+        """As the world is now."""
+        return replace(self._task, init=self.facts)
+
+    @property
+    def reached(self) -> bool:
+        return holds(self._task.goal, self.facts)
+
+    # -- what the executive asks for ---------------------------------------------------------------------------
+
+    def tell(self, commands: Sequence[Command]) -> None:
+        """Does what the executive has answered."""
+        for command in commands:
+            assert self.end is None, f"{command} after the end"
+            if isinstance(command, Plan):
+                self._later(PLANNING_TIME, self._plan(command))
+            elif isinstance(command, Claim):
+                self._later(0.0, self.executive.granted)
+            elif isinstance(command, Start):
+                self._start(command.job)
+            elif isinstance(command, Stop):
+                self._later(0.1, lambda number=command.number: self._stopped(number))
+            elif isinstance(command, Look):
+                self._later(command.after, lambda: self.executive.world(self.task))
+            elif isinstance(command, Wake):
+                self._later(command.after, self.executive.wake)
+            else:
+                assert not self.doing, "steps run after the end"
+                self.end = command
+
+    def _later(self, seconds: float, event: Callable[[], Sequence[Command]]) -> None:
+        self._due.append((self.now + seconds, event))
+
+    def _plan(self, command: Plan) -> Callable[[], Sequence[Command]]:
+        """Plans with the world as it is now; the answer comes later."""
+        seen, first = self.task, self.executive.first_number
+        gone = frozenset((manager, "") for manager in command.gone)
+        for avoided in (gone | command.avoided, gone):
+            task = without_skills(with_jobs_done(seen, command.running), avoided)
+            steps = transport_plan(task, [r for r in self.robots if (r, "") not in avoided])
+            if steps is not None:
+                calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in steps]
+                jobs = make_jobs(task, steps, calls, first)
+                return lambda: self.executive.planned(seen, jobs)
+        return lambda: self.executive.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
+
+    def _start(self, job: Job) -> None:
+        robot = job.call.manager
+        assert robot not in self.gone, f"{job}: the robot is gone"
+        assert not any(d.job.call.manager == robot for d in self.doing.values()), f"{job}: the robot is busy"
+        self.started.append((job, holds(job.needs, self.facts)))
+        fails = self._fails(job) or not holds(job.needs, self.facts)
+        self.doing[job.number] = Doing(job, self.now + STEP_TIME, fails)
+
+    def _stopped(self, number: int) -> Sequence[Command]:
+        doing = self.doing.pop(number, None)
+        return self.executive.ended(number, False, "stopped") if doing is not None else []
+
+    # -- what happens ------------------------------------------------------------------------------------------
+
+    def run(self, until: float = float("inf"), most: int = 10_000) -> None:
+        """Goes on until that time, or the end.
+
+        :raises AssertionError: it does not end.
+        """
+        for _ in range(most):
+            times = [time for time, _ in self._due] + [doing.until for doing in self.doing.values()]
+            if self.end is not None or not times or min(times) > until:
+                self.now = max(self.now, until) if until != float("inf") else self.now
+                return
+            self.now = max(self.now, min(times))
+            self._next()
+        raise AssertionError("it goes on for ever")
+
+    def _next(self) -> None:
+        for index, (time, event) in enumerate(self._due):
+            if time <= self.now:
+                del self._due[index]
+                self.tell(event())
+                return
+        number, doing = next((n, d) for n, d in self.doing.items() if d.until <= self.now)
+        del self.doing[number]
+        if not doing.fails:
+            self.facts = carried_out(self.facts, doing.job)
+        self.tell(self.executive.ended(number, not doing.fails, "broken" if doing.fails else ""))
+        self.change(self.facts)
+
+    def change(self, facts: frozenset[Atom]) -> None:
+        """Makes the world another."""
+        self.facts = facts
+        if self.end is None:
+            self.tell(self.executive.world(self.task))
+
+    def move(self, product: str, place: str) -> None:
+        """Somebody carries a product away."""
+        there = {a for a in self.facts if a.predicate == CONTAIN and a.terms[1] == product}
+        self.change((self.facts - there) | {contain(place, product)})
+
+    def lose(self, robot: str) -> None:
+        """A robot disappears, with what it was doing; what it held lies where it stood."""
+        self.gone.add(robot)
+        for number in [n for n, d in self.doing.items() if d.job.call.manager == robot]:
+            del self.doing[number]
+        if self.end is None:
+            self.tell(self.executive.robot_gone(robot))
+
+    def find(self, robot: str) -> None:
+        """A robot is back."""
+        self.gone.discard(robot)
+        if self.end is None:
+            self.tell(self.executive.robot_back(robot))
+
+
+def transport_plan(task: PlanningTask, robots: Sequence[str]) -> list[PlanStep] | None:
+    """A plan for products that are to be at places: the robots take turns. None when there is no robot for one."""
+    facts = set(task.init)
+    place_of = {a.terms[0]: a.terms[1] for a in facts if a.predicate.name == "skiros:at"}
+    inside = {a.terms[1]: a.terms[0] for a in facts if a.predicate == CONTAIN}
+    gripper_of = {robot: robot.replace(ROBOT, GRIPPER) for robot in place_of}
+    holder = {gripper: robot for robot, gripper in gripper_of.items()}
+    steps: list[PlanStep] = []
+
+    def drive(robot: str, place: str) -> None:
+        if place_of[robot] != place:
+            steps.append(PlanStep("drive", (robot, place_of[robot], place)))
+            place_of[robot] = place
+
+    def put(robot: str, product: str, place: str) -> None:
+        drive(robot, place)
+        steps.append(PlanStep("place", (robot, gripper_of[robot], place, product)))
+
+    goals = [
+        (atom.terms[1], atom.terms[0]) for atom in (task.goal.parts if isinstance(task.goal, And) else (task.goal,))
+    ]
+    # What is held comes first: hands have to be empty.
+    for turn, (product, place) in enumerate(sorted(goals, key=lambda goal: inside[goal[0]].startswith(PLACE))):
+        if inside[product] == place:
+            continue
+        able = [r for r in robots if all(_can(task, name, r) for name in ("drive", "pick", "place"))]
+        if not inside[product].startswith(PLACE):
+            if holder[inside[product]] not in able:
+                return None
+            robot = holder[inside[product]]
+        elif not able:
+            return None
+        else:
+            robot = able[turn % len(able)]
+            drive(robot, inside[product])
+            steps.append(PlanStep("pick", (robot, gripper_of[robot], inside[product], product)))
+        put(robot, product, place)
+    return steps
+
+
+def _can(task: PlanningTask, action: str, robot: str) -> bool:
+    return any(
+        a.predicate.kind.value == "can" and str(a.predicate.name) == action and a.terms == (robot,) for a in task.init
+    )

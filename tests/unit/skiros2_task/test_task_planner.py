@@ -114,7 +114,7 @@ def test_a_goal_may_be_a_formula(world: PlanningWorld) -> None:
 
 
 @pytest.mark.parametrize(
-    ("terms", "expected"), [(("nobody", "?x"), "unknown element 'nobody'"), (("?x",), "expected 2 element")]
+    ("terms", "expected"), [(("nobody", "?x"), "unknown element 'nobody'"), (("?x",), "expected subject and object")]
 )
 def test_a_formula_that_means_nothing_is_refused(world: PlanningWorld, terms: tuple[str, ...], expected: str) -> None:
     goal = Exists((("?x", "skiros:Location"),), Atom(AT, terms))

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.names import local_name
+from skiros2_task.core.effects import PROPERTY_KINDS, exclude_each_other
 from skiros2_task.core.formula import (
     FALSE,
     TRUE,
@@ -157,8 +158,8 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
     for parameter in skill.parameters:
         if parameter.missing:
             raise _Unusable(f"its parameter {parameter.key} has no default, and planning cannot give it a value")
-    _check_contradictions(skill.pre, "pre")
-    _check_contradictions(skill.post, "post")
+    for conditions, what in ((skill.pre, "pre"), (skill.hold, "hold"), (skill.post, "post")):
+        _check_contradictions(conditions, what)
     reader = _ConditionReader(skill)
     # What a skill itself brings about before it holds it (a lock, say) is not asked for at the start.
     own = [c for c in skill.hold if any(c.contradicts(pre) for pre in skill.pre)]
@@ -187,8 +188,18 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
 def _check_contradictions(conditions: Sequence[SkillCondition], what: str) -> None:
     for i, one in enumerate(conditions):
         for other in conditions[i + 1 :]:
-            if one.contradicts(other):
+            if one.contradicts(other) or _exclude_each_other(one, other):
                 raise _Unusable(f"its {what}-conditions {one.label!r} and {other.label!r} contradict each other")
+
+
+def _exclude_each_other(one: SkillCondition, other: SkillCondition) -> bool:
+    """Whether conditions on one property of one element can never hold together."""
+    first, second = _predicate(one), _predicate(other)
+    if first is None or second is None or not {first.kind, second.kind} <= PROPERTY_KINDS:
+        return False
+    if (one.subject, first.name) != (other.subject, second.name):
+        return False
+    return exclude_each_other((first, one.state), (second, other.state))
 
 
 def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:
@@ -253,7 +264,10 @@ class _ConditionReader:
         if robot is not None and robot.element_class is not None and not robot.fixed:
             chosen.append(Variable(f"?{ROBOT_KEY}", ROBOT_KEY, (robot.element_class,)))
         else:
-            chosen.append(Variable("?Manager", "", ("sumo:Agent",)))
+            name = "?Manager"
+            while self._skill.parameter(name[1:]) is not None:
+                name += "_"
+            chosen.append(Variable(name, "", ("sumo:Agent",)))
         for parameter in self._skill.parameters:
             if parameter.element_class is None or parameter.fixed or parameter.key == chosen[0].key:
                 continue

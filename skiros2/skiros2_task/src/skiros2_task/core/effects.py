@@ -12,6 +12,10 @@ from collections.abc import Callable, Iterable
 from skiros2_task.core.formula import Atom, Formula, Kind, Not, Predicate, conjunction, disjunction
 
 Literal = tuple[Predicate, bool]
+Interval = tuple[float, bool, float, bool]  # lower bound, whether it belongs, upper bound, whether it belongs
+
+#: What is said of a property.
+PROPERTY_KINDS = frozenset({Kind.VALUE, Kind.HAS, Kind.COMPARES})
 
 _COMPLEMENTS = {">": ("<=",), "<": (">=",), ">=": ("<",), "<=": (">",), "=": ("<", ">")}
 
@@ -68,7 +72,7 @@ class FactFamilies:
                 for p in used
                 if p.kind is Kind.RELATION and (p == effect or self._is_subproperty(p.name, effect.name))
             ]
-        if effect.kind not in (Kind.VALUE, Kind.HAS, Kind.COMPARES):
+        if effect.kind not in PROPERTY_KINDS:
             return [(p, state) for p in used if p == effect]
         if effect.kind is Kind.VALUE and isinstance(effect.value, bool) and not state:
             effect, state = Predicate(Kind.VALUE, effect.name, not effect.value), True
@@ -79,6 +83,29 @@ class FactFamilies:
                 if after is not None:
                     found.append((predicate, after))
         return found
+
+
+def exclude_each_other(one: Literal, other: Literal) -> bool:
+    """Whether two facts, or their opposites, of one property of one element can never be true together."""
+    if one == (other[0], not other[1]):
+        return True
+    if not (one[1] or other[1]):
+        return False  # both are so where the property is missing
+    (first, first_state), (second, second_state) = one, other
+    if (first.kind is Kind.HAS and not first_state) or (second.kind is Kind.HAS and not second_state):
+        return True
+    if first.kind is second.kind is Kind.COMPARES:
+        return _are_apart([*_regions(first, first_state), *_regions(second, second_state)])
+    if isinstance(first.value, bool) and isinstance(second.value, bool):
+        return (first.value == first_state) != (second.value == second_state)
+    return False
+
+
+def _are_apart(regions: list[Interval]) -> bool:
+    """Whether no number is in all of some intervals."""
+    low, low_out = max((low, not belongs) for low, belongs, _, _ in regions)
+    high, high_in = min((high, belongs) for _, _, high, belongs in regions)
+    return low > high or (low == high and (low_out or not high_in))
 
 
 def _after(effect: Predicate, state: bool, predicate: Predicate) -> bool | None:
@@ -97,9 +124,6 @@ def _after(effect: Predicate, state: bool, predicate: Predicate) -> bool | None:
     if kind is Kind.COMPARES:
         return any(_within(region, predicate) for region in _regions(effect, state))
     return False if kind is Kind.VALUE and state else None
-
-
-Interval = tuple[float, bool, float, bool]  # lower bound, whether it belongs, upper bound, whether it belongs
 
 
 def _regions(effect: Predicate, state: bool) -> list[Interval]:

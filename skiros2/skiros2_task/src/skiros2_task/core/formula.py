@@ -1,11 +1,12 @@
 """Predicates and formulas: what skills need and change, and what goals say.
 
 Names are those of the ontology and the ids of elements; a term that starts with `?` is a variable. How they are
-called in PDDL is the business of `pddl_names`.
+called in PDDL is the business of `pddl_names`. `str()` of what a goal can say is its text, which reads back as it.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -16,6 +17,9 @@ from skiros2_common.core.errors import WrongValue
 
 #: How many formulas a quantifier may stand for.
 MAX_INSTANCES = 100_000
+
+#: What ends a name in a goal.
+_NEEDS_QUOTES = re.compile(r'[\s(),;"]')
 
 
 class Kind(Enum):
@@ -29,6 +33,10 @@ class Kind(Enum):
     IS_A = "is a"  # x is of that class
     IN_SCENE = "in scene"  # x is there
     CAN = "can"  # robot x has that skill
+    SAME = "="  # x is y
+
+
+_SAID_IN_GOALS = frozenset({Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS, Kind.SAME})
 
 
 @dataclass(frozen=True)
@@ -48,15 +56,17 @@ class Predicate:
     @property
     def arity(self) -> int:
         """The number of terms."""
-        return 2 if self.kind in (Kind.RELATION, Kind.ALLOWED) else 1
+        return 2 if self.kind in (Kind.RELATION, Kind.ALLOWED, Kind.SAME) else 1
 
     def __str__(self) -> str:
         if self.kind is Kind.VALUE:
             return self.name if self.value is True else f"{self.name}_{self.value}"
         if self.kind is Kind.COMPARES:
-            return f"{self.name} {self.operator} {self.value:g}"
+            return f"{self.name} {self.operator} {_number(self.value)}"
         if self.kind is Kind.RELATION:
             return self.name
+        if self.kind is Kind.HAS:
+            return f"has_{self.name}"
         return f"{self.kind.value} {self.name}".rstrip()
 
 
@@ -70,8 +80,11 @@ class Atom:
     def __str__(self) -> str:
         if self.predicate.kind is Kind.COMPARES:
             p = self.predicate
-            return f"({p.operator} ({p.name} {self.terms[0]}) {p.value:g})"
-        return f"({' '.join((str(self.predicate), *self.terms))})"
+            return f"({p.operator} ({quoted(p.name)} {quoted(self.terms[0])}) {_number(p.value)})"
+        word = str(self.predicate)
+        # What goals cannot say (that a robot has a skill, say) is told in words.
+        name = quoted(word) if self.predicate.kind in _SAID_IN_GOALS else word
+        return f"({' '.join((name, *map(quoted, self.terms)))})"
 
 
 @dataclass(frozen=True)
@@ -87,7 +100,7 @@ class And:
     parts: tuple[Formula, ...]
 
     def __str__(self) -> str:
-        return f"(and {' '.join(str(p) for p in self.parts)})" if self.parts else "true"
+        return f"(and {' '.join(str(p) for p in self.parts)})" if self.parts else "(and)"
 
 
 @dataclass(frozen=True)
@@ -95,7 +108,7 @@ class Or:
     parts: tuple[Formula, ...]
 
     def __str__(self) -> str:
-        return f"(or {' '.join(str(p) for p in self.parts)})" if self.parts else "false"
+        return f"(or {' '.join(str(p) for p in self.parts)})" if self.parts else "(or)"
 
 
 @dataclass(frozen=True)
@@ -127,7 +140,29 @@ FALSE = Or(())
 
 
 def _typed(variables: Sequence[tuple[str, str]]) -> str:
-    return " ".join(f"{variable} - {cls}" for variable, cls in variables)
+    return " ".join(f"{variable} - {quoted(cls)}" for variable, cls in variables)
+
+
+def quoted(name: str) -> str:
+    """A name as it stands in a goal: in quotes where it would not be one word. What no quotes can hold becomes `_`."""
+    if name and not _NEEDS_QUOTES.search(name):
+        return name
+    return '"' + re.sub(r'["\n]', "_", name) + '"'
+
+
+def _number(value: object) -> str:
+    """A number, with all its digits."""
+    text = repr(float(value))  # type: ignore[arg-type]
+    return text.removesuffix(".0")
+
+
+def same(one: str, other: str) -> Formula:
+    """That two terms are the same element: decided at once where neither is a variable."""
+    if one == other:
+        return TRUE
+    if one.startswith("?") or other.startswith("?"):
+        return Atom(Predicate(Kind.SAME), (one, other))
+    return FALSE
 
 
 def conjunction(parts: Iterable[Formula]) -> Formula:
@@ -198,7 +233,8 @@ def literals(formula: Formula) -> Iterator[tuple[Atom, bool]]:
 def bind(formula: Formula, values: dict[str, str]) -> Formula:
     """The formula with values in the place of variables."""
     if isinstance(formula, Atom):
-        return Atom(formula.predicate, tuple(values.get(t, t) for t in formula.terms))
+        terms = tuple(values.get(t, t) for t in formula.terms)
+        return same(*terms) if formula.predicate.kind is Kind.SAME else Atom(formula.predicate, terms)
     if isinstance(formula, Not):
         return Not(bind(formula.part, values))
     if isinstance(formula, And):

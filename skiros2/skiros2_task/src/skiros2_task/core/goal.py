@@ -2,12 +2,13 @@
 
 A goal may write a relation, property, class or id as PDDL would (any case, `_` for other signs) and leave out the
 prefix. `(contain a b)` is a relation; `(Painted a)` or `(State_Painted a)` says that a property has that value,
-`(Open a)` that a truth property is true, `(has_Weight a)` that there is a value, `(> (Weight a) 2)` how it compares.
+`(Open a)` that a truth property is true, `(has_Weight a)` that there is a value, `(> (Weight a) 2)` how it compares,
+`(= (State a) Painted)` as `(State_Painted a)`, `(= ?x a)` that both are the same element.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cached_property
 from itertools import product
 
@@ -22,12 +23,14 @@ from skiros2_task.core.formula import (
     Predicate,
     conjunction,
     disjunction,
+    same,
 )
 from skiros2_task.core.goal_syntax import (
     GoalError,
     Name,
     ParsedAtom,
     ParsedComparison,
+    ParsedEquality,
     ParsedGoal,
     ParsedJunction,
     ParsedNot,
@@ -116,8 +119,13 @@ class GoalReader:
             return self._atom(goal, variables)
         if isinstance(goal, ParsedComparison):
             prop = self._named(self._properties, goal.property, "property")
-            predicate = Predicate(Kind.COMPARES, prop, goal.value, goal.operator)
+            predicate = self._equals(prop, goal.value)
+            if goal.operator != "=":
+                predicate = Predicate(Kind.COMPARES, prop, goal.value, goal.operator)
             return self._with_terms(predicate, (goal.subject,), variables)
+        if isinstance(goal, ParsedEquality):
+            choices = product(self._term(goal.one, variables), self._term(goal.other, variables))
+            return disjunction(same(one, other) for one, other in choices)
         if isinstance(goal, ParsedNot):
             return Not(self._goal(goal.part, variables))
         if isinstance(goal, ParsedJunction):
@@ -143,6 +151,8 @@ class GoalReader:
                 raise self._error(name, f"{name.text!r} is a value of several properties; write {ways}")
             if self._relations.find(name.text):
                 raise self._error(name, f"{name.text!r} is a relation: expected subject and object, found one name")
+            if self._classes.find(name.text):
+                raise self._error(name, f"{name.text!r} is a class; no skill changes what class an element is of")
         elif not count:
             raise self._error(name, f"expected ({name.text} subject) or ({name.text} subject object), found no subject")
         else:
@@ -167,11 +177,18 @@ class GoalReader:
         for cut in (i for i, char in enumerate(text) if char == "_"):
             found = self._properties.find(text[:cut])
             if len(found) == 1 and text[cut + 1 :]:
-                value: str | bool = text[cut + 1 :]
-                if found[0] in self._truths and str(value).lower() in ("true", "false"):
-                    value = str(value).lower() == "true"
-                return [Predicate(Kind.VALUE, str(found[0]), value)]
+                return [self._equals(str(found[0]), text[cut + 1 :])]
         return []
+
+    def _equals(self, prop: str, value: str | float) -> Predicate:
+        """That a property has a value."""
+        if isinstance(value, float):
+            return Predicate(Kind.COMPARES, prop, value, "=")
+        known = [p for p in self._values.find(f"{prop}_{value}") if isinstance(p, Predicate)]
+        if len(known) == 1:
+            return known[0]
+        truth = value.lower() in ("true", "false")
+        return Predicate(Kind.VALUE, prop, value.lower() == "true" if truth else value)
 
     def _with_terms(self, predicate: Predicate, terms: tuple[Name, ...], variables: Variables) -> Formula:
         """The predicate of each combination of what the terms may mean: one of them has to hold."""
@@ -242,27 +259,3 @@ def _prefixed(names: Iterable[str]) -> NameIndex:
     for name in sorted(names):
         index.add_prefixed(name)
     return index
-
-
-def check_goal(goal: Formula, world: WorldView) -> None:
-    """Checks a goal that was given as a formula.
-
-    :raises GoalError: it speaks of an element that is not in the world, or a variable that nothing binds.
-    """
-    _check(goal, frozenset(), world.objects.__contains__)
-
-
-def _check(goal: Formula, variables: frozenset[str], known: Callable[[str], bool]) -> None:
-    if isinstance(goal, Atom):
-        for term in goal.terms:
-            if term not in variables and not known(term):
-                raise GoalError(f"goal {goal}: unknown element {term!r}")
-        if len(goal.terms) != goal.predicate.arity:
-            raise GoalError(f"goal {goal}: expected {goal.predicate.arity} element(s)")
-    elif isinstance(goal, Not):
-        _check(goal.part, variables, known)
-    elif isinstance(goal, ForAll | Exists):
-        _check(goal.body, variables | {v for v, _ in goal.variables}, known)
-    else:
-        for part in goal.parts:
-            _check(part, variables, known)

@@ -2,9 +2,9 @@
 
     goals      = goal {[","] goal}
     goal       = "(" predicate {term} ")"
-               | "(" "not" goal ")" | "(" ("and" | "or") {goal} ")"
+               | "(" "not" goal ")" | "(" ("and" | "or") {goal} ")" | "(" "imply" goal goal ")"
                | "(" ("forall" | "exists") "(" {variable {variable} "-" type} ")" goal ")"
-               | "(" ("=" | ">" | "<" | ">=" | "<=") "(" property term ")" number ")"
+               | "(" ("=" | ">" | "<" | ">=" | "<=") "(" property term ")" value ")" | "(" "=" term term ")"
 
 Names end at spaces, parentheses, commas and semicolons; in double quotes they may hold any of these. A semicolon
 starts a comment that ends with the line. Key words are read in any case.
@@ -12,14 +12,15 @@ starts a comment that ends with the line. Key words are read in any case.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 from skiros2_common.core.errors import WrongValue
 
 #: The operators between a property and a number.
 COMPARATORS = ("=", ">", "<", ">=", "<=")
 
-_CONNECTIVES = ("and", "or", "not", "forall", "exists")
+_CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists")
 _PUNCTUATION = "(),"
 _MAX_DEPTH = 100
 
@@ -30,11 +31,19 @@ class GoalError(WrongValue):
 
 @dataclass(frozen=True)
 class Name:
-    """A word of the goal and its place (both from 1)."""
+    """A word of the goal and its place (both from 1).
+
+    :param quoted: it stood in quotes, so that it is neither punctuation nor a key word.
+    """
 
     text: str
     line: int
     column: int
+    quoted: bool = field(default=False, compare=False)
+
+    def is_sign(self, *signs: str) -> bool:
+        """Whether it is one of these, and not a name that looks so."""
+        return not self.quoted and self.text in signs
 
 
 @dataclass(frozen=True)
@@ -45,10 +54,18 @@ class ParsedAtom:
 
 @dataclass(frozen=True)
 class ParsedComparison:
+    """:param value: a number, or with `=` any text."""
+
     operator: str
     property: Name
     subject: Name
-    value: float
+    value: float | str
+
+
+@dataclass(frozen=True)
+class ParsedEquality:
+    one: Name
+    other: Name
 
 
 @dataclass(frozen=True)
@@ -69,14 +86,15 @@ class ParsedQuantifier:
     body: ParsedGoal
 
 
-ParsedGoal = ParsedAtom | ParsedComparison | ParsedNot | ParsedJunction | ParsedQuantifier
+ParsedGoal = ParsedAtom | ParsedComparison | ParsedEquality | ParsedNot | ParsedJunction | ParsedQuantifier
 
 
 def goal_error(text: str, at: Name, message: str) -> GoalError:
     """An error that points at a place of the goal's text."""
-    lines = text.splitlines() or [""]
-    shown = lines[at.line - 1] if at.line <= len(lines) else ""
-    return GoalError(f"goal, line {at.line}, column {at.column}: {message}\n  {shown}\n  {' ' * (at.column - 1)}^")
+    shown = text.split("\n")[at.line - 1].rstrip()
+    # A tab is as wide above the mark as before it.
+    indent = "".join("\t" if char == "\t" else " " for char in shown[: at.column - 1]).ljust(at.column - 1)
+    return GoalError(f"goal, line {at.line}, column {at.column}: {message}\n  {shown}\n  {indent}^")
 
 
 def parse_goals(text: str) -> tuple[ParsedGoal, ...]:
@@ -99,7 +117,7 @@ class _Parser:
             raise self._error(self._peek(), "the goal is empty; expected something like (skiros:at robot place)")
         found = [self._goal()]
         while self._peek().text != "":
-            if self._peek().text == ",":
+            if self._peek().is_sign(","):
                 self._take()
             found.append(self._goal())
         return tuple(found)
@@ -116,19 +134,23 @@ class _Parser:
 
     def _inside(self) -> ParsedGoal:
         head = self._take()
-        word = head.text.lower()
+        word = "" if head.quoted else head.text.lower()
+        if word == "=" and not self._peek().is_sign("("):
+            return self._equality()
         if word in COMPARATORS:
             return self._comparison(word)
-        if head.text in _PUNCTUATION:
+        if self._ends_names(head):
             raise self._unexpected(head, "a predicate")
         if word not in _CONNECTIVES:
             return self._atom(head)
         goal: ParsedGoal
         if word == "not":
             goal = ParsedNot(self._goal())
+        elif word == "imply":
+            goal = ParsedJunction(False, (ParsedNot(self._goal()), self._goal()))
         elif word in ("and", "or"):
             parts = []
-            while self._peek().text == "(":
+            while self._peek().is_sign("("):
                 parts.append(self._goal())
             goal = ParsedJunction(word == "and", tuple(parts))
         else:
@@ -138,7 +160,7 @@ class _Parser:
 
     def _atom(self, head: Name) -> ParsedAtom:
         terms = []
-        while self._peek().text not in ("", *_PUNCTUATION):
+        while not self._ends_names(self._peek()):
             terms.append(self._take())
         self._expect(")", f"a name, or ) at the end of ({head.text} ...")
         return ParsedAtom(head, tuple(terms))
@@ -147,19 +169,23 @@ class _Parser:
         self._expect("(", f"(property element) after {operator}")
         prop, subject = self._name("a property"), self._name("an element")
         self._expect(")", ") after the element")
-        number = self._name("a number")
-        try:
-            value = float(number.text)
-        except ValueError:
-            raise self._unexpected(number, "a number") from None
+        wanted = self._name("a value" if operator == "=" else "a number")
+        value = _value(wanted)
+        if operator != "=" and isinstance(value, str):
+            raise self._unexpected(wanted, "a number")
         self._expect(")", f") at the end of ({operator} ...")
         return ParsedComparison(operator, prop, subject, value)
+
+    def _equality(self) -> ParsedEquality:
+        one, other = self._name("(property element), or an element, after ="), self._name("an element")
+        self._expect(")", ") at the end of (= ...")
+        return ParsedEquality(one, other)
 
     def _variables(self, word: str) -> tuple[tuple[Name, Name | None], ...]:
         self._expect("(", f"the variables of {word}, such as (?x - skiros:Product)")
         typed: list[tuple[Name, Name | None]] = []
         waiting: list[Name] = []
-        while self._peek().text != ")":
+        while not self._peek().is_sign(")"):
             token = self._name("a variable, such as ?x")
             if token.text.startswith("-"):
                 if not waiting:
@@ -171,6 +197,8 @@ class _Parser:
                 typed += [(variable, cls) for variable in waiting]
                 waiting = []
             elif token.text.startswith("?") and len(token.text) > 1:
+                if token.text in (v.text for v in (*waiting, *(v for v, _ in typed))):
+                    raise self._error(token, f"{token.text!r} is declared twice")
                 waiting.append(token)
             else:
                 raise self._unexpected(token, "a variable, such as ?x")
@@ -182,13 +210,16 @@ class _Parser:
 
     def _name(self, expected: str) -> Name:
         token = self._take()
-        if token.text in ("", *_PUNCTUATION):
+        if self._ends_names(token):
             raise self._unexpected(token, expected)
         return token
 
+    def _ends_names(self, token: Name) -> bool:
+        return token.is_sign("", *_PUNCTUATION)
+
     def _expect(self, wanted: str, expected: str) -> None:
         token = self._take()
-        if token.text != wanted:
+        if not token.is_sign(wanted):
             raise self._unexpected(token, expected)
 
     def _peek(self) -> Name:
@@ -229,7 +260,7 @@ def _tokens(text: str) -> list[Name]:
                 raise goal_error(text, Name('"', line, i - start + 1), "this quote is not closed on its line")
             if end == i + 1:
                 raise goal_error(text, Name('""', line, i - start + 1), "expected a name between the quotes")
-            found.append(Name(text[i + 1 : end], line, i - start + 1))
+            found.append(Name(text[i + 1 : end], line, i - start + 1, quoted=True))
             i = end + 1
         else:
             end = i
@@ -237,6 +268,15 @@ def _tokens(text: str) -> list[Name]:
                 end += 1
             found.append(Name(text[i:end], line, i - start + 1))
             i = end
-    last = text.splitlines()[-1] if text.strip() else ""
-    found.append(Name("", max(1, len(text.splitlines())), len(last) + 1))
+    lines = text.rstrip("\n").split("\n")
+    found.append(Name("", len(lines), len(lines[-1]) + 1))
     return found
+
+
+def _value(name: Name) -> float | str:
+    """A number, where the name writes one; in quotes it is a text."""
+    try:
+        number = float(name.text)
+    except ValueError:
+        return name.text
+    return number if math.isfinite(number) and not name.quoted else name.text

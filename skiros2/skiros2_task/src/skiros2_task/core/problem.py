@@ -5,12 +5,22 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 
 from skiros2_task.core.actions import IN_SCENE, Action, condition_predicates, make_actions
 from skiros2_task.core.effects import FactFamilies
 from skiros2_task.core.existence import Existence, without_existence
-from skiros2_task.core.formula import Atom, Formula, Kind, Predicate, expand_quantifiers, literals
+from skiros2_task.core.formula import (
+    FALSE,
+    Atom,
+    Exists,
+    ForAll,
+    Formula,
+    Kind,
+    Not,
+    Predicate,
+    expand_quantifiers,
+    literals,
+)
 from skiros2_task.core.relevance import Relevant, relevant_part
 from skiros2_task.core.task import EVERYTHING, PlanningTask
 from skiros2_task.core.world_view import WorldView
@@ -46,6 +56,7 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         notes.append(f"skills that cannot help with this goal are left out: {', '.join(part.left_out)}")
     actions, unusable = _with_candidates(part.actions, world)
     ground_goal = expand_quantifiers(part.goal, world.quantified)
+    notes += [f"the scene has nothing of class {cls}, of which the goal speaks" for cls in _empty_classes(goal, world)]
     members = _members(actions, ground_goal, world)
     places = _places(actions, ground_goal, members)
     return PlanningTask(
@@ -57,6 +68,18 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         goal=ground_goal,
         notes=(*notes, *unusable),
     )
+
+
+def _empty_classes(goal: Formula, world: WorldView) -> list[str]:
+    """The classes of the goal's quantifiers that nothing in the scene is of."""
+    if isinstance(goal, Atom):
+        return []
+    if isinstance(goal, ForAll | Exists):
+        classes = [cls for _, cls in goal.variables if not world.quantified(cls)] + _empty_classes(goal.body, world)
+    else:
+        parts = (goal.part,) if isinstance(goal, Not) else goal.parts
+        classes = [cls for part in parts for cls in _empty_classes(part, world)]
+    return list(dict.fromkeys(classes))
 
 
 def _settle_existence(part: Relevant) -> Relevant:
@@ -75,6 +98,8 @@ def _with_candidates(actions: Iterable[Action], world: WorldView) -> tuple[list[
     """The actions that have an object for each variable, and in words why the others have not."""
     usable, notes = [], []
     for action in actions:
+        if action.precondition == FALSE:
+            continue
         empty = [v for v in action.variables if not _all_of(v.classes, world)]
         if empty:
             wanted = ", ".join(f"{v.key or v.name} ({' and '.join(v.classes)})" for v in empty)
@@ -136,19 +161,18 @@ def _facts(places: Places, actions: Sequence[Action], families: FactFamilies, wo
     for predicate, place in places.items():
         kind, name = predicate.kind, predicate.name
         if kind is Kind.RELATION:
+            if world.computed(name):  # what the scene says of it does not count
+                for pair in world.computed_pairs(name, sorted(place[0]), sorted(place[1])):
+                    yield Atom(predicate, pair)
+                continue
             tracked = families.tracked(name)
             for relation in written:
                 if relation == name or (relation not in tracked and world.is_subproperty(relation, name)):
                     for pair in world.pairs(relation):
                         if pair[0] in place[0] and pair[1] in place[1]:
                             yield Atom(predicate, pair)
-            if world.computed(name):
-                for pair in world.computed_pairs(name, sorted(place[0]), sorted(place[1])):
-                    yield Atom(predicate, pair)
         elif kind is Kind.ALLOWED:
-            for pair in product(sorted(place[0]), sorted(place[1])):
-                if world.allowed(pair[0], name, pair[1]):
-                    yield Atom(predicate, pair)
+            yield from (Atom(predicate, pair) for pair in world.allowed_pairs(name, place[0], place[1]))
         elif kind is Kind.CAN:
             robots = {robot for a in actions if a.name == name for robot, _ in a.managers}
             yield from (Atom(predicate, (robot,)) for robot in robots & place[0])

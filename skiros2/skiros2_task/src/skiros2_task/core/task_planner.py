@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.archive import Archive
-from skiros2_task.core.formula import Formula
-from skiros2_task.core.goal import GoalReader, check_goal
+from skiros2_task.core.formula import FALSE, Formula
+from skiros2_task.core.goal import GoalReader
 from skiros2_task.core.left_out import skills_left_out
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
@@ -93,12 +93,13 @@ class TaskPlanner:
     ) -> PlanningResult:
         """The plan for a goal, or why there is none. Blocks as long as the limits allow.
 
-        :param goal: its text, or a formula over the ids of elements.
+        :param goal: its text, or a formula as `skiros2_task.core.goals` makes them.
         :param progress: told in words what is being done.
         :param asked_by: who asks. A skill manager runs the plan itself, so it gets one for its own robot alone.
         :param limits: others than those of all requests.
         :param adapt: changes what is planned with, before the planner sees it.
         :raises WmException: the world model does not answer.
+        :raises WrongType: the goal is neither.
         """
         tell = progress or log.info
         tell("reading the world model")
@@ -111,8 +112,8 @@ class TaskPlanner:
         if task.satisfied:
             done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)
             return self._kept(goal, task, done)
-        if not task.actions:
-            reason = "none of the robots' skills can help" if world.robots else NO_ROBOT
+        reason = _hopeless(task, world)
+        if reason:
             return self._kept(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world))
         tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({self._planner.name})")
         answer = self._planner.solve(task, limits or self._limits, cancelled)
@@ -133,10 +134,10 @@ class TaskPlanner:
         return world
 
     def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
-        if isinstance(goal, str):
-            return GoalReader(world, condition_predicates(world.robots)).read(goal)
-        check_goal(goal, world)
-        return goal
+        if not isinstance(goal, str | Formula):
+            raise WrongType(f"goal {goal!r}: expected its text or a formula, found {type(goal).__name__}")
+        # A formula is read as its text, so that all its names are looked up.
+        return GoalReader(world, condition_predicates(world.robots)).read(str(goal))
 
     def _result(self, answer: PlannerAnswer, task: PlanningTask, world: WorldView) -> PlanningResult:
         if answer.outcome is Outcome.SOLVED:
@@ -162,6 +163,15 @@ class TaskPlanner:
                 texts["planner.log"] = answer.log
             self._archive.keep(texts)
         return result
+
+
+def _hopeless(task: PlanningTask, world: WorldView) -> str:
+    """Why no planner need be asked; "" when one has to be."""
+    if task.goal == FALSE:
+        return "; ".join(["the goal can never hold", *(note for note in task.notes if "the goal speaks" in note)])
+    if task.actions:
+        return ""
+    return "none of the robots' skills can help" if world.robots else NO_ROBOT
 
 
 def _without_plan(outcome: Outcome, reason: str, task: PlanningTask, world: WorldView) -> PlanningResult:

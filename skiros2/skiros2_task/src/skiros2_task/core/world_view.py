@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from itertools import product
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
@@ -44,7 +46,6 @@ class WorldView:
         self.to_be_made: set[str] = set()
         self._relations: dict[str, list[tuple[str, str]]] | None = None
         self._members: dict[str, tuple[str, ...]] = {}
-        self._allowed: dict[tuple[object, ...], bool] = {}
 
     def _skill_parts(self) -> set[str]:
         """The ids of skills, parameters and conditions, also where the ontology does not know their classes."""
@@ -142,6 +143,10 @@ class WorldView:
 
     def templates(self) -> set[str]:
         """The names of all templates."""
+        return self._template_names
+
+    @cached_property
+    def _template_names(self) -> set[str]:
         return self._named("NamedIndividual")
 
     def quantified(self, cls: str) -> tuple[str, ...]:
@@ -197,18 +202,29 @@ class WorldView:
         there = list(objects)
         return [(s, o) for s in subjects for o in there if s != o and self._check(s, relation, o, abstract=False)]
 
-    def allowed(self, subject: str, relation: str, obj: str) -> bool:
-        """Whether the ontology allows the relation between two objects."""
-        key = (self._sort(subject), relation, self._sort(obj))
-        if key not in self._allowed:
-            self._allowed[key] = self._check(subject, relation, obj, abstract=True)
-        return self._allowed[key]
+    def allowed_pairs(
+        self, relation: str, subjects: Iterable[str], objects: Iterable[str]
+    ) -> Iterator[tuple[str, str]]:
+        """The pairs between which the ontology allows the relation."""
+        others = self._sorts(objects)
+        for ones in self._sorts(subjects):
+            for others_alike in others:
+                if self._check(ones[0], relation, others_alike[0], abstract=True):
+                    yield from product(ones, others_alike)
+
+    def _sorts(self, names: Iterable[str]) -> list[list[str]]:
+        """Some objects, together those of which the ontology says the same."""
+        found: dict[tuple[object, ...], list[str]] = {}
+        for name in sorted(names):
+            found.setdefault(self._sort(name), []).append(name)
+        return list(found.values())
 
     def _sort(self, name: str) -> tuple[object, ...]:
         """All that the ontology's answer depends on."""
         element = self.objects[name]
-        templates = (r["dst"] for r in element.getRelations("-1", TEMPLATE_RELATION, ""))
-        return (element.type, element.label, *sorted(templates))
+        outside = ((r["type"], r["dst"]) for r in element.getRelations("-1") if r["dst"] not in self.objects)
+        label = element.label if element.label in self._template_names else ""
+        return (element.type, label, *sorted(outside))
 
     def _check(self, subject: str, relation: str, obj: str, abstract: bool) -> bool:
         try:

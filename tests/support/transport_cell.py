@@ -9,10 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_task.core.commands import Claim, Command, End, Look, Plan, Start, Stop, Wake
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.execution import Executive
 from skiros2_task.core.formula import And, Atom, holds
 from skiros2_task.core.jobs import Job, carried_out, make_jobs, with_jobs_done, without_skills
+from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.schedule import schedule
 from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
 from skiros2_task.core.task_planner import Verdict
 from support.transport_task import CONTAIN, GRIPPER, PLACE, ROBOT, contain, transport_task
@@ -105,7 +108,7 @@ class TransportCell:
             steps = transport_plan(task, [r for r in self.robots if (r, "") not in avoided])
             if steps is not None:
                 calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in steps]
-                jobs = make_jobs(task, steps, calls, first)
+                jobs = make_jobs(task, schedule(task, deorder(task, steps), Durations()), calls, first)
                 return lambda: self.executive.planned(seen, jobs)
         return lambda: self.executive.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
 

@@ -315,13 +315,13 @@ class Conductor:
             seen, result = self._result(achievement, command.running, frozenset(avoided))
             if result.verdict in _GOOD or result.verdict is Verdict.CANCELLED:
                 break
-        if seen is None or result.task is None or result.verdict not in _GOOD:
+        if seen is None or result.task is None or result.verdict not in _GOOD:  # the goal may not even be readable
             verdict, message = result.verdict, result.message
             self._events.put(
                 lambda: self._do(achievement, achievement.executive.no_plan(verdict, message, len(self._all) > 1))
             )
             return
-        jobs = make_jobs(result.task, result.steps, result.calls, first)
+        jobs = make_jobs(result.task, result.schedule, result.calls, first) if result.schedule is not None else ()
         world = seen
         self._events.put(lambda: self._do(achievement, achievement.executive.planned(world, jobs)))
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 from skiros2_task.core.actions import IN_SCENE
 from skiros2_task.core.formula import Atom, Formula, Kind, Predicate, conjuncts, holds, literals
-from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.task import PlanningTask, PlanStep, during_of, effects_of, precondition_of
+from skiros2_task.core.schedule import Schedule
+from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.task import PlanningTask, during_of, effects_of, precondition_of
 
 Facts = frozenset[Atom]
 
@@ -28,6 +29,7 @@ class Job:
 
     number: int
     call: SkillCall
+    skill: Skill
     needs: Formula
     makes: tuple[tuple[Atom, bool], ...]
     after: frozenset[int] = frozenset()
@@ -49,30 +51,27 @@ class Job:
         )
 
 
-def make_jobs(task: PlanningTask, steps: Sequence[PlanStep], calls: Sequence[SkillCall], first: int) -> tuple[Job, ...]:
+def make_jobs(task: PlanningTask, plan: Schedule, calls: Sequence[SkillCall], first: int) -> tuple[Job, ...]:
     """The jobs of a plan, in an order that works.
 
+    :param calls: one for each of the plan's steps.
     :param first: the number of the first one.
     """
-    order = deorder(task, steps)
-    jobs: list[Job] = []
-    for index, (step, call) in enumerate(zip(order.steps, calls, strict=True)):
-        before = [jobs[i] for i, later in sorted(order.before) if later == index]
-        start = max((job.end for job in before), default=0.0)
-        devices = (atom.terms[0] for atom, _ in during_of(task, step))
-        jobs.append(
-            Job(
-                number=first + index,
-                call=call,
-                needs=precondition_of(task, step),
-                makes=tuple(effects_of(task, step)),
-                after=frozenset(job.number for job in before),
-                uses=frozenset({call.manager, *devices}),
-                start=start,
-                end=start + 1.0,
-            )
+    before = plan.order.predecessors()
+    return tuple(
+        Job(
+            number=first + when.step,
+            call=call,
+            skill=task.action(step.action).skill,
+            needs=precondition_of(task, step),
+            makes=tuple(effects_of(task, step)),
+            after=frozenset(first + i for i in before[when.step]),
+            uses=frozenset({call.manager, *(atom.terms[0] for atom, _ in during_of(task, step))}),
+            start=when.start,
+            end=when.end,
         )
-    return tuple(jobs)
+        for step, call, when in zip(plan.order.steps, calls, plan.steps, strict=True)
+    )
 
 
 def carried_out(facts: Facts, job: Job) -> Facts:

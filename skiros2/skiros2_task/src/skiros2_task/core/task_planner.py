@@ -11,12 +11,15 @@ from enum import Enum
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.archive import Archive
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.goal import GoalReader
 from skiros2_task.core.left_out import skills_left_out
+from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
+from skiros2_task.core.schedule import Schedule, schedule
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.why import NoPlan, no_plan
@@ -58,6 +61,7 @@ class PlanningResult:
     :param notes: what was left out of the domain, and why.
     :param task: what was planned with; None when the goal could not be read.
     :param steps: the plan, a step for each of the calls.
+    :param schedule: the plan in time: what may be done side by side.
     :param why: why there is no plan, when a planner, or what comes before it, found none.
     """
 
@@ -67,20 +71,30 @@ class PlanningResult:
     notes: tuple[str, ...] = ()
     task: PlanningTask | None = None
     steps: tuple[PlanStep, ...] = ()
+    schedule: Schedule | None = None
     why: NoPlan | None = None
 
 
 class TaskPlanner:
     """Makes plans for goals from a world model and the skills in it. Any thread may call it, several at once."""
 
-    def __init__(self, wm: WorldModelPort, planner: Planner, limits: Limits, archive: Archive | None = None) -> None:
+    def __init__(
+        self,
+        wm: WorldModelPort,
+        planner: Planner,
+        limits: Limits,
+        archive: Archive | None = None,
+        durations: Durations | None = None,
+    ) -> None:
         """
         :param archive: keeps what was made for each goal.
+        :param durations: of the skills, which schedules go by.
         """
         self._wm = wm
         self._planner = planner
         self._limits = limits
         self._archive = archive
+        self._durations = durations or Durations()
 
     def plan(
         self,
@@ -89,6 +103,7 @@ class TaskPlanner:
         progress: Callable[[str], None] | None = None,
         asked_by: str = "",
         limits: Limits | None = None,
+        planner: Planner | None = None,
         adapt: Callable[[PlanningTask], PlanningTask] | None = None,
     ) -> PlanningResult:
         """The plan for a goal, or why there is none. Blocks as long as the limits allow.
@@ -97,6 +112,7 @@ class TaskPlanner:
         :param progress: told in words what is being done.
         :param asked_by: who asks. A skill manager runs the plan itself, so it gets one for its own robot alone.
         :param limits: others than those of all requests.
+        :param planner: another than that of all requests.
         :param adapt: changes what is planned with, before the planner sees it.
         :raises WmException: the world model does not answer.
         :raises WrongType: the goal is neither.
@@ -115,8 +131,9 @@ class TaskPlanner:
         reason = _hopeless(task, world)
         if reason:
             return self._kept(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world))
-        tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({self._planner.name})")
-        answer = self._planner.solve(task, limits or self._limits, cancelled)
+        planner = planner or self._planner
+        tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({planner.name})")
+        answer = planner.solve(task, limits or self._limits, cancelled)
         return self._kept(goal, task, self._result(answer, task, world), answer)
 
     def look(self, goal: str | Formula) -> PlanningTask:
@@ -145,8 +162,12 @@ class TaskPlanner:
             if wrong:
                 message = f"the planner gave a plan that does not work: {wrong}"
                 return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
-            calls = skill_calls(task, answer.plan, world.objects)
-            return PlanningResult(Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task, answer.plan)
+            plan = schedule(task, deorder(task, answer.plan), self._durations)
+            steps = plan.order.steps
+            calls = skill_calls(task, steps, world.objects)
+            return PlanningResult(
+                Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task=task, steps=steps, schedule=plan
+            )
         return _without_plan(answer.outcome, answer.reason, task, world)
 
     def _kept(

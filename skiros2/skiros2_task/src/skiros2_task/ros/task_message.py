@@ -11,9 +11,10 @@ from skiros2_task.core.plan import SkillCall
 
 def task_holder(calls: Iterable[SkillCall]) -> SkillHolder:
     """The task that runs the skills one after the other."""
-    return SkillHolder("", "Processor", "Sequential", children=[_skill_holder(call) for call in calls])
+    return SkillHolder("", "Processor", "Sequential", children=[skill_holder(call) for call in calls])
 
 
-def _skill_holder(call: SkillCall) -> SkillHolder:
+def skill_holder(call: SkillCall) -> SkillHolder:
+    """The skill with its parameters."""
     params = {key: Param(key, "", element, ParamTypes.Required) for key, element in call.arguments}
     return SkillHolder(call.manager, call.type, call.label, params)

@@ -1,0 +1,122 @@
+"""The robots that do the steps of plans: the skill managers that run."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.explanation import Explanation
+from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_skill.ros.skill_run import SkillRun
+from skiros2_task.core.conductor import Ended
+from skiros2_task.core.jobs import Job
+from skiros2_task.ros.task_message import skill_holder
+
+log = logging.getLogger(__name__)
+
+#: How long a manager that is in the world model is waited for (s).
+_PATIENCE = 5.0
+_LOOK_PERIOD = 0.2  # s
+
+
+class Crew(SkillLayerInterface):
+    """Finds the skill managers, has them do steps, and tells when they come and go.
+
+    :param author: stands in the managers' logs as who asked.
+    :param on_come, on_go: told the name of a manager that has come up or gone, from a thread of ROS.
+    """
+
+    def __init__(self, author: str, on_come: Callable[[str], None], on_go: Callable[[str], None]) -> None:
+        self._on_come, self._on_go = on_come, on_go
+        self._came = threading.Condition()
+        super().__init__(author)
+
+    def start(self, job: Job, ended: Ended) -> Callable[[], None]:
+        """Has a step done, in a thread of its own; see `Robots`."""
+        step = _Step(job, ended)
+        threading.Thread(target=self._follow, args=(step,), name=f"step {job.number}", daemon=True).start()
+        return step.stop
+
+    def _follow(self, step: _Step) -> None:
+        try:
+            manager = self._find(step.job.call.manager)
+            step.follow(manager, lambda: self.agents.get(manager.name) is manager)
+        except SkirosError as error:
+            step.ended(False, str(error), ())
+        except Exception as error:
+            log.exception("%s", step.job)
+            step.ended(False, f"internal error: {type(error).__name__}: {error}", ())
+
+    def _find(self, manager: str) -> SkillManagerInterface:
+        """The client of a manager, which may have just come up.
+
+        :raises UnknownName: it does not run.
+        """
+        with self._came:
+            self._came.wait_for(lambda: manager in self.agents, _PATIENCE)
+        return self.get_agent(manager)
+
+    # -- called by threads of ROS ------------------------------------------------------------------------------
+
+    def _on_agent(self, name: str) -> None:
+        super()._on_agent(name)
+        with self._came:
+            self._came.notify_all()
+        self._on_come(name)
+
+    def _on_agent_gone(self, name: str) -> None:
+        super()._on_agent_gone(name)
+        self._on_go(name)
+
+
+class _Step:
+    """A step that a manager does or is to do. `stop` may be called from any thread, at any time."""
+
+    def __init__(self, job: Job, ended: Ended) -> None:
+        self.job = job
+        self.ended = ended
+        self._lock = threading.Lock()
+        self._run: SkillRun | None = None
+        self._stopped = False
+
+    def stop(self) -> None:
+        with self._lock:
+            self._stopped = True
+            if self._run is not None:
+                self._run.cancel()
+
+    def follow(self, manager: SkillManagerInterface, is_there: Callable[[], bool]) -> None:
+        """Blocks until the step has ended.
+
+        :param is_there: whether the manager still runs, in the same life.
+        :raises SkirosError: the manager does not answer.
+        """
+        began = time.monotonic()
+        with self._lock:
+            if self._stopped:
+                raise Refused("stopped before it was started")
+        run = manager.run([skill_holder(self.job.call)])
+        with self._lock:
+            self._run = run
+            if self._stopped:
+                run.cancel()
+        while not run.wait(_LOOK_PERIOD):
+            if not is_there():
+                self.ended(False, f"{manager.name} has disappeared", ())
+                return
+        result = run.result()
+        log.info("%s has ended after %.2f s: %s", self.job, time.monotonic() - began, result.message)
+        self.ended(result.state == SkillProgress.SUCCESS, result.message, _explanations(run))
+
+
+def _explanations(run: SkillRun) -> list[Explanation]:
+    try:
+        return run.explanations()
+    except SkirosError as error:
+        log.warning("an explanation cannot be read: %s", error)
+        return []

@@ -1,0 +1,350 @@
+"""Plans tried out on a copy of the world model: what each step would change, and whether the goal holds at the end.
+
+The conditions of the skills are those that the managers evaluate and apply, read back from the skills' elements: so
+this checks what planning has made of them too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from skiros2_common.core.conditions import (
+    AbstractConditionRelation,
+    ConditionBase,
+    ConditionGenerate,
+    ConditionHasProperty,
+    ConditionIsSpecified,
+    ConditionOnType,
+    ConditionOr,
+    ConditionProperty,
+    ConditionRelation,
+)
+from skiros2_common.core.json_data import JsonData
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.actions import ROBOT_KEY
+from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate
+from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.skill_model import ParameterKind, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
+
+_KINDS = {
+    ParameterKind.REQUIRED: ParamTypes.Required,
+    ParameterKind.OPTIONAL: ParamTypes.Optional,
+    ParameterKind.INFERRED: ParamTypes.Inferred,
+}
+
+
+#: The condition that asks for a predicate of each kind.
+_CONDITIONS = {
+    Kind.RELATION: "ConditionRelation",
+    Kind.ALLOWED: "AbstractConditionRelation",
+    Kind.VALUE: "ConditionProperty",
+    Kind.COMPARES: "ConditionProperty",
+    Kind.HAS: "ConditionHasProperty",
+    Kind.IS_A: "ConditionOnType",
+    Kind.IN_SCENE: "ConditionIsSpecified",
+}
+#: The action of a change of the world model that removes elements.
+_REMOVE = "remove"
+
+_PLACES = ("Subject", "Object")
+
+
+@dataclass
+class Changed:
+    """A fact that is so from a step on (`state` true), or no more.
+
+    :param element: as its id and label.
+    :param name: the relation or property; "" for the element as a whole.
+    :param value: the other element, or the value.
+    """
+
+    element: str
+    name: str
+    value: str
+    state: bool
+
+    def __str__(self) -> str:
+        return (
+            f"{'+' if self.state else '-'} {' '.join(part for part in (self.element, self.name, self.value) if part)}"
+        )
+
+
+@dataclass
+class PreviewStep:
+    """A step of a plan, and what comes of it.
+
+    :param skill: type and label.
+    :param arguments: the elements in its parameters, as their ids and labels, by key.
+    :param unmet: the conditions that do not hold when it starts, in words.
+    :param assumed: what the skill's description leaves open and the preview had to choose, in words.
+    :param changes: what it changes.
+    """
+
+    number: int
+    skill: str
+    manager: str
+    arguments: dict[str, str] = field(default_factory=dict)
+    unmet: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+    changes: list[Changed] = field(default_factory=list)
+
+    def lines(self) -> Iterator[str]:
+        arguments = ", ".join(f"{key}={value}" for key, value in self.arguments.items())
+        yield f"{self.number}. {self.skill} by {self.manager}: {arguments}"
+        for text in self.unmet:
+            yield f"     does not hold: {text}"
+        for change in self.changes:
+            yield f"   {change}"
+        for text in self.assumed:
+            yield f"     assumed: {text}"
+
+
+@dataclass
+class Preview(JsonData):
+    """A plan, tried out.
+
+    :param reached: whether the goal holds at the end.
+    """
+
+    steps: list[PreviewStep]
+    reached: bool
+    _called = "preview"
+
+    @property
+    def works(self) -> bool:
+        """Whether all conditions hold when they have to, and the goal at the end."""
+        return self.reached and not any(step.unmet for step in self.steps)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def lines(self) -> Iterator[str]:
+        """The text for people."""
+        for step in self.steps:
+            yield from step.lines()
+        yield f"the goal {'holds' if self.reached else 'does not hold'} at the end"
+
+
+def preview(
+    copy: WorldModelPort,
+    task: PlanningTask,
+    steps: Sequence[PlanStep],
+    calls: Sequence[SkillCall],
+    tell: Callable[[PreviewStep], None] | None = None,
+) -> Preview:
+    """Tries a plan out on a copy of the scene, which is changed. No robot hears of it.
+
+    :param copy: a copy of the world that the plan was made for, such as a `SceneCopy`.
+    :param task, steps, calls: as the result of the `TaskPlanner` has them.
+    :param tell: told of each step once the copy is as it is after that.
+    """
+    rehearsal = _Rehearsal(copy, task)
+    played = []
+    for number, (step, call) in enumerate(zip(steps, calls, strict=True), 1):
+        played.append(rehearsal.play(number, step, call))
+        if tell is not None:
+            tell(played[-1])
+    return Preview(played, rehearsal.holds(task.goal))
+
+
+class _Rehearsal:
+    """Plays steps on a copy of the scene, one after the other."""
+
+    def __init__(self, copy: WorldModelPort, task: PlanningTask) -> None:
+        self._copy = copy
+        self._task = task
+        self._now = {e.id: e for e in copy.resolve_elements(Element())}
+        self._made: dict[str, str] = {}  # the ids of elements that steps have made, by their names in the task
+
+    def play(self, number: int, step: PlanStep, call: SkillCall) -> PreviewStep:
+        action = self._task.action(step.action)
+        skill = action.skill
+        named = {v.key or ROBOT_KEY: name for v, name in zip(action.variables, step.arguments, strict=True)}
+        played = PreviewStep(number, skill.name, call.manager)
+        elements = self._elements(named, call, played)
+        played.arguments = {key: _name(e) if e.id else f"a new {e.type}" for key, e in elements.items()}
+        params = ParamHandler({p.key: _param(p, elements.get(p.key), self._copy) for p in skill.parameters})
+        played.unmet = [
+            f"[{condition.label}] {condition.found(params, self._copy)}"
+            for condition in self._needed(skill)
+            if not condition.evaluate(params, self._copy)
+        ]
+        before: dict[str, Element | None] = {}  # what is touched, as it was
+
+        def note(change: Any) -> None:
+            for element in change.elements:
+                before.setdefault(element.id, self._now.get(element.id))
+                if change.action == _REMOVE:
+                    self._now.pop(element.id, None)
+                else:
+                    self._now[element.id] = element
+
+        self._copy.add_listener(note)
+        # What is made both true and false is true: what stops being so comes first.
+        for effect in sorted(skill.post, key=lambda c: c.state):
+            played.assumed += self._bring_about(effect, params)
+        self._copy.remove_listener(note)
+        for key, name in named.items():
+            if not elements[key].id and params.hasParam(key) and params.isSpecified(key):
+                self._made[name] = params.getParamValue(key).id
+        names = {eid: _name(e) for eid, e in before.items() if e is not None}
+        names.update((eid, _name(e)) for eid, e in self._now.items())
+        for eid, old in before.items():
+            played.changes += _differences(old, self._now.get(eid), names)
+        return played
+
+    def holds(self, formula: Formula) -> bool:
+        """Whether a formula without quantifiers and variables holds now."""
+        if isinstance(formula, Not):
+            return not self.holds(formula.part)
+        if isinstance(formula, And | Or):
+            return (all if isinstance(formula, And) else any)(map(self.holds, formula.parts))
+        if not isinstance(formula, Atom):
+            raise TypeError(f"{formula} has a quantifier; write it out first")
+        if formula.predicate.kind is Kind.CAN:
+            return formula in self._task.init
+        found = [self._copy.find_element(self._made.get(term, term)) for term in formula.terms]
+        params = ParamHandler()
+        for key, element in zip(_PLACES, found, strict=False):
+            if element is None:
+                return False
+            params.addParam(key, element, ParamTypes.Required)
+        condition = as_condition(_condition_of(formula.predicate))
+        return bool(condition.evaluate(params, self._copy))
+
+    def _elements(self, named: Mapping[str, str], call: SkillCall, played: PreviewStep) -> dict[str, Element]:
+        """The elements of a step by parameter: as they are now, or abstract ones for what it is to make."""
+        given = dict(call.arguments)
+        found = {}
+        for key, name in named.items():
+            element = self._copy.find_element(self._made.get(name, name))
+            if element is None and key in given:
+                # A template that stands for itself: the skill would have to find something like it.
+                element = self._copy.instanciate(given[key].label)
+                self._made[name] = element.id
+                played.assumed.append(f"something like {given[key].label} is found, here {element.id}")
+            found[key] = element if element is not None else Element(self._task.objects[name])
+        return found
+
+    def _needed(self, skill: Skill) -> list[Any]:
+        """The conditions that have to hold when a skill starts."""
+        holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
+        made = (as_condition(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
+        return [condition for condition in made if condition is not None]
+
+    def _bring_about(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
+        """Makes an effect so. In words what had to be chosen, or could not be."""
+        condition = as_condition(effect)
+        if condition is None:
+            return [f"nothing comes of {effect.kind} {effect.label!r}, which planning cannot read"]
+        for key in condition.getKeys():
+            if params.isSpecified(key):  # as it is now
+                params.specify(key, self._copy.get_element(params.getParamValue(key).id))
+        if condition.setTrue(params, self._copy):
+            return []
+        value = _example(effect, self._copy)
+        if value is None or not params.isSpecified(effect.subject):
+            return [f"[{effect.label}] is left as it is"]
+        element = self._copy.get_element(params.getParamValue(effect.subject).id)
+        element.setProperty(effect.name, value)
+        self._copy.update_element_properties(element)
+        return [f"{_name(element)} {effect.name} {value}, of which is known only: {condition.expected()}"]
+
+
+def _condition_of(predicate: Predicate) -> SkillCondition:
+    """The condition that asks for a predicate of the elements in the parameters `_PLACES`."""
+    subject, obj = _PLACES
+    return SkillCondition(
+        _CONDITIONS[predicate.kind],
+        str(predicate),
+        subject,
+        obj if predicate.arity == 2 else "",
+        predicate.name,
+        predicate.operator or "=",
+        predicate.value,
+    )
+
+
+def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelPort) -> Param:
+    kind = _KINDS[parameter.kind]
+    if parameter.element_class is None:
+        return Param(parameter.key, "", str, kind)  # its value is no matter to a condition that planning can read
+    param = Param(parameter.key, "", Element(parameter.element_class), kind)
+    given = copy.find_element(parameter.fixed) if parameter.fixed else element
+    if given is not None and not given.isAbstract():
+        param.assign(given)
+    return param
+
+
+def as_condition(read: SkillCondition) -> Any:
+    """The condition that a manager would evaluate; None for what planning cannot read."""
+    kind, name, subject = read.kind, read.name, read.subject
+    if kind == "ConditionRelation":
+        return ConditionRelation(read.label, name, subject, read.object, read.state)
+    if kind == "AbstractConditionRelation":
+        return AbstractConditionRelation(read.label, name, subject, read.object, read.state)
+    if kind == "ConditionHasProperty":
+        return ConditionHasProperty(read.label, name, subject, read.state)
+    if kind == "ConditionProperty":
+        return ConditionProperty(read.label, name, subject, read.operator, read.value, read.state)
+    if kind == "ConditionOnType":
+        return ConditionOnType(read.label, subject, name)
+    if kind in ("ConditionGenerate", "ConditionIsSpecified"):
+        return (ConditionGenerate if kind == "ConditionGenerate" else ConditionIsSpecified)(
+            read.label, subject, read.state
+        )
+    if kind != "ConditionOr":
+        return None
+    parts: list[ConditionBase | None] = [as_condition(part) for part in read.parts]
+    if None in parts:
+        return None
+    either = ConditionOr(read.state)
+    for part in parts:
+        either.addCondition(part)
+    return either
+
+
+def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float | None:
+    """A value with which an effect on a property holds; None where there is none to choose."""
+    if effect.kind == "ConditionHasProperty" and effect.state:
+        examples: dict[str, str | bool | float] = {"xsd:boolean": True, "xsd:string": "some"}
+        return examples.get(copy.get_datatype(effect.name), 1.0)
+    if effect.kind != "ConditionProperty" or not isinstance(effect.value, float):
+        return None
+    up = (effect.operator in (">", ">=")) == effect.state
+    return effect.value + (1.0 if up else -1.0)
+
+
+def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[Changed]:
+    """What is other of an element.
+
+    :param names: of the elements that there are or were, by id.
+    """
+    if old is None or new is None:
+        element = new or old
+        if element is not None:
+            yield Changed(_name(element), "", "", new is not None)
+        if new is None:
+            return
+    then, now = _facts(old), _facts(new)
+    for state, facts, others in ((False, then, now), (True, now, then)):
+        for name, value in facts:
+            if (name, value) not in others:
+                yield Changed(_name(new), name, names.get(value, value), state)
+
+
+def _facts(element: Element | None) -> dict[tuple[str, str], None]:
+    """The properties and outgoing relations of an element."""
+    if element is None:
+        return {}
+    facts = {(prop.key, str(value)): None for prop in element.properties for value in prop.values}
+    return {**facts, **{(r["type"], r["dst"]): None for r in element.getRelations("-1")}}
+
+
+def _name(element: Element) -> str:
+    return f'{element.id} "{element.label}"' if element.label else element.id

@@ -1,0 +1,157 @@
+"""A copy of a scene that may be changed at will: for trying out what would come of something."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import REMOVE, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.prefixes import Prefixes
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.scene import Node, Provenance, Scene
+from skiros2_world_model.core.statement import Statement
+from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.wills import Bequest
+from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+_SCENE = "scene"
+
+
+class SceneCopy(WorldModelAbstractInterface):
+    """The scene of a world model as it was when this was made; changes of either are not seen by the other.
+
+    It checks and applies changes as the world model does, but asks no reasoner what a change brings with it. The
+    ontologies are those of the world model, and cannot be changed here.
+
+    :param wm: the world model. Read whole, once.
+    :raises WmException: it does not answer.
+    """
+
+    def __init__(self, wm: WorldModelAbstractInterface) -> None:
+        super().__init__()
+        self._wm = wm
+        self._lock = threading.RLock()
+        self._scene = _scene_of(wm.resolve_elements(Element()))
+        self._number = 0
+        self._told: set[tuple[str, str, str]] = set()
+        self._listeners: list[Callable[[Any], None]] = []
+        self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
+
+    @property
+    def author(self) -> str:
+        return "preview"
+
+    @property
+    def version(self) -> int:
+        return self._number
+
+    def is_connected(self) -> bool:
+        """True: the copy is in this process."""
+        return True
+
+    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
+        return self._reader.find(eid, context_id)
+
+    def add_listener(self, callback: Callable[[Any], None]) -> None:
+        self._listeners.append(callback)
+
+    def remove_listener(self, callback: Callable[[Any], None]) -> None:
+        self._listeners.remove(callback)
+
+    # -- what a copy has not -----------------------------------------------------------------------------------
+
+    def lock(self) -> None:
+        """Nothing is to be done: a copy is used by one."""
+
+    def unlock(self) -> None:
+        """Likewise."""
+
+    def load(self, filename: str = "", context: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene loads no files")
+
+    def save(self, filename: str = "", context: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene is not saved")
+
+    def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
+        """Nothing: a copy has no past."""
+        return []
+
+    def leave_will(self, bequests: Sequence[Bequest]) -> None:
+        """Nothing is left to be done: the copy ends with the process that it is in."""
+
+    # -- what the port is made of ------------------------------------------------------------------------------
+
+    @property
+    def _ontology(self) -> Ontology:
+        return self._wm._ontology
+
+    def _scenes(self, context: str) -> list[Scene]:
+        return [self._scene] if context in ("", _SCENE) else []
+
+    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        if context != "ontology":
+            raise WmException("a copy of a scene answers queries of the ontologies alone")
+        return self._wm._query(query, cut_prefix, context)
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
+        raise WmException("a copy of a scene does not change the ontologies")
+
+    def _matching(self, wanted: Element, context: str) -> list[Element]:
+        return self._reader.matching(wanted, context)
+
+    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
+        return self._reader.branch(eid, relation_filter, type_filter, context)
+
+    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        return self._reader.related(src, pred, dst, _SCENE)
+
+    def _template(self, name: str) -> Element:
+        return self._wm._template(name)
+
+    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+        with self._lock:
+            # The prefixes matter for names that are whole IRIs alone, and those of a scene are not.
+            checks = Checks(self._ontology, Prefixes(), self.author, told=self._told)
+            transaction = Transaction(self._scene, self._ontology, checks, self.author, lambda eid: False)
+            self._scene.begin()
+            try:
+                ids = transaction.run(operations)
+            except Exception as error:
+                self._scene.roll_back()
+                if isinstance(error, SkirosError):
+                    raise refusal(str(error)) from error
+                raise
+            self._number += 1
+            made = Provenance(self._number, time.time(), self.author)
+            touched = self._scene.commit(made)
+            elements = tuple(e for eid in touched if (e := self._scene.element(eid)) is not None)
+            told = [(UPDATE, elements), (REMOVE, tuple(transaction.removed))]
+            changes = [self._change(action, some, made) for action, some in told if some]
+        for change in changes:
+            for listener in list(self._listeners):
+                listener(change)
+        return Outcome(ids, changes)
+
+    def _change(self, action: str, elements: tuple[Element, ...], made: Provenance) -> Change:
+        state = str(made.version)
+        return Change(made.version, str(made.version - 1), state, made.stamp, made.author, action, _SCENE, elements)
+
+
+def _scene_of(elements: Sequence[Element]) -> Scene:
+    scene = Scene()
+    for element in elements:
+        scene.put(Node(element.id, element.type, element.label, element._props))
+    for element in elements:
+        for relation in element.getRelations("-1"):
+            scene.relate(element.id, relation["type"], relation["dst"])
+    return scene

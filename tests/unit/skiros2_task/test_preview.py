@@ -1,0 +1,132 @@
+"""Plans tried out on a copy of the scene. Each plan of the catalogue is tried out too, by the fixture `plan`."""
+
+from __future__ import annotations
+
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.actions import condition_predicates
+from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.plan import skill_calls
+from skiros2_task.core.preview import Changed, Preview, PreviewStep, preview
+from skiros2_task.core.problem import make_task
+from skiros2_task.core.task import PlanStep
+from skiros2_task.core.world_view import WorldView
+from skiros2_world_model.core.scene_copy import SceneCopy
+from support.planning_world import INFERRED, REQUIRED, PlanningWorld, has, made, prop, related, skill, transport_world
+
+HERE = [("Place", "skiros:Location", INFERRED)]
+PRODUCT = [("Object", "skiros:Product", REQUIRED)]
+
+
+def tried(world: PlanningWorld, goal: str, *plan: PlanStep, seen: list[str] | None = None) -> Preview:
+    view = WorldView(world.wm)
+    task = make_task(view, GoalReader(view, condition_predicates(view.robots)).read(goal))
+
+    copy = SceneCopy(world.wm)
+
+    def tell(step: PreviewStep) -> None:
+        if seen is not None:
+            seen.extend(r["dst"] for r in copy.get_relations(world.robots[0], "skiros:at", ""))
+
+    return preview(copy, task, plan, skill_calls(task, plan, view.objects), tell)
+
+
+def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:
+    return PlanStep("drive", (world.robots[0], world.places[start], world.places[end]))
+
+
+def test_each_step_tells_what_it_changes_and_the_copy_follows() -> None:
+    world = transport_world(places=3)
+    seen: list[str] = []
+    found = tried(
+        world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1), drive(world, 1, 2), seen=seen
+    )
+    robot = f'{world.robots[0]} "skiros:alpha"'
+    assert found.works
+    assert [step.changes for step in found.steps] == [
+        [
+            Changed(robot, "skiros:at", world.places[i], False),
+            Changed(robot, "skiros:at", world.places[i + 1], True),
+        ]
+        for i in range(2)
+    ]
+    assert found.steps[0].manager == "/alpha"
+    assert found.steps[0].arguments == {
+        "Robot": robot,
+        "StartLocation": world.places[0],
+        "TargetLocation": world.places[1],
+    }
+    assert seen == world.places[1:]
+
+
+def test_the_world_model_stays_as_it_is() -> None:
+    world = transport_world()
+    before = {e.id: e.printState(verbose=True) for e in world.wm.resolve_elements(Element())}
+    version = world.wm.version
+    tried(world, f"(skiros:at {world.robots[0]} {world.places[1]})", drive(world, 0, 1))
+    assert {e.id: e.printState(verbose=True) for e in world.wm.resolve_elements(Element())} == before
+    assert world.wm.version == version
+
+
+def test_conditions_that_do_not_hold_are_told() -> None:
+    world = transport_world(places=3)
+    found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 1, 2))
+    assert not found.works
+    (unmet,) = found.steps[0].unmet
+    assert world.places[0] in unmet
+    assert found.reached
+
+
+def test_a_goal_that_is_not_reached_is_told() -> None:
+    world = transport_world(places=3)
+    found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1))
+    assert not found.reached
+    assert not found.works
+    assert str(found).endswith("the goal does not hold at the end")
+
+
+def test_what_is_made_is_there_for_the_next_steps_and_what_is_removed_is_gone() -> None:
+    world = transport_world()
+    bake = skill(
+        "Bake",
+        [*PRODUCT, *HERE],
+        [related("Robot", "skiros:at", "Place")],
+        [made("Object"), related("Place", "skiros:contain", "Object")],
+    )
+    eat = skill(
+        "Eat",
+        [*PRODUCT, *HERE],
+        [related("Place", "skiros:contain", "Object")],
+        [made("Object", False), prop("Robot", "skiros:Fed", "=", True)],
+    )
+    cook = world.robot("cook", bake, eat, at=world.places[0])
+    world.robots = [cook]
+    found = tried(
+        world,
+        f"(skiros:Fed {cook})",
+        PlanStep("bake", (cook, "new skiros:Product 1", world.places[0])),
+        PlanStep("eat", (cook, "new skiros:Product 1", world.places[0])),
+    )
+    assert found.works, str(found)
+    baked, eaten = found.steps
+    assert baked.arguments["Object"] == "a new skiros:Product"
+    (new,) = [change.element for change in baked.changes if not change.name]
+    assert Changed(world.places[0], "skiros:contain", new, True) in baked.changes
+    assert Changed(new, "", "", False) in eaten.changes
+
+
+def test_what_a_skill_leaves_open_is_assumed_and_said_to_be() -> None:
+    world = transport_world()
+    fill = skill(
+        "Fill", [*PRODUCT], [has("Object", "skiros:Weight", False)], [prop("Object", "skiros:Weight", ">", 2.0)]
+    )
+    filler = world.robot("filler", fill)
+    found = tried(world, f"(> (skiros:Weight {world.products[0]}) 1)", PlanStep("fill", (filler, world.products[0])))
+    assert found.works, str(found)
+    (assumed,) = found.steps[0].assumed
+    assert assumed.startswith(f"{world.products[0]} skiros:Weight 3.0, of which is known only: ")
+
+
+def test_it_travels_as_json() -> None:
+    world = transport_world(places=3)
+    found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 1, 2))
+    assert Preview.from_json(found.to_json()) == found

@@ -156,7 +156,7 @@ def no_plan(
     parts = conjuncts(task.goal)
     against = _contradicted(parts)
     goals = [
-        Fact(_said(part), UNREACHABLE, "the goal asks for it and for the opposite")
+        Fact(said(part), UNREACHABLE, "the goal asks for it and for the opposite")
         if part in against
         else told.fact(part)
         for part in parts
@@ -188,14 +188,14 @@ class _Telling:
     def fact(self, formula: Formula) -> Fact:
         """What is known of a formula, with the reasons where it cannot come about."""
         if self.holds(formula):
-            return Fact(_said(formula), HOLDS)
+            return Fact(said(formula), HOLDS)
         if self._reached.may_hold(formula):
-            return Fact(_said(formula), REACHABLE)
+            return Fact(said(formula), REACHABLE)
         if not self._reached.complete:
-            return Fact(_said(formula), UNKNOWN, "the time to find out was too short")
+            return Fact(said(formula), UNKNOWN, "the time to find out was too short")
         if isinstance(formula, And | Or):
             return self._compound(formula)
-        fact = Fact(_said(formula), UNREACHABLE)
+        fact = Fact(said(formula), UNREACHABLE)
         if formula in self._told:
             fact.note = "see above"
             return fact
@@ -216,7 +216,7 @@ class _Telling:
         if not wrong:
             return Fact("one of nothing", UNREACHABLE, "the scene has nothing that it could be about")
         note = "all of it is needed" if isinstance(formula, And) else "none of its alternatives can"
-        text = _said(formula) if len(formula.parts) <= MOST_TOLD else f"({_word(formula)} ...)"
+        text = said(formula) if len(formula.parts) <= MOST_TOLD else f"({_word(formula)} ...)"
         parts = [self.fact(part) for part in wrong[:MOST_TOLD]]
         return Fact(text, UNREACHABLE, note, parts, more=len(wrong) - len(parts))
 
@@ -300,7 +300,7 @@ def _word(formula: And | Or) -> str:
     return "and" if isinstance(formula, And) else "or"
 
 
-def _said(formula: Formula) -> str:
+def said(formula: Formula) -> str:
     """A formula as goals are written; what goals cannot say in words."""
     if isinstance(formula, Atom):
         kind, terms = formula.predicate.kind, formula.terms

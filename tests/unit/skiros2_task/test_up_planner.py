@@ -20,6 +20,7 @@ from skiros2_task.core.processes import descendants
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.up_planner import UpPlanner
 from support.ros import wait_until
+from support.running import command, running_in
 from support.transport_task import at, contain, transport_task
 
 LIMITS = Limits(seconds=60.0)
@@ -29,16 +30,6 @@ R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "sk
 @pytest.fixture
 def planner(processes: EngineProcesses) -> UpPlanner:
     return UpPlanner(processes)
-
-
-@pytest.fixture
-def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The test's working folder, and the one for temporary files."""
-    (tmp_path / "work").mkdir()
-    (tmp_path / "tmp").mkdir()
-    monkeypatch.chdir(tmp_path / "work")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    return tmp_path
 
 
 @pytest.mark.parametrize(("robots", "places", "products"), [(1, 2, 1), (2, 4, 3)])
@@ -80,7 +71,7 @@ def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(planner: U
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
-    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
 def test_several_plan_at_once(planner: UpPlanner) -> None:
@@ -114,7 +105,7 @@ def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcess
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=2.0))
     assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())
     assert time.monotonic() - started < 8.0
-    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
     assert list((own_folder / "tmp").iterdir()) == []
 
 
@@ -126,13 +117,13 @@ def test_a_run_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses
     thread = threading.Thread(target=lambda: answers.append(planner.solve(task, LIMITS, cancelled)))
     thread.start()
     wait_until(
-        lambda: any("downward" in line for line in running_in(own_folder / "tmp")),
+        lambda: any("downward" in line for line in running_in(own_folder / "tmp").values()),
         what="the engine's own process",
     )
     cancelled.set()
     thread.join(5.0)
     assert [a.outcome for a in answers] == [Outcome.CANCELLED]
-    wait_until(lambda: running_in(own_folder / "tmp") == [], 2.0, "the killed processes to be gone")
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
     assert list((own_folder / "tmp").iterdir()) == []
 
 
@@ -210,24 +201,3 @@ def test_a_planner_outlives_no_process_that_used_it(tmp_path: Path) -> None:
     user.wait()
     assert set(engines) <= set(processes)
     wait_until(lambda: not any(command(pid) for pid in processes), timeout=5.0, what="the end of all processes")
-
-
-def command(pid: int) -> str:
-    """A process's command line; "" when it has ended."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
-    except OSError:
-        return ""
-
-
-def running_in(folder: Path) -> list[str]:
-    """The command lines of the processes that work in a folder or below; those that are ending have none."""
-    working = [entry for entry in Path("/proc").iterdir() if entry.name.isdigit() and works_in(entry, folder)]
-    return [line for line in (command(int(entry.name)) for entry in working) if line]
-
-
-def works_in(process: Path, folder: Path) -> bool:
-    try:
-        return (process / "cwd").readlink().is_relative_to(folder)
-    except OSError:
-        return False

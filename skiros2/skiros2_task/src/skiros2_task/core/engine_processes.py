@@ -17,7 +17,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from skiros2_task.core.engine_worker import DOMAIN_FILE, LOG_FILE, PROBLEM_FILE, TIMED_OUT, Job, WorkerAnswer
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_task.core.engine_worker import DOMAIN_FILE, LOG_FILE, PROBLEM_FILE, TIMED_OUT, Job, ListEngines, WorkerAnswer
 from skiros2_task.core.planner import Outcome
 from skiros2_task.core.processes import kill_tree
 
@@ -52,7 +53,7 @@ class EngineProcesses:
         self._closed = False
         self._process, self._requests = _start()
 
-    def run(self, job: Job, cancelled: threading.Event) -> Run:
+    def run(self, job: Job | ListEngines, cancelled: threading.Event) -> Run:
         """Runs a job until there is an answer, its time is over or `cancelled` is set."""
         folder = Path(tempfile.mkdtemp(prefix="skiros-plan-"))
         try:
@@ -69,20 +70,30 @@ class EngineProcesses:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
+    def engines(self) -> tuple[str, ...]:
+        """The names of the engines of unified-planning that are installed and make plans.
+
+        :raises ConfigurationError: unified-planning cannot be asked.
+        """
+        run = self.run(ListEngines(), threading.Event())
+        if run.answer.outcome is not Outcome.SOLVED:
+            raise ConfigurationError(f"the planning engines cannot be listed: {run.answer.reason}")
+        return tuple(run.answer.reason.splitlines())
+
     def close(self) -> None:
         """Ends the process and its children."""
         with self._lock:
             self._closed = True
             self._stop()
 
-    def _answer(self, folder: Path, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+    def _answer(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
         connection = self._connect(folder)
         try:
             return _answer(connection, job, cancelled)
         finally:
             connection.close()
 
-    def _answer_of_new(self, folder: Path, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+    def _answer_of_new(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
         """The answer of a new process, when the one that was asked was dying; None otherwise."""
         with self._lock:
             try:
@@ -148,7 +159,7 @@ def _pair(kind: socket.SocketKind) -> tuple[socket.socket, socket.socket]:
     return ours, theirs
 
 
-def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> WorkerAnswer | None:
+def _answer(connection: socket.socket, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
     """The answer to a job; None when the process ended without one. Nothing of the run is left afterwards.
 
     :raises _NotTaken: no process has begun with it.
@@ -161,7 +172,7 @@ def _answer(connection: socket.socket, job: Job, cancelled: threading.Event) -> 
         with contextlib.suppress(OSError):  # it is gone: the missing answer tells
             connection.sendall(pickle.dumps(job))
         try:
-            answer = reader.next(job.limits.seconds + _GRACE)
+            answer = reader.next((job.limits.seconds if isinstance(job, Job) else _LOADING_TIME) + _GRACE)
         except _Ended:
             kill_tree(pid)  # it is there: its connection is
             raise

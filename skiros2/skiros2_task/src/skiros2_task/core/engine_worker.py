@@ -7,6 +7,7 @@ answer, both pickled. When the other side of FD is closed, or gone, all processe
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import os
@@ -16,13 +17,18 @@ import signal
 import socket
 import sys
 import threading
+import time
 import traceback
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from skiros2_task.core.fast_downward import TRANSLATOR, SideBySide, read_plan, search, translate
 from skiros2_task.core.planner import Limits, Outcome
 from skiros2_task.core.processes import adopt_orphans, kill_tree
 from skiros2_task.core.task import PlanningTask, PlanStep
+
+if TYPE_CHECKING:
+    from skiros2_task.core.up_problem import UpProblem
 
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "p01.pddl"
@@ -32,29 +38,58 @@ _LOADING_NICENESS = 10
 
 
 @dataclass(frozen=True)
-class Job:
-    """What to solve and how.
+class EngineCall:
+    """An engine of unified-planning.
 
-    :param engine: the name by which unified-planning knows it.
+    :param name: by which unified-planning knows it, or `module:Class` of one that it does not know.
     :param options: the engine's own.
     """
 
+    name: str
+    options: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to solve and how."""
+
     task: PlanningTask
-    engine: str
-    options: tuple[tuple[str, str], ...]
+    work: EngineCall | SideBySide
     limits: Limits
 
 
 @dataclass(frozen=True)
+class ListEngines:
+    """Asks which engines are installed; the answer's reason has a line for each."""
+
+
+@dataclass(frozen=True)
+class FoundPlan:
+    """A plan.
+
+    :param by: the name of the engine or search.
+    :param seconds: from the start of the job until it was there.
+    """
+
+    by: str
+    steps: tuple[PlanStep, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
 class WorkerAnswer:
-    """What came of a job."""
+    """What came of a job.
+
+    :param plans: when solved, in the order in which they were found.
+    """
 
     outcome: Outcome
-    plan: tuple[PlanStep, ...] = ()
+    plans: tuple[FoundPlan, ...] = ()
     reason: str = ""
 
 
 TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan in its time")
+_IMPOSSIBLE = WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
 _OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner needs more memory than it may use")
 
 
@@ -82,6 +117,8 @@ def _load() -> None:
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOADING_NICENESS)
     for name in ("unified_planning.engines", "unified_planning.io", "skiros2_task.core.up_problem"):
         importlib.import_module(name)
+    with contextlib.suppress(ImportError):  # told by the job that needs it
+        importlib.import_module(TRANSLATOR)
 
 
 def _serve(folder: str, connection: socket.socket) -> None:
@@ -114,7 +151,11 @@ def _serve(folder: str, connection: socket.socket) -> None:
         os._exit(status)  # nothing of the process that this one was copied from is to be cleaned up here
 
 
-def _solved(job: Job) -> WorkerAnswer:
+def _solved(job: Job | ListEngines) -> WorkerAnswer:
+    if isinstance(job, ListEngines):
+        from unified_planning.environment import get_environment
+
+        return WorkerAnswer(Outcome.SOLVED, reason="\n".join(_engines(get_environment().factory)))
     if job.limits.memory_mb is not None:
         size = job.limits.memory_mb << 20
         resource.setrlimit(resource.RLIMIT_AS, (size, size))
@@ -128,23 +169,48 @@ def _solved(job: Job) -> WorkerAnswer:
 
 
 def _solve(job: Job) -> WorkerAnswer:
+    if isinstance(job.work, SideBySide):
+        return _side_by_side(job, job.work)
+    return _call(job, job.work)
+
+
+def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
+    from skiros2_task.core.up_problem import UpProblem  # loaded by the process that this one was copied from
+
+    started = time.monotonic()
+    model = UpProblem(job.task, goal_action=work.goal_action)
+    _write_pddl(model)
+    translate(DOMAIN_FILE, PROBLEM_FILE)
+    found = search(work, started, started + job.limits.seconds)
+    if found.plans:
+        plans = (FoundPlan(name, model.named_steps(read_plan(text)), at) for name, text, at in found.plans)
+        return WorkerAnswer(Outcome.SOLVED, tuple(plans))
+    if found.impossible:
+        return _IMPOSSIBLE
+    if found.out_of_time:
+        return TIMED_OUT
+    return WorkerAnswer(Outcome.FAILED, reason="; ".join(found.failures))
+
+
+def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     from unified_planning.engines import PlanGenerationResultStatus as Status
     from unified_planning.engines.pddl_planner import PDDLPlanner
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
-    from unified_planning.io import PDDLWriter
 
     from skiros2_task.core.up_problem import UpProblem
 
+    started = time.monotonic()
     model = UpProblem(job.task)
-    writer = PDDLWriter(model.problem)
-    writer.write_domain(DOMAIN_FILE)
-    writer.write_problem(PROBLEM_FILE)
+    _write_pddl(model)
     factory = model.environment.factory
+    module, separator, cls = work.name.partition(":")
     try:
-        engine = factory.OneshotPlanner(name=job.engine, params=dict(job.options))
+        if separator:
+            factory.add_engine(work.name, module, cls)
+        engine = factory.OneshotPlanner(name=work.name, params=dict(work.options))
     except UPNoRequestedEngineAvailableException:
-        known = ", ".join(sorted(name for name in factory.engines if factory.engine(name).is_oneshot_planner()))
-        return WorkerAnswer(Outcome.FAILED, reason=f"there is no planner {job.engine!r}; installed: {known}")
+        known = ", ".join(_engines(factory))
+        return WorkerAnswer(Outcome.FAILED, reason=f"there is no planner {work.name!r}; installed: {known}")
     if not isinstance(engine, PDDLPlanner):
         model = UpProblem(job.task, sparse=False)
     result = engine.solve(model.problem, timeout=job.limits.seconds)
@@ -152,14 +218,28 @@ def _solve(job: Job) -> WorkerAnswer:
         sys.stderr.write(message.message)
     sys.stderr.flush()
     if result.plan is not None:
-        return WorkerAnswer(Outcome.SOLVED, model.steps(result.plan))
+        found = FoundPlan(work.name, model.steps(result.plan), time.monotonic() - started)
+        return WorkerAnswer(Outcome.SOLVED, (found,))
     return _meaning(result.status, Status)
+
+
+def _write_pddl(model: UpProblem) -> None:
+    from unified_planning.io import PDDLWriter
+
+    writer = PDDLWriter(model.problem)
+    writer.write_domain(DOMAIN_FILE)
+    writer.write_problem(PROBLEM_FILE)
+
+
+def _engines(factory: Any) -> list[str]:
+    """The engines that make plans, without those that only wrap another."""
+    return sorted(n for n in factory.engines if "[" not in n and factory.engine(n).is_oneshot_planner())
 
 
 def _meaning(status: Any, names: Any) -> WorkerAnswer:
     """What a status without a plan says."""
     if status == names.UNSOLVABLE_PROVEN:
-        return WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
+        return _IMPOSSIBLE
     if status == names.TIMEOUT:
         return TIMED_OUT
     if status == names.UNSOLVABLE_INCOMPLETELY:

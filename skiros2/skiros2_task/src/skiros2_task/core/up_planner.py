@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import Job
+from skiros2_task.core.engine_worker import EngineCall, Job
 from skiros2_task.core.planner import Limits, PlannerAnswer
 from skiros2_task.core.task import PlanningTask
 
@@ -22,20 +22,20 @@ class UpPlanner:
     ) -> None:
         """
         :param processes: where it runs; planners may share them.
-        :param engine: the name by which unified-planning knows it. An unknown one is told by the first answer.
+        :param engine: the name by which unified-planning knows it, or `module:Class`. An unknown one is told by the first answer.
         :param options: the engine's own, such as `{"fast_downward_alias": "lama-first"}`.
         """
         self._processes = processes
-        self._engine = engine
-        self._options = tuple((options or {}).items())
+        self._call = EngineCall(engine, tuple((options or {}).items()))
 
     @property
     def name(self) -> str:
-        return self._engine
+        return self._call.name
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
         """Solves a task; see `Planner`."""
         started = time.monotonic()
-        run = self._processes.run(Job(task, self._engine, self._options, limits), cancelled or threading.Event())
+        run = self._processes.run(Job(task, self._call, limits), cancelled or threading.Event())
         seconds = time.monotonic() - started
-        return PlannerAnswer(run.answer.outcome, run.answer.plan, run.answer.reason, run.log, run.files, seconds)
+        plan = run.answer.plans[0].steps if run.answer.plans else ()
+        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log, run.files, seconds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import unified_planning as up
@@ -17,6 +17,7 @@ from skiros2_task.core.pddl_names import Naming, pddl_name
 from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
 from skiros2_task.core.type_tree import TypeTree
 
+_GOAL_ACTION = ("goal action", "")
 _OPERATOR_WORDS = {"=": "eq", ">": "gt", "<": "lt", ">=": "ge", "<=": "le"}
 
 
@@ -34,9 +35,10 @@ class SparseProblem(Problem):  # type: ignore[misc]
 class UpProblem:
     """The unified-planning problem of a task, and the way back from its names."""
 
-    def __init__(self, task: PlanningTask, sparse: bool = True) -> None:
+    def __init__(self, task: PlanningTask, sparse: bool = True, goal_action: bool = False) -> None:
         """
         :param sparse: for engines that read PDDL; others get every initial value.
+        :param goal_action: the goal becomes the pre-condition of an action that has to end every plan.
         """
         self._task = task
         self._naming = Naming()
@@ -54,8 +56,11 @@ class UpProblem:
         for action in task.actions:
             self.problem.add_action(self._action(action))
         self._add_facts()
-        for goal in task.goal.parts if isinstance(task.goal, And) else (task.goal,):
-            self.problem.add_goal(self._expression(goal, {}))
+        goals = [self._expression(goal, {}) for goal in _parts(task.goal)]
+        if goal_action:
+            goals = [self._reached(goals)]
+        for goal in goals:
+            self.problem.add_goal(goal)
 
     def steps(self, plan: Any) -> tuple[PlanStep, ...]:
         """The steps of a sequential plan for this problem."""
@@ -65,6 +70,14 @@ class UpProblem:
                 tuple(self._thing(argument.object().name) for argument in instance.actual_parameters),
             )
             for instance in plan.actions
+        )
+
+    def named_steps(self, names: Iterable[Sequence[str]]) -> tuple[PlanStep, ...]:
+        """The steps of a plan as PDDL names them; the inverse of `names_of`."""
+        return tuple(
+            PlanStep(self._thing(action), tuple(self._thing(argument) for argument in arguments))
+            for action, *arguments in names
+            if self._naming.thing(action) != _GOAL_ACTION
         )
 
     def names_of(self, step: PlanStep) -> tuple[str, ...]:
@@ -81,6 +94,17 @@ class UpProblem:
         kind_and_thing = self._naming.thing(name)
         assert isinstance(kind_and_thing, tuple)
         return str(kind_and_thing[1])
+
+    def _reached(self, goals: list[Any]) -> Any:
+        """The fact that an action brings about whose pre-condition is the goal."""
+        fluent = Fluent(self._naming.name(("predicate", "reached"), ["goal_reached"]), environment=self._env)
+        self.problem.add_fluent(fluent, default_initial_value=False)
+        reach = InstantaneousAction(self._naming.name(_GOAL_ACTION, ["reach_goal"]), _env=self._env)
+        for goal in goals:
+            reach.add_precondition(goal)
+        reach.add_effect(fluent, True)
+        self.problem.add_action(reach)
+        return fluent()
 
     def _add_types(self) -> None:
         for cls in (EVERYTHING, *self._tree.parent):
@@ -160,8 +184,7 @@ class UpProblem:
             for cls in variable.classes:
                 if cls in self._tree.crossing:
                     made.add_precondition(self._fluents[Predicate(Kind.IS_A, cls)](bound[variable.name]))
-        condition = action.precondition
-        for part in condition.parts if isinstance(condition, And) else (condition,):
+        for part in _parts(action.precondition):
             made.add_precondition(self._expression(part, bound))
         for effect in action.effects:
             each = {
@@ -192,6 +215,10 @@ class UpProblem:
             if fluent is not None:
                 for name in self._task.members[cls]:
                     self.problem.set_initial_value(fluent(self._objects[name]), True)
+
+
+def _parts(formula: Formula) -> tuple[Formula, ...]:
+    return formula.parts if isinstance(formula, And) else (formula,)
 
 
 def _predicate_wishes(predicates: tuple[Predicate, ...]) -> dict[Predicate, list[str]]:

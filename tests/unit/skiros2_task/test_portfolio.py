@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.engine_worker import Job
+from skiros2_task.core.fast_downward import Search, SideBySide
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planner import Limits, Outcome
-from skiros2_task.core.portfolio import Portfolio, Wish, number_of_steps, planner_named
+from skiros2_task.core.portfolio import Portfolio, Wish, makespan, planner_named
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.up_planner import UpPlanner
@@ -25,7 +27,7 @@ R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "sk
 
 
 def portfolio(processes: EngineProcesses, wish: Wish) -> Portfolio:
-    return Portfolio(processes, wish, number_of_steps)
+    return Portfolio(processes, wish, makespan())
 
 
 @pytest.mark.parametrize("wish", Wish)
@@ -69,9 +71,9 @@ def test_the_plan_with_the_least_cost_wins(processes: EngineProcesses) -> None:
         seen.append(float(sum(R in step.arguments for step in plan)))
         return seen[-1]
 
-    task = transport_task(2, 6, 6)
+    task = transport_task(3, 8, 12)
     answer = Portfolio(processes, Wish.BEST, by_first_robot).solve(task, LIMITS)
-    assert len(set(seen)) > 1, "all searches use the first robot alike: this test needs another task"
+    assert len(set(seen)) > 1, "all searches use the first robot alike; this test needs another task"
     least = min(seen)
     assert by_first_robot(task, answer.plan) == least
     assert "lama-first, after" in answer.log
@@ -95,7 +97,9 @@ def test_it_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses, o
     planner = portfolio(processes, wish)
     thread = threading.Thread(target=lambda: answers.append(planner.solve(task, LIMITS, cancelled)))
     thread.start()
-    wait_until(lambda: any("release/bin/downward" in c for c in running_in(own_folder / "tmp").values()), what="a search")
+    wait_until(
+        lambda: any("release/bin/downward" in c for c in running_in(own_folder / "tmp").values()), what="a search"
+    )
     cancelled.set()
     thread.join(5.0)
     assert [a.outcome for a in answers] == [Outcome.CANCELLED]
@@ -110,9 +114,18 @@ def test_its_time_is_limited(processes: EngineProcesses, own_folder: Path) -> No
 
 
 def test_its_memory_is_limited(processes: EngineProcesses) -> None:
-    answer = portfolio(processes, Wish.OPTIMAL).solve(transport_task(4, 12, 14), Limits(60.0, memory_mb=60))
+    blind = SideBySide((Search("blind", "astar(blind())"),))
+    job = Job(transport_task(4, 12, 14), blind, Limits(60.0, memory_mb=60))
+    answer = processes.run(job, threading.Event()).answer
     assert answer.outcome is Outcome.FAILED
-    assert "more memory than it may use" in answer.reason
+    assert "blind needs more memory than it may use" in answer.reason
+
+
+def test_the_makespan_of_steps_that_two_robots_do_at_once_is_that_of_one(processes: EngineProcesses) -> None:
+    other = "cora:Robot-1"
+    alone, both = (PlanStep("drive", (R, A, B)),), (PlanStep("drive", (R, A, B)), PlanStep("drive", (other, A, B)))
+    one = makespan()(transport_task(2, 3, 1, at(R, B)), alone)
+    assert makespan()(transport_task(2, 3, 1, conjunction([at(R, B), at(other, B)])), both) == one > 0.0
 
 
 def test_planners_are_chosen_by_wish_or_name(processes: EngineProcesses) -> None:
@@ -137,7 +150,7 @@ BAD = "support.bad_engines"
     [
         ("Raising", "out of luck"),
         ("Dying", "without an answer"),
-        ("Printing", "ended with"),
+        ("Printing", "Cannot interpret ((( fly me"),
         ("Missing", "Missing"),
     ],
 )
@@ -165,9 +178,7 @@ def test_a_plan_that_does_not_work_is_told_from_one_that_does(processes: EngineP
     assert "does not hold" in flaw(task, answer.plan)
 
 
-def test_a_search_that_crashes_does_not_spoil_the_others(
-    processes: EngineProcesses, own_folder: Path
-) -> None:
+def test_a_search_that_crashes_does_not_spoil_the_others(processes: EngineProcesses, own_folder: Path) -> None:
     """The first search's process is killed while it runs; another one's plan is given."""
     answers = []
     task = transport_task(2, 30, 40)

@@ -18,7 +18,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_task.core.engine_worker import DOMAIN_FILE, LOG_FILE, PROBLEM_FILE, TIMED_OUT, Job, ListEngines, WorkerAnswer
+from skiros2_task.core.engine_worker import (
+    DOMAIN_FILE,
+    LOG_FILE,
+    PROBLEM_FILE,
+    TIMED_OUT,
+    Job,
+    ListEngines,
+    WorkerAnswer,
+)
 from skiros2_task.core.planner import Outcome
 from skiros2_task.core.processes import kill_tree
 

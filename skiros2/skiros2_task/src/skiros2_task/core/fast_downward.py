@@ -145,7 +145,7 @@ class _Running:
     def __init__(self, what: Search, program: Path) -> None:
         self.search = what
         self._plan_file = Path(f"{what.name}.plan")
-        arguments = [program, "--internal-plan-file", self._plan_file, "--search", what.expression]
+        arguments = [str(program), "--internal-plan-file", str(self._plan_file), "--search", what.expression]
         with open(_SAS_FILE, "rb") as task:
             self._process = subprocess.Popen(arguments, stdin=task)
         self.descriptor = os.pidfd_open(self._process.pid)
@@ -190,4 +190,3 @@ def read_plan(text: str) -> Iterator[Sequence[str]]:
     for line in text.splitlines():
         if line.startswith("("):
             yield line.strip("() ").split()
-

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from enum import Enum
 
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.engine_worker import FoundPlan, Job
 from skiros2_task.core.fast_downward import (
@@ -17,12 +18,14 @@ from skiros2_task.core.fast_downward import (
     SideBySide,
     shuffled,
 )
+from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.planner import Limits, Planner, PlannerAnswer
+from skiros2_task.core.schedule import schedule
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
 
-#: How good a plan is; less is better.
+#: How long a plan takes (s); the least wins.
 Cost = Callable[[PlanningTask, Sequence[PlanStep]], float]
 
 
@@ -73,23 +76,30 @@ class Portfolio:
             wrong = flaw(task, found.steps)
             cost = float("inf") if wrong else self._cost(task, found.steps)
             costs.append((cost, found))
-            shown = wrong or f"{len(found.steps)} steps, cost {cost:g}"
+            shown = wrong or f"{len(found.steps)} steps, makespan {cost:g} s"
             lines.append(f"{found.by}, after {found.seconds:.2f} s: {shown}\n")
         if not costs:
             return (), ""
         return min(costs, key=lambda pair: pair[0])[1].steps, "".join(lines)
 
 
-def number_of_steps(_: PlanningTask, plan: Sequence[PlanStep]) -> float:
-    """A plan's cost by its length."""
-    return float(len(plan))
+def makespan(durations: Durations | None = None) -> Cost:
+    """A plan's cost by the time that it takes with all robots at work (s).
+
+    :param durations: of the skills; by default each takes as long as any other.
+    """
+    known = durations or Durations()
+    return lambda task, plan: schedule(task, deorder(task, plan), known).makespan
 
 
-def planner_named(processes: EngineProcesses, name: str = DEFAULT_ENGINE, cost: Cost = number_of_steps) -> Planner:
+def planner_named(
+    processes: EngineProcesses, name: str = DEFAULT_ENGINE, durations: Durations | None = None
+) -> Planner:
     """The planner for a wish (`first`, `best`, `optimal`), or of an engine's name.
 
-    :param cost: by which plans are compared, where there are several.
+    :param durations: of the skills; the plan with the smallest makespan wins, where there are several.
     """
+    cost = makespan(durations)
     if name == DEFAULT_ENGINE:
         return Portfolio(processes, Wish.FIRST, cost)
     if name in {wish.value for wish in Wish}:

@@ -22,7 +22,8 @@ class UpPlanner:
     ) -> None:
         """
         :param processes: where it runs; planners may share them.
-        :param engine: the name by which unified-planning knows it, or `module:Class`. An unknown one is told by the first answer.
+        :param engine: the name by which unified-planning knows it, or `module:Class`. An unknown one is told by the
+            first answer.
         :param options: the engine's own, such as `{"fast_downward_alias": "lama-first"}`.
         """
         self._processes = processes

@@ -16,8 +16,9 @@ from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskRes
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
+from skiros2_task.core.portfolio import planner_named
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
+from skiros2_task.core.up_planner import DEFAULT_ENGINE
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_task.ros.task_message import task_holder
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -130,7 +131,7 @@ def main() -> None:
     processes = EngineProcesses()
     try:
         wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-        engine = UpPlanner(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
+        engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
         archive = Archive(Path(os.path.expanduser(ARCHIVE)))
         manager = TaskManager(TaskPlanner(wm, engine, Limits(float(seconds)), archive))
         rospy.on_shutdown(manager.stop)

@@ -70,24 +70,55 @@ def deorder(task: PlanningTask, plan: Sequence[PlanStep]) -> PartialOrder:
     for index, step in enumerate(plan):
         needed = precondition_of(task, step)
         links += (CausalLink(producer, index, *literal) for producer, literal in history.support(needed, str(step)))
-        history.add(index, _net(effects_of(task, step)), dict(during_of(task, step)))
+        history.add(index, changes_of(task, step))
     links += (CausalLink(producer, GOAL, *literal) for producer, literal in history.support(task.goal, "the goal"))
-    pairs = {(link.producer, link.consumer) for link in links if link.producer >= 0 and link.consumer >= 0}
-    pairs.update(_threats(links, history.touched))
-    pairs.update(_conflicts(history.touched.values()))
+    pairs = {(first, second) for first, second, _ in reasons(links, history.touched)}
     pairs.update(_same_robot(robot_of(task, step) for step in plan))
     return PartialOrder(tuple(plan), frozenset(_reduced(pairs, len(plan))), tuple(links))
 
 
-def _net(changes: Iterable[tuple[Atom, bool]]) -> dict[Atom, bool]:
-    """What changes come to: what is made both true and false is true."""
-    found: dict[Atom, bool] = {}
-    for atom, state in changes:
-        found[atom] = state or found.get(atom, False)
-    return found
-
-
 Literal = tuple[Atom, bool]
+#: For each atom the steps that change it, in order, with what they make it, if only while they run.
+Touched = Mapping[Atom, Sequence[tuple[int, bool]]]
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What a step does to the facts.
+
+    :param made: what it makes true or false by its end; what it makes both is true.
+    :param during: what it makes true or false while it runs.
+    """
+
+    made: Mapping[Atom, bool]
+    during: Mapping[Atom, bool]
+
+
+def changes_of(task: PlanningTask, step: PlanStep) -> Changes:
+    """What a step does to the facts."""
+    made: dict[Atom, bool] = {}
+    for atom, state in effects_of(task, step):
+        made[atom] = state or made.get(atom, False)
+    return Changes(made, dict(during_of(task, step)))
+
+
+def reasons(links: Iterable[CausalLink], touched: Touched) -> Iterator[tuple[int, int, Atom]]:
+    """Why steps have to stay in order, robots aside: the first, the second, and the fact that it is about."""
+    for link in links:
+        if link.producer != INIT and link.consumer != GOAL:
+            yield link.producer, link.consumer, link.atom
+        # What would spoil the fact stays before the step that makes it, or after the one that needs it.
+        for index, state in touched.get(link.atom, ()):
+            if state == link.state or index in (link.producer, link.consumer):
+                continue
+            if link.consumer != GOAL and index > link.consumer:
+                yield link.consumer, index, link.atom
+            else:
+                yield index, link.producer, link.atom
+    # Steps that make a fact different stay in order: each finds it its own way when it ends.
+    for atom, changes in touched.items():
+        for place, (second, state) in enumerate(changes):
+            yield from ((first, second, atom) for first, old in changes[:place] if old != state and first != second)
 
 
 class _History:
@@ -97,22 +128,17 @@ class _History:
         self._init = init
         self._now: dict[Atom, bool] = {}
         self._since: dict[Atom, int] = {}
-        #: For each atom the steps that change it, in order, with what they make it, if only while they run.
         self.touched: dict[Atom, list[tuple[int, bool]]] = {}
 
-    def add(self, index: int, made: Mapping[Atom, bool], during: Mapping[Atom, bool]) -> None:
-        """Carries out the next step.
-
-        :param made: what it makes true or false.
-        :param during: likewise, while it runs.
-        """
-        for atom, state in during.items():
+    def add(self, index: int, changes: Changes) -> None:
+        """Carries out the next step."""
+        for atom, state in changes.during.items():
             self.touched.setdefault(atom, []).append((index, state))
-            if atom not in made:  # as before, but only from the end of the step on
+            if atom not in changes.made:  # as before, but only from the end of the step on
                 self._now[atom], self._since[atom] = self._holds(atom), index
-        for atom, state in made.items():
+        for atom, state in changes.made.items():
             self.touched.setdefault(atom, []).append((index, state))
-            if self._holds(atom) != state or atom in during:
+            if self._holds(atom) != state or atom in changes.during:
                 self._now[atom], self._since[atom] = state, index
 
     def _holds(self, atom: Atom) -> bool:
@@ -145,27 +171,6 @@ class _History:
             return [literal for part in there for literal in part] if len(there) == len(parts) else None
         # Of alternatives the one that has held longest binds the step least.
         return min(there, key=lambda part: max((self._since.get(a, INIT) for a, _ in part), default=INIT), default=None)
-
-
-def _threats(
-    links: Iterable[CausalLink], touched: Mapping[Atom, Sequence[tuple[int, bool]]]
-) -> Iterator[tuple[int, int]]:
-    """Steps that would spoil a link stay before its producer or after its consumer."""
-    for link in links:
-        for index, state in touched.get(link.atom, ()):
-            if state == link.state or index in (link.producer, link.consumer):
-                continue
-            if link.consumer != GOAL and index > link.consumer:
-                yield link.consumer, index
-            else:
-                yield index, link.producer
-
-
-def _conflicts(touched: Iterable[Sequence[tuple[int, bool]]]) -> Iterator[tuple[int, int]]:
-    """Steps that make a fact different stay in order: each has its own way when it ends."""
-    for changes in touched:
-        for place, (second, state) in enumerate(changes):
-            yield from ((first, second) for first, before in changes[:place] if before != state and first != second)
 
 
 def _same_robot(robots: Iterable[str]) -> Iterator[tuple[int, int]]:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.durations import Durations
-from skiros2_task.core.partial_order import PartialOrder
+from skiros2_task.core.partial_order import PartialOrder, deorder
+from skiros2_task.core.reassignment import reassigned
 from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,25 @@ class Schedule:
 
 
 def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
-    """The schedule of a plan: each step as early as the order lets it."""
+    """The schedule of a plan: each step as early as the order lets it.
+
+    Steps are given to other robots that have the skill, in another order, where that shortens the plan and it still
+    works.
+    """
+    as_planned = _as_early_as_possible(task, order, durations)
+    plan = reassigned(task, order, durations)
+    if plan is None:
+        return as_planned
+    try:
+        other = deorder(task, plan)
+    except WrongValue as reason:
+        log.debug("dealing out the steps anew is of no use: %s", reason)
+        return as_planned
+    dealt_out = _as_early_as_possible(task, other, durations)
+    return dealt_out if dealt_out.makespan < as_planned.makespan else as_planned
+
+
+def _as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
     steps: list[Scheduled] = []
     for index, (step, before) in enumerate(zip(order.steps, order.predecessors(), strict=True)):
         start = max((steps[i].end for i in before), default=0.0)

@@ -18,7 +18,7 @@ demo: setup  ## plan and run the pick-and-place on real nodes, and prove its end
 	@exec .ci/in_ros rosrun skiros2_demo_skills pick_place_demo
 
 test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
-	@exec .ci/in_ros $(python) -m pytest $(PYTEST_ARGS)
+	@exec .ci/in_ros $(python) -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(PYTEST_ARGS)
 
 lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .

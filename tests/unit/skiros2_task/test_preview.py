@@ -6,7 +6,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.goal import GoalReader
 from skiros2_task.core.plan import skill_calls
-from skiros2_task.core.preview import Changed, Preview, PreviewStep, preview
+from skiros2_task.core.preview import Changed, Preview, preview
 from skiros2_task.core.problem import make_task
 from skiros2_task.core.task import PlanStep
 from skiros2_task.core.world_view import WorldView
@@ -17,28 +17,20 @@ HERE = [("Place", "skiros:Location", INFERRED)]
 PRODUCT = [("Object", "skiros:Product", REQUIRED)]
 
 
-def tried(world: PlanningWorld, goal: str, *plan: PlanStep, seen: list[str] | None = None) -> Preview:
+def tried(world: PlanningWorld, goal: str, *plan: PlanStep, states: bool = False) -> Preview:
     view = WorldView(world.wm)
     task = make_task(view, GoalReader(view, condition_predicates(view.robots)).read(goal))
-
-    copy = SceneCopy(world.wm)
-
-    def tell(step: PreviewStep) -> None:
-        if seen is not None:
-            seen.extend(r["dst"] for r in copy.get_relations(world.robots[0], "skiros:at", ""))
-
-    return preview(copy, task, plan, skill_calls(task, plan, view.objects), tell)
+    return preview(SceneCopy(world.wm), task, plan, skill_calls(task, plan, view.objects), states)
 
 
 def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:
     return PlanStep("drive", (world.robots[0], world.places[start], world.places[end]))
 
 
-def test_each_step_tells_what_it_changes_and_the_copy_follows() -> None:
+def test_each_step_tells_what_it_changes_and_what_holds_then() -> None:
     world = transport_world(places=3)
-    seen: list[str] = []
     found = tried(
-        world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1), drive(world, 1, 2), seen=seen
+        world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1), drive(world, 1, 2), states=True
     )
     robot = f'{world.robots[0]} "skiros:alpha"'
     assert found.works
@@ -55,7 +47,8 @@ def test_each_step_tells_what_it_changes_and_the_copy_follows() -> None:
         "StartLocation": world.places[0],
         "TargetLocation": world.places[1],
     }
-    assert seen == world.places[1:]
+    assert [step.state for step in found.steps] == [[f"(skiros:at {world.robots[0]} {p})"] for p in world.places[1:]]
+    assert f"   then holds: (skiros:at {world.robots[0]} {world.places[1]})" in str(found).splitlines()
 
 
 def test_the_world_model_stays_as_it_is() -> None:

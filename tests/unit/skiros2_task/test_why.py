@@ -16,7 +16,7 @@ from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.why import HOLDS, REACHABLE, UNKNOWN, UNREACHABLE, Fact, NoPlan, no_plan
 from skiros2_task.core.world_view import WorldView
 from support.planning_world import DRIVE, PICK, PLACE, REQUIRED, PlanningWorld, prop, skill, transport_world
-from support.transport_task import HAS_A, at, contain, transport_task
+from support.transport_task import AT, HAS_A, at, contain, transport_task
 
 R, G, A, B, P = (
     "cora:Robot-0",
@@ -80,6 +80,15 @@ def test_of_several_ways_the_one_that_lacks_least_is_told() -> None:
     gone = {Atom(HAS_A, (R, G)), at("cora:Robot-1", A), Atom(HAS_A, ("cora:Robot-1", "rparts:GripperEffector-1"))}
     why = impossible(replace(task, init=task.init - gone))
     assert why.goals[0].achievers[0].values["Robot"] == R
+
+
+def test_a_fact_that_skills_bring_about_only_where_it_holds_already_is_missing() -> None:
+    # A robot that is nowhere cannot drive.
+    why = impossible(without(transport_task(1, 2, 1, at(R, B)), AT))
+    (drive,) = why.goals[0].achievers
+    assert why.missing
+    assert all(text.startswith(f"(skiros:at {R} ") for text in why.missing)
+    assert drive.unmet
 
 
 def test_a_robot_that_lacks_the_skill_is_named() -> None:
@@ -179,7 +188,7 @@ def test_the_text_tells_all_of_it() -> None:
     assert lines[1] == f"(skiros:contain {B} {P}) cannot be reached"
     assert lines[2] == f"  skiros:Place (place) with Robot={R}, Gripper={G}, Place={B}, Object={P} needs"
     assert lines[3] == f"    (skiros:hasA {R} {G}) cannot be reached: no skill brings it about"
-    assert lines[-2:] == ["what would have to be so, and no skill brings about:", f"  (skiros:hasA {R} {G})"]
+    assert lines[-2:] == ["what would have to be so first:", f"  (skiros:hasA {R} {G})"]
 
 
 def test_it_travels_as_json() -> None:

@@ -6,28 +6,18 @@ import argparse
 import importlib.util
 import logging
 import os
-import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-import rospkg
-
 from skiros2_common.command_line.answer import OK, REFUSED, USAGE, Answer
 from skiros2_common.command_line.frame import Parser, answered, end, given_arguments
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_skill.command_line.knowledge import world_model_of
 from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Fault, lint_libraries
-from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.ontology_base import is_knowledge_file
-from skiros2_world_model.core.world_model import WorldModel
 
 #: Its skills may be used by those of any library.
 _STANDARD = "skiros2_std_skills"
-
-#: Where a package keeps its ontologies.
-_FOLDERS = ("owl", "ontology", "ontologies")
 
 _EPILOG = (
     "The ontologies of skiros2, those in the folders owl, ontology and ontologies of the packages, and those of the "
@@ -56,12 +46,8 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 def _lint(given: argparse.Namespace) -> Answer:
     logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # what is skipped is among the faults
     logging.getLogger("skiros2_world_model").setLevel(logging.ERROR)
-    if given.workspace is not None and not given.workspace.is_dir():
-        raise ConfigurationError(f"workspace {given.workspace}: there is no such folder")
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
-    with tempfile.TemporaryDirectory(prefix="skiros-lint-") as folder:
-        _gather([*_folders([*given.packages, *used]), *([given.workspace] if given.workspace else [])], Path(folder))
-        wmi = LocalWorldModel("lint", WorldModel(_ontologies(), Path(folder)))
+    with world_model_of([*given.packages, *used], given.workspace, "lint") as wmi:
         faults = lint_libraries(given.packages, wmi, used)
     shown = [fault for fault in faults if fault.severity != NOTE or given.notes]
     counts = Counter(fault.severity for fault in faults)
@@ -82,41 +68,3 @@ def _summary(counts: Counter[str]) -> str:
     named = [f"{counts[s]} {s}{'' if counts[s] == 1 else 's'}" for s in (ERROR, WARNING)]
     more = f"; {counts[NOTE]} not checked (--notes)" if counts[NOTE] else ""
     return ", ".join(named) + more
-
-
-def _folders(packages: Sequence[str]) -> Iterator[Path]:
-    """The folders with the ontologies of packages."""
-    packs = rospkg.RosPack()
-    for package in packages:
-        try:
-            root = Path(packs.get_path(package.partition(".")[0]))
-        except rospkg.ResourceNotFound:
-            found = _root(package)
-            if found is None:
-                continue
-            root = found
-        yield from (root / name for name in _FOLDERS if (root / name).is_dir())
-
-
-def _root(package: str) -> Path | None:
-    """The folder of the ROS package that a Python package lies in; None when there is none."""
-    spec = importlib.util.find_spec(package.partition(".")[0])
-    if spec is None or not spec.origin:
-        return None
-    return next((folder for folder in Path(spec.origin).parents if (folder / "package.xml").is_file()), None)
-
-
-def _gather(folders: Sequence[Path], into: Path) -> None:
-    """Copies the ontologies of some folders into one."""
-    for number, folder in enumerate(folders):
-        for file in sorted(folder.rglob("*")):
-            if file.is_file() and is_knowledge_file(file.name):
-                shutil.copyfile(file, into / f"{number:03}_{file.name}")
-
-
-def _ontologies() -> Path:
-    """The folder of the platform's own ontologies."""
-    try:
-        return Path(rospkg.RosPack().get_path("skiros2")) / "ontologies"
-    except rospkg.ResourceNotFound:
-        return source_ontologies()

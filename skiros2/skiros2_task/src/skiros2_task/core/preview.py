@@ -6,7 +6,7 @@ this checks what planning has made of them too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,7 +28,7 @@ from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate
 from skiros2_task.core.plan import SkillCall
 from skiros2_task.core.skill_model import ParameterKind, Skill, SkillCondition, SkillParameter
-from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.task import PlanningTask, PlanStep, effects_of
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 _KINDS = {
@@ -83,6 +83,7 @@ class PreviewStep:
     :param unmet: the conditions that do not hold when it starts, in words.
     :param assumed: what the skill's description leaves open and the preview had to choose, in words.
     :param changes: what it changes.
+    :param state: the facts that hold then, of those that skills change; only where they are asked for.
     """
 
     number: int
@@ -92,16 +93,19 @@ class PreviewStep:
     unmet: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     changes: list[Changed] = field(default_factory=list)
+    state: list[str] = field(default_factory=list)
 
     def lines(self) -> Iterator[str]:
-        arguments = ", ".join(f"{key}={value}" for key, value in self.arguments.items())
-        yield f"{self.number}. {self.skill} by {self.manager}: {arguments}"
+        yield f"{self.number}. {self.skill} by {self.manager}"
+        yield f"     with {', '.join(f'{key}={value}' for key, value in self.arguments.items())}"
         for text in self.unmet:
             yield f"     does not hold: {text}"
         for change in self.changes:
             yield f"   {change}"
         for text in self.assumed:
             yield f"     assumed: {text}"
+        if self.state:
+            yield f"   then holds: {' '.join(self.state)}"
 
 
 @dataclass
@@ -135,21 +139,29 @@ def preview(
     task: PlanningTask,
     steps: Sequence[PlanStep],
     calls: Sequence[SkillCall],
-    tell: Callable[[PreviewStep], None] | None = None,
+    states: bool = False,
 ) -> Preview:
     """Tries a plan out on a copy of the scene, which is changed. No robot hears of it.
 
     :param copy: a copy of the world that the plan was made for, such as a `SceneCopy`.
     :param task, steps, calls: as the result of the `TaskPlanner` has them.
-    :param tell: told of each step once the copy is as it is after that.
+    :param states: whether the whole state after each step is to be told, not what has changed alone.
     """
     rehearsal = _Rehearsal(copy, task)
+    facts = _facts_of(task, steps) if states else []
     played = []
     for number, (step, call) in enumerate(zip(steps, calls, strict=True), 1):
         played.append(rehearsal.play(number, step, call))
-        if tell is not None:
-            tell(played[-1])
+        played[-1].state = [str(atom) for atom in facts if rehearsal.holds(atom)]
     return Preview(played, rehearsal.holds(task.goal))
+
+
+def _facts_of(task: PlanningTask, steps: Sequence[PlanStep]) -> list[Atom]:
+    """The facts that hold at some time of a plan, of those that skills change."""
+    changing = {effect.atom.predicate for action in task.actions for effect in action.effects}
+    found = {atom for atom in task.init if atom.predicate in changing}
+    found |= {atom for step in steps for atom, state in effects_of(task, step) if state}
+    return sorted(found, key=str)
 
 
 class _Rehearsal:

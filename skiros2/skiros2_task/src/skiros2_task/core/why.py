@@ -94,7 +94,8 @@ class NoPlan(JsonData):
     :param verdict: the value of an `Outcome`: "proven impossible", "timed out", "cancelled" or "failed".
     :param reason: in words, from the planner or from what was found before it was asked.
     :param goals: the parts of the goal that do not hold yet, those that cannot be reached first.
-    :param missing: facts that no skill brings about and that do not hold, on which the goal depends.
+    :param missing: facts that do not hold and on which the goal depends: those that no skill brings about; where there
+        are none, those that skills bring about only where they hold already.
     :param left_out: in words, the skills that planning cannot use, and why.
     """
 
@@ -121,7 +122,7 @@ class NoPlan(JsonData):
         if self.goals and not self.unreachable:
             yield from self._in_doubt()
         if self.missing:
-            yield "what would have to be so, and no skill brings about:"
+            yield "what would have to be so first:"
             yield from (f"  {fact}" for fact in self.missing)
 
     def _in_doubt(self) -> Iterator[str]:
@@ -166,7 +167,8 @@ def no_plan(
     if verdict != IMPOSSIBLE and any(goal.state == UNREACHABLE for goal in goals):
         reason = f"the planner could not tell ({verdict}{f': {reason}' if reason else ''}), but this shows it"
         verdict = IMPOSSIBLE
-    return NoPlan(verdict, reason, goals, list(told.missing), [str(skill) for skill in left_out])
+    missing = told.missing or told.circular
+    return NoPlan(verdict, reason, goals, list(missing), [str(skill) for skill in left_out])
 
 
 class _Telling:
@@ -179,8 +181,10 @@ class _Telling:
         self._left_out = left_out
         self._ends = ends
         self._told: set[Formula] = set()
-        #: Facts that no skill brings about.
+        self._open: list[Formula] = []  # what is being told of
+        #: Facts that no skill brings about, and facts that skills bring about only where they hold already.
         self.missing: dict[str, None] = {}
+        self.circular: dict[str, None] = {}
 
     def holds(self, formula: Formula) -> bool:
         return self._now.may_hold(formula)
@@ -198,8 +202,11 @@ class _Telling:
         fact = Fact(said(formula), UNREACHABLE)
         if formula in self._told:
             fact.note = "see above"
+            if formula in self._open:
+                self.circular[fact.text] = None
             return fact
         self._told.add(formula)
+        self._open.append(formula)
         achievers = [*self._achievers(formula), *self._unused(formula)]
         achievers.sort(key=lambda a: (len(a.obstacles), len(a.unmet)))
         possible = [a for a in achievers if not a.obstacles]
@@ -209,6 +216,7 @@ class _Telling:
             is_skill = isinstance(formula, Atom) and formula.predicate.kind is Kind.CAN
             fact.note = "its manager does not offer it" if is_skill else "no skill brings it about"
             self.missing[fact.text] = None
+        self._open.pop()
         return fact
 
     def _compound(self, formula: And | Or) -> Fact:

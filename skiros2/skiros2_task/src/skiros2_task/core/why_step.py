@@ -50,8 +50,9 @@ class WhyStep:
 
     def lines(self) -> Iterator[str]:
         yield f"{self.number}. {self.call}"
-        for link in self.serves:
-            yield f"     makes {link.fact} for {f'step {link.step}' if link.step else 'the goal'}"
+        for fact in dict.fromkeys(link.fact for link in self.serves):
+            users = [f"step {link.step}" if link.step else "the goal" for link in self.serves if link.fact == fact]
+            yield f"     makes {fact} for {', '.join(users)}"
         if not self.serves:
             yield "     nothing needs what it makes"
         reached = [goal for goal in self.goals if Link(goal, OUTSIDE) not in self.serves]

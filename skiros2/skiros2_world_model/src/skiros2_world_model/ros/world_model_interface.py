@@ -230,7 +230,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _follow(self) -> None:
         super()._follow()
-        _load_reasoners(self._server)
+        load_reasoners(self._server)
 
     def _on_monitor(self, message: Any) -> None:
         super()._on_monitor(message)
@@ -272,7 +272,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return [msg2given_element(m, number) for m in answer.elements]
 
 
-def _load_reasoners(server: str) -> None:
+def load_reasoners(server: str) -> None:
     """Makes the reasoners that the server uses known in this process, where they are installed."""
     loader = PluginLoader()
     for package in text_list(f"{server}/reasoners_pkgs"):

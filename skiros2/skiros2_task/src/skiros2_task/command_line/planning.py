@@ -1,0 +1,179 @@
+"""The commands that plan, and tell what they have found: plan, preview and explain."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from skiros2_common.command_line.answer import OK, REFUSED, Answer
+from skiros2_common.command_line.layout import Screen, table
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_task.command_line.source import manager_of, planning_world
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.durations import Durations
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.planner import Limits
+from skiros2_task.core.portfolio import Wish, planner_named
+from skiros2_task.core.preview import preview as try_out
+from skiros2_task.core.schedule import Schedule
+from skiros2_task.core.skill_model import MANAGER_PROPERTY
+from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.why_step import why_plan
+from skiros2_world_model.core.scene_copy import SceneCopy
+
+#: Where what was made for each request is kept, and how long skills took.
+_FOLDER = Path("~/.skiros/planner")
+_DURATIONS = "durations.json"
+
+#: How long to look for a plan (s), and for the best one.
+_SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
+
+
+def plan(arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """The plan for a goal: when each step is done, and by which robot. Nothing moves."""
+    with _planned(arguments) as (_, result):
+        if result.schedule is None:
+            return _without_plan(result)
+        return Answer(_shown(result.schedule, result.calls, screen), _as_json(result))
+
+
+def preview(arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """The plan for a goal, tried out on a copy of the scene: what each step would change. Nothing moves."""
+    with _planned(arguments) as (wm, result):
+        if result.verdict is not Verdict.PLANNED or result.task is None:
+            return _without_plan(result)
+        tried = try_out(SceneCopy(wm), result.task, result.steps, result.calls, arguments.states)
+        return Answer(list(tried.lines()), tried.to_dict(), OK if tried.works else REFUSED)
+
+
+def explain(arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """What each step of the plan for a goal is for; or why there is none, and what would have to be so."""
+    with _planned(arguments) as (_, result):
+        if result.schedule is None or result.task is None:
+            return _without_plan(result, notes=True)
+        why = why_plan(result.task, result.schedule.order, result.calls)
+        return Answer(list(why.lines()), why.to_dict())
+
+
+def goal_text(words: Sequence[str]) -> str:
+    """The goal that arguments give: the text of goals, `@FILE` for a file that has it, `-` for the standard input.
+
+    :raises WrongValue: a file cannot be read.
+    """
+    texts = []
+    for word in words:
+        if word == "-":
+            texts.append(sys.stdin.read())
+        elif word.startswith("@"):
+            try:
+                texts.append(Path(word[1:]).read_text(encoding="utf-8"))
+            except (OSError, UnicodeDecodeError) as error:
+                raise WrongValue(f"goal file {word[1:]}: {getattr(error, 'strerror', None) or error}") from None
+        else:
+            texts.append(word)
+    return texts[0] if len(texts) == 1 else ",\n".join(texts)
+
+
+@contextmanager
+def _planned(arguments: argparse.Namespace) -> Iterator[tuple[Any, PlanningResult]]:
+    """The world model, and what came of the goal of a command."""
+    goal = goal_text(arguments.goal)
+    folder = _FOLDER.expanduser()
+    durations = Durations(folder / _DURATIONS)
+    seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Wish.BEST.value else _SECONDS)
+    with planning_world(arguments) as wm, closing(EngineProcesses()) as processes:
+        manager = manager_of(arguments.robot)
+        if manager:
+            _check_manager(wm, manager)
+        planner = planner_named(processes, arguments.planner, durations)
+        tasks = TaskPlanner(wm, planner, Limits(seconds), Archive(folder), durations)
+        yield wm, tasks.plan(goal, asked_by=manager)
+
+
+def _check_manager(wm: Any, manager: str) -> None:
+    """
+    :raises UnknownName: no robot is of that manager.
+    """
+    known = {str(e.value_of(MANAGER_PROPERTY)) for e in wm.resolve_elements(Element("cora:Robot"))} - {"None", ""}
+    if manager not in known:
+        raise UnknownName(f"no robot {manager} offers skills; there are: {', '.join(sorted(known)) or 'none'}")
+
+
+def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
+    """What is said where there is nothing to be done, or no plan.
+
+    :param notes: also what was left out.
+    """
+    lines = result.message.splitlines()
+    if notes and result.notes:
+        lines += ["what planning could not use:", *(f"  {note}" for note in result.notes)]
+    return Answer(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
+
+
+def _shown(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:
+    """A plan in time, the steps in the order of their starts."""
+    before = schedule.order.predecessors()
+    rows = []
+    for step in sorted(schedule.steps, key=lambda s: (s.start, s.step)):
+        call = calls[step.step]
+        after = ", ".join(str(i + 1) for i in before[step.step])
+        rows.append(
+            (
+                str(step.step + 1),
+                f"{step.start:.1f}",
+                f"{step.end:.1f}",
+                call.manager,
+                _name(call),
+                _arguments(call),
+                after,
+            )
+        )
+    robots = len({call.manager for call in calls})
+    head = f"{len(calls)} step{'s' * (len(calls) > 1)} of {robots} robot{'s' * (robots > 1)}, {schedule.makespan:.1f} s"
+    return [head, "", *table(screen, rows, ("step", "start", "end", "robot", "skill", "after step", "parameters"))]
+
+
+def _name(call: SkillCall) -> str:
+    return call.label or call.type
+
+
+def _arguments(call: SkillCall) -> str:
+    return ", ".join(f"{key}={_element(e)}" for key, e in call.arguments if key != "Robot")
+
+
+def _element(element: Element) -> str:
+    return f'"{element.label}"' if element.label else element.id
+
+
+def _as_json(result: PlanningResult) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "verdict": result.verdict.value,
+        "message": result.message,
+        "notes": list(result.notes),
+        "why": result.why.to_dict() if result.why is not None else None,
+        "makespan": None,
+        "steps": [],
+    }
+    if result.schedule is not None:
+        before = result.schedule.order.predecessors()
+        data["makespan"] = result.schedule.makespan
+        data["steps"] = [
+            {
+                "number": step.step + 1,
+                "start": step.start,
+                "end": step.end,
+                "robot": call.manager,
+                "type": call.type,
+                "label": call.label,
+                "parameters": {key: {"id": e.id, "label": e.label, "type": e.type} for key, e in call.arguments},
+                "after": [i + 1 for i in before[step.step]],
+            }
+            for step, call in zip(result.schedule.steps, result.calls, strict=True)
+        ]
+    return data

@@ -1,0 +1,121 @@
+"""The commands of `rosrun skiros2_task`: what they take from the command line, and how they end."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from skiros2_common.command_line.answer import NOT_THERE, Answer
+from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.layout import Screen
+from skiros2_task.command_line import domain, planning
+from skiros2_task.core.up_planner import DEFAULT_ENGINE
+
+Command = Callable[[argparse.Namespace, Screen], Answer]
+
+_GOALS = (
+    "A GOAL is (relation subject object), (property subject), (not ...), (and ...), (or ...), (exists (?x - class) "
+    "...) or (forall (?x - class) ...), of ids of elements or names of templates; @FILE is a file that has it, - the "
+    "standard input. Of several goals all have to hold."
+)
+_OFFLINE = "With --scene, no master and no world model are needed."
+
+
+def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs a command and ends the process with its status.
+
+    :param name: the command.
+    :param arguments: of the command line; None: of this process's.
+    """
+    end(_run(name, given_arguments(arguments)))
+
+
+def _run(name: str, given: Sequence[str]) -> int:
+    command, parser = _parser(name)
+    arguments = parser.parse_intermixed_args(given)  # options may stand anywhere
+    return answered(parser.prog, lambda: command(arguments, screen()), arguments.json)
+
+
+def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
+    command, add_arguments, *epilog = _COMMANDS[name]
+    statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {NOT_THERE} no master or no world model."
+    parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
+    add_arguments(parser)
+    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    return command, parser
+
+
+def _goal(parser: argparse.ArgumentParser, count: str = "+") -> None:
+    parser.add_argument("goal", metavar="GOAL", nargs=count, help="what has to hold")
+
+
+def _world(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot alone (default: for all)")
+    parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
+    offline = parser.add_argument_group("without a running system")
+    offline.add_argument("--scene", type=Path, metavar="FILE", help="a scene instead of that of the world model")
+    offline.add_argument(
+        "--libraries", nargs="+", default=[], metavar="PACKAGE", help="whose skills the robots of the scene get"
+    )
+    offline.add_argument("--skills", nargs="+", default=[], metavar="CLASS", help="only these of the libraries")
+    offline.add_argument(
+        "--workspace", type=Path, metavar="DIR", help="has your ontologies (default: the scene's folder)"
+    )
+
+
+def _planning(parser: argparse.ArgumentParser) -> None:
+    _goal(parser)
+    parser.add_argument(
+        "--planner",
+        default=DEFAULT_ENGINE,
+        metavar="NAME",
+        help="first, best or optimal plan, or an engine of unified-planning (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seconds", type=_seconds, metavar="S", help="time to plan in (default: 60; for the best plan 10)"
+    )
+    _world(parser)
+
+
+def _preview(parser: argparse.ArgumentParser) -> None:
+    _planning(parser)
+    parser.add_argument("--states", action="store_true", help="all that holds after each step, not the changes alone")
+
+
+def _domain(parser: argparse.ArgumentParser) -> None:
+    _goal(parser, "*")
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="write the PDDL files there")
+    _world(parser)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds")
+    return seconds
+
+
+_PLANNED = "0 there is a plan, or nothing to do, 1 no plan, or refused"
+
+#: What the first two exit statuses mean.
+_RESULTS = {
+    "plan": _PLANNED,
+    "preview": f"{_PLANNED}, or it does not work on the copy",
+    "explain": _PLANNED,
+    "domain": "0 done, 1 refused",
+}
+
+#: What each does, what it takes, and what is told at the end of its help.
+_COMMANDS: dict[str, tuple[Any, ...]] = {
+    "plan": (planning.plan, _planning, _GOALS, _OFFLINE),
+    "preview": (planning.preview, _preview, _GOALS, _OFFLINE),
+    "explain": (planning.explain, _planning, _GOALS, _OFFLINE),
+    "domain": (domain.domain, _domain, _GOALS, _OFFLINE),
+}

@@ -1,0 +1,224 @@
+"""The commands of `rosrun skiros2_task` on scene files: what they print, and what they end with."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from skiros2_task.command_line import planning, program
+from skiros2_task.command_line.planning import goal_text
+from support.source import ROOT
+
+DEMO = ROOT / "skiros2_std_lib/skiros2_demo_skills/owl/pick_place_scene.ttl"
+OFFLINE = ("--scene", str(DEMO), "--libraries", "skiros2_demo_skills")
+GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
+#: No tray is a thing that can be grasped.
+IMPOSSIBLE = "(skiros:contain demo:Tray-12 demo:Tray-10)"
+
+
+class Result(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    monkeypatch.setattr(planning, "_FOLDER", tmp_path / "planner")
+
+    def run(name: str, *arguments: str) -> Result:
+        try:
+            status = program._run(name, arguments)
+        except SystemExit as ended:
+            status = int(str(ended.code))
+        return Result(status, *capsys.readouterr())
+
+    return run
+
+
+def test_a_plan_is_shown_in_time(run: Run) -> None:
+    result = run("plan", GOAL, *OFFLINE)
+    assert (result.status, result.err) == (0, "")
+    head, empty, columns, _, *rows = result.out.splitlines()
+    assert (head, empty) == ("4 steps of 1 robot, 4.0 s", "")
+    assert columns.split() == ["step", "start", "end", "robot", "skill", "after", "step", "parameters"]
+    assert [row.split()[:5] for row in rows] == [
+        [str(i + 1), f"{i}.0", f"{i + 1}.0", "/mobile_manipulator", skill]
+        for i, skill in enumerate(["drive", "pick", "drive", "place"])
+    ]
+    assert 'Object="Product A"' in rows[1]
+
+
+def test_a_plan_is_json_too(run: Run) -> None:
+    plan = run("plan", GOAL, *OFFLINE, "--json").json
+    assert (plan["verdict"], plan["makespan"], plan["why"]) == ("planned", 4.0, None)
+    assert [(s["number"], s["type"], s["label"], s["after"]) for s in plan["steps"]] == [
+        (1, "skiros:Drive", "drive", []),
+        (2, "skiros:Pick", "pick", [1]),
+        (3, "skiros:Drive", "drive", [2]),
+        (4, "skiros:Place", "place", [3]),
+    ]
+    product = {"id": "skiros:Product-14", "label": "Product A", "type": "skiros:Product"}
+    assert plan["steps"][1]["parameters"]["Object"] == product
+
+
+def test_what_was_made_is_kept(run: Run, tmp_path: Path) -> None:
+    assert run("plan", GOAL, *OFFLINE).status == 0
+    (request,) = (p for p in (tmp_path / "planner").iterdir() if p.is_dir())
+    assert (request / "goal.txt").read_text() == GOAL
+    assert (tmp_path / "planner" / "domain.pddl").exists()
+
+
+@pytest.mark.parametrize("command", ["plan", "preview", "explain"])
+def test_a_goal_that_holds_needs_nothing(run: Run, command: str) -> None:
+    result = run(command, "(skiros:contain demo:Tray-10 skiros:Product-14)", *OFFLINE)
+    assert (result.status, result.out) == (0, "the goal holds already\n")
+
+
+@pytest.mark.parametrize("command", ["plan", "preview", "explain"])
+def test_a_goal_that_cannot_be_reached_is_explained(run: Run, command: str) -> None:
+    result = run(command, IMPOSSIBLE, *OFFLINE)
+    assert (result.status, result.err) == (1, "")
+    assert f"{IMPOSSIBLE} cannot be reached" in result.out.splitlines()
+    assert "demo:Tray-10 is no skiros:Manipulatable" in result.out
+    why = run(command, IMPOSSIBLE, *OFFLINE, "--json").json["why"]
+    assert why["verdict"] == "proven impossible"
+    assert [goal["state"] for goal in why["goals"]] == ["unreachable"]
+
+
+def test_the_preview_tells_what_changes(run: Run) -> None:
+    result = run("preview", GOAL, *OFFLINE)
+    assert (result.status, result.err) == (0, "")
+    lines = result.out.splitlines()
+    assert "1. skiros:Drive (drive) by /mobile_manipulator" in lines
+    assert '   - demo:Tray-10 "Tray A" skiros:contain skiros:Product-14 "Product A"' in lines
+    assert '   + demo:Tray-12 "Tray B" skiros:contain skiros:Product-14 "Product A"' in lines
+    assert lines[-1] == "the goal holds at the end"
+    assert not any(line.startswith("   then holds:") for line in lines)
+    states = [line for line in run("preview", GOAL, *OFFLINE, "--states").out.splitlines() if "then holds:" in line]
+    assert len(states) == 4
+    assert GOAL in states[-1]
+
+
+def test_the_explanation_tells_what_each_step_is_for(run: Run) -> None:
+    lines = run("explain", GOAL, *OFFLINE).out.splitlines()
+    assert f"     makes {GOAL} for the goal" in lines
+    assert "     makes (skiros:contain rparts:GripperEffector-4 skiros:Product-14) for step 4" in lines
+    data = run("explain", GOAL, *OFFLINE, "--json").json
+    assert [step["number"] for step in data["steps"]] == [1, 2, 3, 4]
+
+
+def test_skills_are_shown_as_planning_understands_them(run: Run) -> None:
+    result = run("domain", *OFFLINE)
+    assert result.status == 0
+    drive, *_ = result.out.split("\n\n")
+    assert drive.splitlines() == [
+        "skiros:Drive (drive) of /mobile_manipulator",
+        "  takes Robot (sumo:Agent)",
+        "  takes StartLocation (skiros:Location)",
+        "  takes TargetLocation (skiros:Location)",
+        "  needs (skiros:at ?Robot ?StartLocation)",
+        "  needs (not (skiros:at ?Robot ?TargetLocation))",
+        "  makes (skiros:at ?Robot ?TargetLocation)",
+        "  makes (not (skiros:at ?Robot ?StartLocation))",
+    ]
+    assert (
+        "skill skiros:MoveArm (move_arm_timed) of /mobile_manipulator is left out: it has no pre-conditions"
+        in result.out
+    )
+    data = run("domain", *OFFLINE, "--json").json
+    assert data["skills"][0]["skill"] == "skiros:Drive (drive)"
+
+
+def test_the_pddl_for_a_goal_is_printed_or_written(run: Run, tmp_path: Path) -> None:
+    printed = run("domain", GOAL, *OFFLINE)
+    assert printed.status == 0
+    assert "(define (domain" in printed.out
+    assert "(define (problem" in printed.out
+    written = run("domain", GOAL, *OFFLINE, "--folder", str(tmp_path / "pddl"))
+    assert written.out.splitlines()[-2:] == [str(tmp_path / "pddl" / name) for name in ("domain.pddl", "p01.pddl")]
+    for name in ("domain.pddl", "p01.pddl"):
+        assert (tmp_path / "pddl" / name).read_text().strip() in printed.out
+    (tmp_path / "file").write_text("")
+    refused = run("domain", GOAL, *OFFLINE, "--folder", str(tmp_path / "file"))
+    assert (refused.status, refused.out) == (1, "")
+    assert refused.err == f"domain: {tmp_path / 'file'}: File exists\n"
+
+
+def test_only_some_skills_of_a_library_may_be_given(run: Run) -> None:
+    result = run("plan", GOAL, *OFFLINE, "--skills", "pick", "place")
+    assert result.status == 1
+    assert "(skiros:at cora:Robot-1 " in result.out
+    unknown = run("plan", GOAL, *OFFLINE, "--skills", "fly")
+    assert unknown.status == 1
+    assert unknown.err.startswith("plan: skiros2_demo_skills: no skill fly; there are: ")
+
+
+def test_a_robot_is_chosen_by_name(run: Run) -> None:
+    assert run("plan", GOAL, *OFFLINE, "--robot", "demo:mobile_manipulator").status == 0
+    nobody = run("plan", GOAL, *OFFLINE, "--robot", "demo:nobody")
+    assert nobody.status == 1
+    assert "demo:nobody" in nobody.err
+
+
+def test_without_libraries_a_scene_of_robots_without_skills_says_so(run: Run) -> None:
+    result = run("plan", GOAL, "--scene", str(DEMO))
+    assert result.status == 1
+    assert "no robot in the world model offers skills" in result.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "expected"),
+    [
+        ((GOAL, "--scene", "/no/such.ttl"), 1, "plan: scene /no/such.ttl: there is no such file\n"),
+        ((GOAL, "--libraries", "some"), 2, "are for scene files; name one with --scene\n"),
+        ((GOAL, "--seconds", "0", *OFFLINE), 2, "'0' is no number of seconds"),
+        ((), 2, "the following arguments are required: GOAL"),
+        ((GOAL, "--scene", str(DEMO), "--libraries", "no_such_package"), 1, "no_such_package"),
+        (("@/no/such", *OFFLINE), 1, "plan: goal file /no/such: No such file or directory\n"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(
+    run: Run, arguments: tuple[str, ...], status: int, expected: str
+) -> None:
+    result = run("plan", *arguments)
+    assert (result.status, result.out) == (status, "")
+    assert expected in result.err
+    assert result.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("goal", ["(skiros:contain demo:Tray-12 ", "(skiros:contain demo:Tray-12 skiros:Product-99)"])
+@pytest.mark.parametrize("command", ["plan", "preview", "explain", "domain"])
+def test_a_goal_that_cannot_be_read_is_refused(run: Run, command: str, goal: str) -> None:
+    result = run(command, goal, *OFFLINE)
+    assert (result.status, result.err) == (1, "")
+    place, text, mark = result.out.splitlines()
+    assert place.startswith("goal, line 1, column ")
+    assert text.strip() == goal.strip()
+    assert mark.strip() == "^"
+
+
+def test_an_engine_that_is_not_there_is_told(run: Run) -> None:
+    result = run("plan", GOAL, *OFFLINE, "--planner", "no-such-engine")
+    assert result.status == 1
+    assert "no-such-engine" in result.out
+
+
+def test_goals_come_from_files_and_several_have_all_to_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "goal.pddl"
+    file.write_text("(a b)\n; with a comment\n(c d)")
+    assert goal_text(["(e f)", f"@{file}"]) == f"(e f),\n{file.read_text()}"
+    monkeypatch.setattr("sys.stdin", io.StringIO("(g h)"))
+    assert goal_text(["-"]) == "(g h)"

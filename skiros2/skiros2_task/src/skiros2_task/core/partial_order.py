@@ -11,8 +11,10 @@ IROS 2017).
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.formula import And, Atom, Formula, Not, Or, conjuncts
@@ -103,22 +105,34 @@ def changes_of(task: PlanningTask, step: PlanStep) -> Changes:
 
 
 def reasons(links: Iterable[CausalLink], touched: Touched) -> Iterator[tuple[int, int, Atom]]:
-    """Why steps have to stay in order, robots aside: the first, the second, and the fact that it is about."""
+    """Why steps have to stay in order, robots aside: the first, the second, and the fact that it is about.
+
+    What follows from others may be left out.
+    """
     for link in links:
-        if link.producer != INIT and link.consumer != GOAL:
+        if link.consumer == GOAL:
+            continue
+        if link.producer != INIT:
             yield link.producer, link.consumer, link.atom
-        # What would spoil the fact stays before the step that makes it, or after the one that needs it.
-        for index, state in touched.get(link.atom, ()):
-            if state == link.state or index in (link.producer, link.consumer):
-                continue
-            if link.consumer != GOAL and index > link.consumer:
-                yield link.consumer, index, link.atom
-            else:
-                yield index, link.producer, link.atom
+        # What would spoil the fact waits for the one that needs it; the one that makes it, for what spoilt it before.
+        for index in _next_to_make(not link.state, touched.get(link.atom, ()), link.consumer):
+            yield link.consumer, index, link.atom
     # Steps that make a fact different stay in order: each finds it its own way when it ends.
     for atom, changes in touched.items():
-        for place, (second, state) in enumerate(changes):
-            yield from ((first, second, atom) for first, old in changes[:place] if old != state and first != second)
+        for index, state in changes:
+            yield from ((index, other, atom) for other in _next_to_make(not state, changes, index))
+
+
+def _next_to_make(wanted: bool, changes: Sequence[tuple[int, bool]], after: int) -> Iterator[int]:
+    """The steps after one that are the next to make a fact so, up to one that makes it different again."""
+    found = False
+    for place in range(bisect_right(changes, after, key=itemgetter(0)), len(changes)):
+        index, state = changes[place]
+        if state == wanted:
+            found = True
+            yield index
+        elif found:
+            return
 
 
 class _History:

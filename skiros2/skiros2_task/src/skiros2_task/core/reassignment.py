@@ -19,8 +19,9 @@ from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.timeline import Timeline
 
-#: Of so many jobs that could be next, in the order of the plan, the best is chosen.
-WINDOW = 8
+#: Each time the best of the jobs that could be next is chosen: in small plans of all, in large ones of the first so
+#: many in the order of the plan that in all about `TRIALS` are tried.
+LEAST_WINDOW, TRIALS = 4, 240
 #: How often the makespan is halved up to which robots are filled with jobs.
 HALVINGS = 6
 
@@ -29,11 +30,13 @@ HALVINGS = 6
 class _Place:
     """A fact about the robot that a step needs, and that the robot can bring about by moving.
 
-    :param terms: with None for the robot.
+    :param number: of its predicate.
+    :param place: of the robot among the terms.
     """
 
-    atom: Atom
-    place: int  # of the robot among the terms
+    number: int
+    place: int
+    terms: tuple[str, ...]
 
 
 @dataclass
@@ -86,7 +89,7 @@ class _Dealer:
         self._least: dict[str, float] = {}
         for (name, _), seconds in self._seconds.items():
             self._least[name] = min(seconds, self._least.get(name, seconds))
-        self._moves = _moves(self._actions.values())
+        self._moves = _moves(self._actions.values(), facts)
         indexed = {
             (pattern.number, pattern.terms.index(ground.robot))
             for ground in self._actions.values()
@@ -158,8 +161,9 @@ class _Dealer:
         place = atom.terms.index(robot)
         values = self._order.steps[index].arguments
         essential = {values[i] for i in action.essential}
-        if (atom.predicate, place) in self._moves and all(t in essential for t in atom.terms if t != robot):
-            self._places.setdefault(index, []).append(_Place(atom, place))
+        number = self._facts.number(atom.predicate)
+        if (number, place) in self._moves and all(t in essential for t in atom.terms if t != robot):
+            self._places.setdefault(index, []).append(_Place(number, place, atom.terms))
 
     def _binds(self, link: CausalLink, action: GroundAction, step: PlanStep) -> bool:
         """Whether the consumer of a link about its robot or tools has to be done by the robot of its producer."""
@@ -227,10 +231,11 @@ class _Dealer:
         self._timeline.reset()
         dealt = _Dealt()
         waiting = dict(enumerate(jobs))
+        window = max(LEAST_WINDOW, TRIALS // max(1, len(jobs)))
         tried: dict[tuple[int, str], tuple[float | None, set[Fact]]] = {}
         while waiting:
             best: tuple[float, int, str] | None = None
-            for number in self._ready(waiting)[:WINDOW]:
+            for number in self._ready(waiting)[:window]:
                 for robot in self._candidates(jobs[number]):
                     if (number, robot) not in tried:
                         end = self._try(jobs[number], robot)
@@ -243,7 +248,8 @@ class _Dealer:
                 return None
             end, number, robot = best
             self._try(jobs[number], robot)
-            changed = self._keep(dealt, end)
+            changed = self._timeline.used
+            self._keep(dealt, end)
             del waiting[number]
             tried = {key: value for key, value in tried.items() if key[1] != robot and value[1].isdisjoint(changed)}
         return dealt
@@ -253,16 +259,14 @@ class _Dealer:
         ready = [n for n, job in waiting.items() if not job.after & waiting.keys()]
         return [n for n in ready if not waiting[n].last] or ready
 
-    def _keep(self, dealt: _Dealt, end: float) -> set[Fact]:
-        """Keeps the job that was tried last and tells which facts it concerns.
+    def _keep(self, dealt: _Dealt, end: float) -> None:
+        """Keeps the job that was tried last.
 
         :param end: when it ends (s).
         """
         dealt.plan += self._tried
         dealt.makespan = max(dealt.makespan, end)
-        used = self._timeline.used
         self._timeline.commit()
-        return used
 
     def _candidates(self, job: _Job) -> list[str]:
         """The robots that may do a job, the one of the plan first."""
@@ -291,10 +295,10 @@ class _Dealer:
 
     def _move(self, place: _Place, robot: str) -> bool:
         """Brings a robot where it has to be, if it is not there."""
-        terms = [robot if i == place.place else t for i, t in enumerate(place.atom.terms)]
-        if self._timeline.holds((self._facts.number(place.atom.predicate), *terms)):
+        terms = [robot if i == place.place else t for i, t in enumerate(place.terms)]
+        if self._timeline.holds((place.number, *terms)):
             return True
-        for action, pattern in self._moves[place.atom.predicate, place.place]:
+        for action, pattern in self._moves[place.number, place.place]:
             if action in self._robots[robot]:
                 values = [""] * len(action.action.variables)
                 for variable, term in zip(pattern, terms, strict=True):
@@ -330,19 +334,19 @@ class _Dealer:
             yield tuple(filled)
 
 
-_Moves = Mapping[tuple[object, int], list[tuple[GroundAction, list[int]]]]
+_Moves = Mapping[tuple[int, int], list[tuple[GroundAction, list[int]]]]
 
 
-def _moves(actions: Collection[GroundAction]) -> _Moves:
+def _moves(actions: Collection[GroundAction], facts: Facts) -> _Moves:
     """The actions that change nothing but the robot's state, by the predicate that they make true and the robot's place
     in it, with the variables of its terms. What else they need follows from the robot."""
-    found: dict[tuple[object, int], list[tuple[GroundAction, list[int]]]] = {}
+    found: dict[tuple[int, int], list[tuple[GroundAction, list[int]]]] = {}
     for ground in actions:
         action = ground.action
         index = {v.name: i for i, v in enumerate(action.variables)}
         for effect in action.effects if ground.moves else ():
             terms = [index.get(t, -1) for t in effect.atom.terms]
             if effect.state and -1 not in terms and set(ground.essential) <= set(terms):
-                key = effect.atom.predicate, terms.index(ground.robot)
+                key = facts.number(effect.atom.predicate), terms.index(ground.robot)
                 found.setdefault(key, []).append((ground, terms))
     return found

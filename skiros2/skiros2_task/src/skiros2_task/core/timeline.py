@@ -35,6 +35,8 @@ class Timeline:
         self._needed: dict[FactLiteral, float] = {}  # when the last step ended that needed it so
         self._free: dict[str, float] = {}  # when the last step of a robot ended
         self._undo: list[tuple[MutableMapping[Any, Any], Any, Any]] = []
+        #: What the steps since the last commit need and change.
+        self._added: list[tuple[Iterable[FactLiteral], ...]] = []
         self._partners: dict[tuple[int | str, int, int | str], dict[Fact, bool]] = {}
         for fact in sorted(fact for fact in self._init if fact[0] in self._indexed):
             self._note(fact, True)
@@ -65,39 +67,43 @@ class Timeline:
             if chosen is None:
                 return False
             needs = (*needs, *chosen)
-        self.used.update([fact for fact, _ in needs])
         since, written, needed = self._since, self._written, self._needed
         start = self.free(robot)
         for fact, _ in needs:
             start = max(start, since.get(fact, 0.0))
-        for fact, state in (*step.changes, *step.during):
+        touched = (*step.changes, *step.during)
+        for fact, state in touched:
             spoilt = fact, not state
-            self.used.add(fact)
             start = max(start, written.get(spoilt, 0.0), needed.get(spoilt, 0.0))
         end = start + seconds
-        for literal in needs:
-            if end > needed.get(literal, 0.0):
-                self._set(needed, literal, end)
-        for literal in step.during:
-            self._set(written, literal, end)
-            self._set(since, literal[0], end)
-        for literal in step.changes:
-            fact, state = literal
-            if end > written.get(literal, 0.0):
-                self._set(written, literal, end)
+        undo = self._undo
+        for where, literals in ((needed, needs), (written, touched)):
+            for literal in literals:
+                before = where.get(literal, 0.0)
+                if end > before:
+                    undo.append((where, literal, before))
+                    where[literal] = end
+        for fact, _ in step.during:
+            self._set(since, fact, end)
+        for fact, state in step.changes:
             if self.holds(fact) != state:
                 self._set(now, fact, state)
                 self._set(since, fact, end)
                 if fact[0] in self._indexed:
                     self._note(fact, state)
         self._set(self._free, robot, end)
+        self._added.append((needs, touched))
         return True
+
+    @property
+    def used(self) -> set[Fact]:
+        """The facts that the steps since the last commit need and change."""
+        return {fact for step in self._added for literals in step for fact, _ in literals}
 
     def commit(self) -> None:
         """Keeps the steps since the last commit."""
         self._undo.clear()
-        #: The facts that the steps since the last commit need and change.
-        self.used: set[Fact] = set()
+        self._added.clear()
 
     def take_back(self) -> None:
         """Forgets the steps since the last commit."""
@@ -107,7 +113,7 @@ class Timeline:
                 del where[key]
             else:
                 where[key] = old
-        self.used = set()
+        self._added.clear()
 
     def _set(self, where: MutableMapping[Any, Any], key: Any, value: Any) -> None:
         self._undo.append((where, key, where.get(key, _MISSING)))

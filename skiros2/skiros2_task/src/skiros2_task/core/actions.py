@@ -162,7 +162,7 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
         _check_contradictions(conditions, what)
     reader = _ConditionReader(skill)
     # What a skill itself brings about before it holds it (a lock, say) is not asked for at the start.
-    own = [c for c in skill.hold if any(c.contradicts(pre) for pre in skill.pre)]
+    own = [c for c in skill.hold if any(_contradict(c, pre) for pre in skill.pre)]
     holds = [c for c in skill.hold if c not in own]
     precondition = conjunction([reader.formula(c) for c in (*skill.pre, *holds)])
     if precondition == FALSE:
@@ -188,12 +188,14 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
 def _check_contradictions(conditions: Sequence[SkillCondition], what: str) -> None:
     for i, one in enumerate(conditions):
         for other in conditions[i + 1 :]:
-            if one.contradicts(other) or _exclude_each_other(one, other):
+            if _contradict(one, other):
                 raise _Unusable(f"its {what}-conditions {one.label!r} and {other.label!r} contradict each other")
 
 
-def _exclude_each_other(one: SkillCondition, other: SkillCondition) -> bool:
-    """Whether conditions on one property of one element can never hold together."""
+def _contradict(one: SkillCondition, other: SkillCondition) -> bool:
+    """Whether conditions on one fact, or one property of one element, can never hold together."""
+    if one.contradicts(other):
+        return True
     first, second = _predicate(one), _predicate(other)
     if first is None or second is None or not {first.kind, second.kind} <= PROPERTY_KINDS:
         return False

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from skiros2_task.core.actions import IN_SCENE, Action, condition_predicates, make_actions
+from skiros2_task.core.concurrency import needs_concurrency
 from skiros2_task.core.effects import FactFamilies
 from skiros2_task.core.existence import Existence, without_existence
 from skiros2_task.core.formula import (
@@ -59,7 +60,7 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
     notes += [f"the scene has nothing of class {cls}, of which the goal speaks" for cls in _empty_classes(goal, world)]
     members = _members(actions, ground_goal, world)
     places = _places(actions, ground_goal, members)
-    return PlanningTask(
+    task = PlanningTask(
         actions=tuple(actions),
         objects={name: world.objects[name].type for name in members[EVERYTHING]},
         members=members,
@@ -68,6 +69,7 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
         goal=ground_goal,
         notes=(*notes, *unusable),
     )
+    return replace(task, concurrent=needs_concurrency(task, guarded, families))
 
 
 def _empty_classes(goal: Formula, world: WorldView) -> list[str]:

@@ -24,6 +24,8 @@ class PlanningTask:
     :param init: the facts that hold at the start; all others do not.
     :param goal: what has to hold at the end, without variables.
     :param notes: in words, what was left out and why.
+    :param concurrent: in words, what is needed though it holds only while a skill runs: steps one after the other
+        cannot have that.
     """
 
     actions: tuple[Action, ...]
@@ -33,6 +35,7 @@ class PlanningTask:
     init: frozenset[Atom]
     goal: Formula
     notes: tuple[str, ...] = ()
+    concurrent: tuple[str, ...] = ()
     _by_name: dict[str, Action] = field(init=False, compare=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:

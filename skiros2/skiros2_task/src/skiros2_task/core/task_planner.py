@@ -43,6 +43,9 @@ class Verdict(Enum):
 #: Why nothing can be planned in a world without robots.
 NO_ROBOT = "no robot in the world model offers skills"
 
+#: What is to be done where steps would have to run at the same time.
+TOO_CLOSE = "plans start no step during another one that it depends on; a skill that runs both can"
+
 _VERDICTS = {
     Outcome.SOLVED: Verdict.PLANNED,
     Outcome.IMPOSSIBLE: Verdict.IMPOSSIBLE,
@@ -200,6 +203,8 @@ def _without_plan(outcome: Outcome, reason: str, task: PlanningTask, world: Worl
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
         return PlanningResult(_VERDICTS[outcome], message=reason, notes=task.notes, task=task, why=why)
+    if task.concurrent:
+        reason = "; ".join([reason or outcome.value, *task.concurrent, TOO_CLOSE])
     why = no_plan(task, outcome.value, reason, skills_left_out(world, task))
     verdict = next(_VERDICTS[o] for o in Outcome if o.value == why.verdict)
     return PlanningResult(verdict, message=str(why), notes=task.notes, task=task, why=why)

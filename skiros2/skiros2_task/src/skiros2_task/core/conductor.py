@@ -18,7 +18,7 @@ from skiros2_task.core.claims import Claims
 from skiros2_task.core.commands import Claim, Command, End, Look, Plan, Record, Start, Stop, Wake
 from skiros2_task.core.execution import Executive
 from skiros2_task.core.jobs import Job, make_jobs, with_jobs_done, without_skills
-from skiros2_task.core.planner import Limits
+from skiros2_task.core.planner import Limits, Planner
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 
@@ -37,7 +37,7 @@ Ended = Callable[[bool, str, Sequence[Explanation]], None]
 class Robots(Protocol):
     """Those who do the steps."""
 
-    def start(self, job: Job, asked_by: str, ended: Ended) -> Callable[[], None]:
+    def start(self, job: Job, ended: Ended) -> Callable[[], None]:
         """Has a step done, and returns what stops it. Does not block. `ended` is called once, also after a stop."""
 
 
@@ -47,16 +47,15 @@ class Goal:
 
     :param text: as `GoalReader` reads it.
     :param priority: the goal with the higher one gets the robots first.
-    :param limits: of each planning; None: those of the planner.
+    :param limits, planner: of each planning; None: as for all requests.
     :param max_replans: how often it is planned anew at most.
-    :param asked_by: stands in the logs of the robots.
     """
 
     text: str
     priority: int = 0
     limits: Limits | None = None
+    planner: Planner | None = None
     max_replans: int = 5
-    asked_by: str = ""
 
 
 @dataclass
@@ -192,7 +191,19 @@ class Conductor:
             self._do(achievement, executive.robot_back(manager) if there else executive.robot_gone(manager))
 
     def _do(self, achievement: Achievement, commands: Sequence[Command]) -> None:
-        """Does what an executive asks for."""
+        """Does what an executive asks for. A mistake of our own ends the goal, and not in silence."""
+        try:
+            self._carry_out(achievement, commands)
+        except Exception as error:
+            log.exception("%s", achievement.name)
+            message = f"internal error: {type(error).__name__}: {error}"
+            achievement.cancelled.set()
+            for stop in achievement.stops.values():
+                stop()
+            if achievement.name in self._all:
+                self._end(achievement, End(Verdict.FAILED, message))
+
+    def _carry_out(self, achievement: Achievement, commands: Sequence[Command]) -> None:
         for command in commands:
             if isinstance(command, Plan):
                 self._plan(achievement, command)
@@ -234,7 +245,7 @@ class Conductor:
             self._events.put(lambda: self._ended(achievement, job, succeeded, message, explanations))
 
         log.info("%s: %s", achievement.name, job)
-        achievement.stops[job.number] = self._robots.start(job, achievement.goal.asked_by, ended)
+        achievement.stops[job.number] = self._robots.start(job, ended)
 
     def _ended(
         self, achievement: Achievement, job: Job, succeeded: bool, message: str, explanations: Sequence[Explanation]
@@ -337,7 +348,9 @@ class Conductor:
 
         goal = achievement.goal
         try:
-            result = self._planner.plan(goal.text, achievement.cancelled, limits=goal.limits, adapt=adapt)
+            result = self._planner.plan(
+                goal.text, achievement.cancelled, limits=goal.limits, planner=goal.planner, adapt=adapt
+            )
         except SkirosError as error:
             result = PlanningResult(Verdict.FAILED, message=str(error))
         except Exception as error:

@@ -47,6 +47,7 @@ class Executive:
     phase: Phase = Phase.PLANNING
     replans: int = 0
     records: dict[int, Record] = field(default_factory=dict)  # of the plan, and of all that was started, by number
+    plan_begins: int = 1  # the number of the first step of the plan
     message: str = ""  # what happened last
     _task: PlanningTask | None = None
     _facts: Facts = frozenset()
@@ -94,7 +95,7 @@ class Executive:
         missing = self._gone & {job.call.manager for job in jobs}
         if missing:
             return self._broken(f"{min(missing)} has disappeared")
-        running = self.running
+        running, self.plan_begins = self.running, self.first_number
         for job in jobs:
             others = {other.number for other in running if job.disturbs(other)}
             self.records[job.number] = Record(replace(job, after=job.after | others))

@@ -14,6 +14,7 @@ from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.skill_run import SkillRun
 from skiros2_task.core.conductor import Ended
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.jobs import Job
 from skiros2_task.ros.task_message import skill_holder
 
@@ -28,24 +29,32 @@ class Crew(SkillLayerInterface):
     """Finds the skill managers, has them do steps, and tells when they come and go.
 
     :param author: stands in the managers' logs as who asked.
-    :param on_come, on_go: told the name of a manager that has come up or gone, from a thread of ROS.
+    :param durations: learns how long steps took.
     """
 
-    def __init__(self, author: str, on_come: Callable[[str], None], on_go: Callable[[str], None]) -> None:
-        self._on_come, self._on_go = on_come, on_go
+    def __init__(self, author: str, durations: Durations) -> None:
+        self._durations = durations
+        self._told: tuple[Callable[[str], None], Callable[[str], None]] | None = None
         self._came = threading.Condition()
         super().__init__(author)
+
+    def follow(self, on_come: Callable[[str], None], on_go: Callable[[str], None]) -> None:
+        """Tells from now on the names of managers that come up or go, from a thread of ROS."""
+        with self._discovery_lock:
+            self._told = on_come, on_go
 
     def start(self, job: Job, ended: Ended) -> Callable[[], None]:
         """Has a step done, in a thread of its own; see `Robots`."""
         step = _Step(job, ended)
-        threading.Thread(target=self._follow, args=(step,), name=f"step {job.number}", daemon=True).start()
+        threading.Thread(target=self._do, args=(step,), name=f"step {job.number}", daemon=True).start()
         return step.stop
 
-    def _follow(self, step: _Step) -> None:
+    def _do(self, step: _Step) -> None:
         try:
             manager = self._find(step.job.call.manager)
-            step.follow(manager, lambda: self.agents.get(manager.name) is manager)
+            seconds = step.follow(manager, lambda: self.agents.get(manager.name) is manager)
+            if seconds is not None:
+                self._durations.learn(step.job.skill, manager.name, seconds)
         except SkirosError as error:
             step.ended(False, str(error), ())
         except Exception as error:
@@ -67,11 +76,13 @@ class Crew(SkillLayerInterface):
         super()._on_agent(name)
         with self._came:
             self._came.notify_all()
-        self._on_come(name)
+        if self._told is not None:
+            self._told[0](name)
 
     def _on_agent_gone(self, name: str) -> None:
         super()._on_agent_gone(name)
-        self._on_go(name)
+        if self._told is not None:
+            self._told[1](name)
 
 
 class _Step:
@@ -90,8 +101,8 @@ class _Step:
             if self._run is not None:
                 self._run.cancel()
 
-    def follow(self, manager: SkillManagerInterface, is_there: Callable[[], bool]) -> None:
-        """Blocks until the step has ended.
+    def follow(self, manager: SkillManagerInterface, is_there: Callable[[], bool]) -> float | None:
+        """Blocks until the step has ended. Returns how long it took (s), if it has succeeded.
 
         :param is_there: whether the manager still runs, in the same life.
         :raises SkirosError: the manager does not answer.
@@ -108,10 +119,12 @@ class _Step:
         while not run.wait(_LOOK_PERIOD):
             if not is_there():
                 self.ended(False, f"{manager.name} has disappeared", ())
-                return
-        result = run.result()
-        log.info("%s has ended after %.2f s: %s", self.job, time.monotonic() - began, result.message)
-        self.ended(result.state == SkillProgress.SUCCESS, result.message, _explanations(run))
+                return None
+        seconds, result = time.monotonic() - began, run.result()
+        succeeded = result.state == SkillProgress.SUCCESS
+        log.info("%s has ended after %.2f s: %s", self.job, seconds, result.message)
+        self.ended(succeeded, result.message, _explanations(run))
+        return seconds if succeeded else None
 
 
 def _explanations(run: SkillRun) -> list[Explanation]:

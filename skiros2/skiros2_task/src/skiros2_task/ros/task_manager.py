@@ -1,4 +1,4 @@
-"""The task manager's node: plans goals that come as actions."""
+"""The task manager's node: plans goals that come as actions, and has them carried out."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from typing import Any
 import actionlib
 import rospy
 
-from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongValue
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
 from skiros2_task.core.archive import Archive
+from skiros2_task.core.conductor import Conductor
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import planner_named
+from skiros2_task.core.planner import Limits, Planner
+from skiros2_task.core.portfolio import Wish, planner_named
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.up_planner import DEFAULT_ENGINE
+from skiros2_task.ros.achieve_action import MAX_REPLANS, AchieveAction
+from skiros2_task.ros.crew import Crew
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_task.ros.task_message import task_holder
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -27,6 +31,12 @@ log = logging.getLogger(__name__)
 
 #: Where the files of the last plans are kept.
 ARCHIVE = Path("~/.skiros/planner")
+
+#: The file beside them with the durations of skills that were measured.
+DURATIONS = "durations.json"
+
+#: How long steps that run have to stop when the node ends (s).
+_CLOSING_SECONDS = 1.0
 
 
 class TaskManager:
@@ -128,14 +138,38 @@ def main() -> None:
     seconds = rospy.get_param("~planning_time", Limits.seconds)
     if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
         raise ConfigurationError(f"parameter {rospy.resolve_name('~planning_time')} is {seconds!r}, expected seconds")
+    max_replans = rospy.get_param("~max_replans", MAX_REPLANS)
+    if not isinstance(max_replans, int) or isinstance(max_replans, bool) or max_replans < 0:
+        name = rospy.resolve_name("~max_replans")
+        raise ConfigurationError(f"parameter {name} is {max_replans!r}, expected a number of plans")
+    folder = Path(os.path.expanduser(ARCHIVE))
     processes = EngineProcesses()
     try:
         wm = WorldModelInterface(rospy.get_name(), make_cache=True)
-        engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)))
-        archive = Archive(Path(os.path.expanduser(ARCHIVE)))
-        manager = TaskManager(TaskPlanner(wm, engine, Limits(float(seconds)), archive))
+        durations = Durations(folder / DURATIONS)
+        engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)), durations)
+        planner = TaskPlanner(wm, engine, Limits(float(seconds)), Archive(folder), durations)
+        crew = Crew(rospy.get_name(), durations)
+        conductor = Conductor(planner, crew)
+        crew.follow(conductor.robot_back, conductor.robot_gone)
+        wm.add_listener(lambda _: conductor.world_changed())
+        manager = TaskManager(planner)
+        achieve = AchieveAction(conductor, lambda wish: _planner_for(wish, processes, durations), max_replans)
+        rospy.on_shutdown(lambda: conductor.close(_CLOSING_SECONDS))
         rospy.on_shutdown(manager.stop)
         manager.start()
+        achieve.start()
         rospy.spin()
     finally:
         processes.close()
+
+
+def _planner_for(wish: str, processes: EngineProcesses, durations: Durations) -> Planner:
+    """The planner for what a goal wishes for.
+
+    :raises WrongValue: there is no such wish.
+    """
+    wishes = [known.value for known in Wish]
+    if wish not in wishes:
+        raise WrongValue(f"wish {wish!r} is unknown, expected one of: {', '.join(wishes)}")
+    return planner_named(processes, wish, durations)

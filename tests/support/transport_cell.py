@@ -107,8 +107,9 @@ class TransportCell:
             task = without_skills(with_jobs_done(seen, command.running), avoided)
             steps = transport_plan(task, [r for r in self.robots if (r, "") not in avoided])
             if steps is not None:
-                calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in steps]
-                jobs = make_jobs(task, schedule(task, deorder(task, steps), Durations()), calls, first)
+                plan = schedule(task, deorder(task, steps), Durations())
+                calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in plan.order.steps]
+                jobs = make_jobs(task, plan, calls, first)
                 return lambda: self.executive.planned(seen, jobs)
         return lambda: self.executive.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
 

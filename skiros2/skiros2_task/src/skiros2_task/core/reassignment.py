@@ -179,7 +179,7 @@ class _Dealer:
         """See `reassigned`."""
         jobs = self._jobs()
         best = self._first_done(jobs)
-        if best is None:
+        if best is None or not self._robots:  # nobody can do anything but what is begun
             return None
         least = {n: sum(self._least[self._order.steps[i].action] for i in job.steps) for n, job in enumerate(jobs)}
         queue = self._in_order(jobs)

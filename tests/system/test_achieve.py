@@ -1,0 +1,204 @@
+"""The action `~achieve`: robots with different skills reach goals together, on real nodes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_msgs import srv as srvs
+from skiros2_msgs.msg import AchieveResult
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_task.ros.task_manager_interface import TaskManagerInterface
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support.planning_world import PlanningWorld
+from support.ros import Ros, wait_until
+
+pytestmark = pytest.mark.timeout(120)
+
+TESTS = Path(__file__).resolve().parents[1]
+#: Each has what no other has; any two can do all.
+SPECIALISTS = {"porter": ["carry"], "washer": ["wash"], "labeller": ["label"]}
+CREW = {"porter": ["carry", "wash"], "helper": ["carry", "label"], "finisher": ["wash", "label"]}
+WAIT = 60.0  # s
+
+
+class Cell:
+    """A shelf with three products, a bench and a store; robots whose managers run; the task manager."""
+
+    def __init__(self, ros: Ros, crew: dict[str, list[str]]) -> None:
+        self.ros = ros
+        ros.run("skiros2_world_model", "world_model_server_node", name="wm")
+        self.wm = WorldModelInterface("tests")
+        world = PlanningWorld(self.wm)
+        self.shelf, self.store = world.thing("skiros:Location"), world.thing("skiros:Location")
+        self.bench = world.thing("skiros:LargeBox")
+        self.products = [world.thing("skiros:Product", inside=self.shelf) for _ in range(3)]
+        for name, skills in crew.items():
+            world.thing("cora:Robot", f"skiros:{name}")
+            self.start_manager(name, skills)
+        ros.run("skiros2_task", "task_manager_node", name="tm")
+        for name in crew:
+            ros.service(f"/{name}/get_skills", srvs.ResourceGetDescriptions)()
+        wait_until(lambda: "/tm/achieve/status" in ros.master.topics(), WAIT, "the task manager")
+
+    def start_manager(self, name: str, skills: list[str]) -> None:
+        params = {"libraries_list": ["support.crew_skills"], "primitive_list": skills, "prefix": "skiros"}
+        env = {**self.ros.master.env, "PYTHONPATH": f"{TESTS}:{self.ros.master.env['PYTHONPATH']}"}
+        self.ros.run("skiros2_skill", "skill_manager_node", name=name, params=params, env=env)
+
+    @property
+    def goal(self) -> str:
+        """All products washed, labelled and in the store."""
+        done = f"(and (skiros:contain {self.store} ?p) (skiros:Washed ?p) (skiros:Labelled ?p))"
+        return f"(forall (?p - skiros:Product) {done})"
+
+    def place_of(self, product: str) -> str:
+        (relation,) = self.wm.get_element(product).getRelations("", "skiros:contain", "-1")
+        return str(relation["src"])
+
+    @property
+    def is_done(self) -> bool:
+        elements = [self.wm.get_element(product) for product in self.products]
+        return all(
+            self.place_of(e.id) == self.store and e.value_of("skiros:Washed") and e.value_of("skiros:Labelled")
+            for e in elements
+        )
+
+    def achieve(self, goal: str = "", **options: Any) -> Request:
+        return Request(TaskManagerInterface(), goal or self.goal, **options)
+
+
+class Request:
+    """A goal that was sent, with all that was told of it."""
+
+    def __init__(self, tasks: TaskManagerInterface, goal: str, **options: Any) -> None:
+        self.tasks = tasks
+        self.told: list[Any] = []
+        tasks.achieve(goal, feedback_cb=self.told.append, **options)
+
+    def wait_for(self, condition: Callable[[Any], Any]) -> Any:
+        """Waits until the condition is true of what was told last, and returns its value."""
+        return wait_until(lambda: self.told and condition(self.told[-1]), WAIT, "feedback as wanted")
+
+    @property
+    def result(self) -> Any:
+        return self.tasks.wait_for_result()
+
+    @property
+    def done(self) -> list[dict[str, Any]]:
+        return list(json.loads(self.result.done))
+
+
+def running(feedback: Any) -> list[dict[str, Any]]:
+    """The steps that run, by what was told."""
+    return [step for step in json.loads(feedback.steps) if step["state"] == "running"]
+
+
+def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    request = cell.achieve()
+    result = request.result
+    assert (result.state, result.message) == (AchieveResult.SUCCEEDED, "the goal is reached")
+    assert cell.is_done
+    assert [step["state"] for step in request.done] == ["succeeded"] * 12
+    assert {step["robot"] for step in request.done} == {"/porter", "/washer", "/labeller"}
+    assert max(len(running(feedback)) for feedback in request.told) >= 2, "no two robots worked at the same time"
+    again = cell.achieve()
+    assert again.result.state == AchieveResult.NOTHING_TO_DO
+
+
+@pytest.mark.parametrize("finished", [1, 5])
+def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ros, finished: int) -> None:
+    cell = Cell(ros, CREW)
+    request = cell.achieve()
+    victim = request.wait_for(
+        lambda f: sum(s["state"] == "succeeded" for s in json.loads(f.steps)) >= finished and running(f)
+    )[0]["robot"]
+    ros.kill_node(victim)
+    assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
+    assert cell.is_done
+    lost = [step for step in request.done if step["message"] == f"{victim} has disappeared"]
+    assert {step["robot"] for step in lost} == {victim}
+    after = request.done[request.done.index(lost[-1]) + 1 :]
+    assert victim not in {step["robot"] for step in after}
+
+
+def test_a_manager_that_nobody_can_replace_is_waited_for(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    request = cell.achieve()
+    request.wait_for(lambda f: any(step["robot"] == "/washer" for step in running(f)))
+    ros.kill_node("/washer")
+    request.wait_for(lambda f: f.phase == f.PLANNING and "robot is gone" in f.message)
+    cell.start_manager("washer", SPECIALISTS["washer"])
+    assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
+    assert cell.is_done
+
+
+def test_what_others_change_in_the_world_is_planned_with(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    request = cell.achieve()
+    product = request.wait_for(lambda f: [s for s in json.loads(f.plan) if s["label"] == "wash"])[-1]["arguments"][
+        "Object"
+    ]
+    element = cell.wm.get_element(product)
+    element.setProperty("skiros:Washed", True)  # nobody needs to do that any more
+    element.setProperty("skiros:Labelled", True)
+    element.setRelation(cell.store, "skiros:contain", "-1")
+    cell.wm.update_element(element)
+    assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
+    assert cell.is_done
+    assert product not in {step["arguments"]["Object"] for step in request.done}
+
+
+def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    request = cell.achieve()
+    request.wait_for(running)
+    request.tasks.preempt()
+    assert (request.result.state, request.result.message) == (AchieveResult.CANCELLED, "cancelled")
+    assert request.done[-1]["state"] == "stopped"
+    assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
+
+
+def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    porter = SkillManagerInterface("/porter", "tests")
+    first, second, third = (f"(skiros:contain {cell.store} {product})" for product in cell.products)
+    begun = cell.achieve(first)
+    begun.wait_for(running)
+    (task,) = wait_until(lambda: list(porter.tasks), WAIT, "the porter's task")
+    porter.pause_one(task)
+    ends: list[str] = []
+    low = cell.achieve(second, done_cb=lambda *_: ends.append("low"))
+    low.wait_for(lambda f: f.phase == f.RUNNING)  # it has a plan, and waits for the robot
+    high = cell.achieve(third, done_cb=lambda *_: ends.append("high"), priority=5)
+    high.wait_for(lambda f: f.phase == f.RUNNING)
+    assert porter.execute(task) == task
+    assert [r.result.state for r in (begun, low, high)] == [AchieveResult.SUCCEEDED] * 3
+    assert ends == ["high", "low"]
+    porter.shutdown()
+
+
+def test_goals_that_cannot_be_are_answered_with_the_reason(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    washed = f"(skiros:Washed {cell.products[0]})"
+    for goal, options, state, message in [
+        ("(skiros:contain", {}, AchieveResult.FAILED, "goal, line 1, column"),
+        (f"(skiros:contain {cell.products[0]} {cell.bench})", {}, AchieveResult.IMPOSSIBLE, "cannot be reached"),
+        (washed, {"wish": "miracle"}, AchieveResult.FAILED, "'miracle'"),
+        (washed, {"seconds": float("nan")}, AchieveResult.FAILED, "seconds is nan"),
+        (washed, {"seconds": -1.0}, AchieveResult.FAILED, "seconds is -1.0"),
+    ]:
+        result = cell.achieve(goal, **options).result
+        assert (result.state, message in result.message) == (state, True), f"{goal}: {result.message}"
+        assert json.loads(result.done) == []
+    for wish in ("first", "best", "optimal"):
+        cell.wm.set_relation(cell.shelf, "skiros:contain", cell.products[0], True)
+        cell.wm.set_relation(cell.store, "skiros:contain", cell.products[0], False)
+        request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", wish=wish, seconds=2.0)
+        assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
+        assert [step["label"] for step in request.done] == ["carry"]

@@ -17,7 +17,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 from benchmarks.measurement import Measurement, table  # noqa: E402 - after the path
 from support.ros import Ros, RosMaster  # noqa: E402
 
-PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf", "planning", "world_model", "journal")
+PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
+PARTS += ("planning", "schedules", "world_model", "journal")
 
 
 def main() -> int:
@@ -60,6 +61,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import planning
 
         return planning.measure(folder)
+    if part == "schedules":
+        from benchmarks import schedules
+
+        return schedules.measure()
     if part == "journal":
         from benchmarks import journal
 

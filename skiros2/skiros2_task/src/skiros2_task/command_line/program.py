@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from skiros2_common.command_line.answer import NOT_THERE, Answer
 from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
 from skiros2_common.command_line.layout import Screen
-from skiros2_task.command_line import domain, planning
+from skiros2_task.command_line import achieving, domain, planning
 from skiros2_task.core.up_planner import DEFAULT_ENGINE
 
 Command = Callable[[argparse.Namespace, Screen], Answer]
@@ -41,7 +41,8 @@ def _run(name: str, given: Sequence[str]) -> int:
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     command, add_arguments, *epilog = _COMMANDS[name]
-    statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {NOT_THERE} no master or no world model."
+    server = "task manager" if name == "achieve" else "world model"
+    statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {NOT_THERE} no master or no {server}."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
     parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
@@ -86,6 +87,33 @@ def _preview(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--states", action="store_true", help="all that holds after each step, not the changes alone")
 
 
+def _achieve(parser: argparse.ArgumentParser) -> None:
+    _goal(parser)
+    parser.add_argument(
+        "--wish",
+        default="",
+        choices=("first", "best", "optimal"),
+        help="the kind of plan (default: the task manager's)",
+    )
+    parser.add_argument(
+        "--seconds", type=_seconds, metavar="S", help="time for each planning (default: the task manager's)"
+    )
+    parser.add_argument(
+        "--priority",
+        type=int,
+        default=0,
+        metavar="N",
+        help="where several goals want one robot, the one with the highest gets it (default: 0)",
+    )
+    parser.add_argument(
+        "--max-replans",
+        type=int,
+        default=-1,
+        metavar="N",
+        help="plan anew so often at most (default: the task manager's)",
+    )
+
+
 def _domain(parser: argparse.ArgumentParser) -> None:
     _goal(parser, "*")
     parser.add_argument("--folder", type=Path, metavar="DIR", help="write the PDDL files there")
@@ -109,6 +137,7 @@ _RESULTS = {
     "plan": _PLANNED,
     "preview": f"{_PLANNED}, or it does not work on the copy",
     "explain": _PLANNED,
+    "achieve": "0 the goal is reached, or held already, 1 it is not, or refused, 130 cancelled",
     "domain": "0 done, 1 refused",
 }
 
@@ -117,5 +146,6 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "plan": (planning.plan, _planning, _GOALS, _OFFLINE),
     "preview": (planning.preview, _preview, _GOALS, _OFFLINE),
     "explain": (planning.explain, _planning, _GOALS, _OFFLINE),
+    "achieve": (achieving.achieve, _achieve, _GOALS),
     "domain": (domain.domain, _domain, _GOALS, _OFFLINE),
 }

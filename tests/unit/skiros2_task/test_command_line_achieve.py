@@ -1,0 +1,125 @@
+"""What `rosrun skiros2_task achieve` tells of a goal as it goes on, and of its end."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from typing import Any
+
+from skiros2_common.command_line.layout import Screen
+from skiros2_common.core.explanation import EXECUTE, Explanation
+from skiros2_msgs.msg import AchieveFeedback, AchieveResult
+from skiros2_task.command_line.achieving import Telling, told
+
+
+def planned(number: int, label: str, robot: str, end: float, **arguments: str) -> dict[str, Any]:
+    return {
+        "number": number,
+        "skill": f"skiros:{label.capitalize()}",
+        "label": label,
+        "robot": robot,
+        "arguments": {"Robot": "cora:Robot-1", **arguments},
+        "start": 0.0,
+        "end": end,
+        "after": [],
+    }
+
+
+def progress(number: int, robot: str, state: str, message: str = "") -> dict[str, Any]:
+    return {"number": number, "robot": robot, "state": state, "message": message}
+
+
+PLAN = [planned(1, "drive", "/alpha", 5.0, To="skiros:Location-2"), planned(2, "pick", "/beta", 7.0)]
+
+
+def feedback(phase: str, message: str = "", plan: Any = (), steps: Any = ()) -> Any:
+    return AchieveFeedback(phase, message, json.dumps(list(plan)), json.dumps(list(steps)), "{}")
+
+
+def lines(*feedbacks: Any, fancy: bool = True) -> list[str]:
+    """What is told, without the times."""
+    out = io.StringIO()
+    telling = Telling(Screen(fancy=fancy), out)
+    for one in feedbacks:
+        telling.take(one)
+    found = out.getvalue().splitlines()
+    assert all(re.match(r" *\d+\.\d s  ", line) for line in found)
+    return [line.partition(" s  ")[2] for line in found]
+
+
+def test_plan_and_steps_are_told_once_each() -> None:
+    running = [progress(1, "/alpha", "running"), progress(2, "/beta", "waiting")]
+    later = [progress(1, "/alpha", "succeeded"), progress(2, "/beta", "running")]
+    assert lines(
+        feedback("planning", "reading the world model"),
+        feedback("running", "", PLAN, running),
+        feedback("running", "", PLAN, running),
+        feedback("running", "", PLAN, later),
+    ) == [
+        "planning: reading the world model",
+        "running",
+        "a plan of 2 steps of 2 robots, 7.0 s",
+        "  ▶ 1 drive by /alpha To=skiros:Location-2",
+        "  ✓ 1 drive by /alpha",
+        "  ▶ 2 pick by /beta",
+    ]
+
+
+def test_a_failure_and_the_plan_that_follows_are_told() -> None:
+    failed = [progress(1, "/alpha", "failed", "the way is blocked"), progress(2, "/beta", "dropped")]
+    again = [*PLAN[1:], planned(3, "drive", "/beta", 4.0)]
+    found = lines(
+        feedback("running", "", PLAN, [progress(1, "/alpha", "running")]),
+        feedback("planning", "step 1 has failed", PLAN, failed),
+        feedback("running", "", again, [progress(3, "/beta", "running")]),
+        fancy=False,
+    )
+    assert found[3:] == [
+        "planning: step 1 has failed",
+        "  x 1 drive by /alpha: the way is blocked",
+        "  . 2 pick by /beta",
+        "running",
+        "another plan of 1 step of 1 robot, 4.0 s",
+        "  > 3 drive by /beta",
+    ]
+
+
+def test_with_json_nothing_is_told_on_the_way() -> None:
+    telling = Telling(Screen(), None)
+    telling.take(feedback("running", "", PLAN))
+    assert telling.seconds >= 0.0
+
+
+def result(state: str, message: str = "", done: Any = (), explanations: Any = ()) -> Any:
+    return AchieveResult(state, message, json.dumps(list(done)), json.dumps(list(explanations)))
+
+
+def test_a_goal_that_is_reached_tells_what_was_done() -> None:
+    done = [progress(1, "/alpha", "failed"), progress(2, "/beta", "succeeded"), progress(3, "/alpha", "succeeded")]
+    text, data = told(result("succeeded", "done", done), 12.34)
+    assert text == ["the goal is reached after 12.3 s: 2 steps done, 1 more did not succeed"]
+    assert data == {"state": "succeeded", "message": "done", "done": done, "explanations": []}
+
+
+def test_a_goal_that_held_already_says_so() -> None:
+    assert told(result("nothing_to_do", "the goal holds already"), 0.5)[0] == ["the goal holds already"]
+
+
+def test_a_goal_that_is_not_reached_tells_why() -> None:
+    why = Explanation(EXECUTE, "skiros:Drive", "drive", 3, -1, "the way is blocked", stamp=1.0)
+    done = [progress(1, "/alpha", "failed", "the way is blocked")]
+    text, data = told(result("failed", "planned anew 5 times", done, [why.to_dict()]), 60.0)
+    assert text == [
+        "the goal is not reached after 60.0 s, 0 steps done",
+        "planned anew 5 times",
+        *(f"  {line}" for line in why.lines()),
+    ]
+    assert data["explanations"] == [why.to_dict()]
+
+
+def test_a_goal_that_was_cancelled_says_so() -> None:
+    assert told(result("cancelled", "by the client"), 1.0)[0] == [
+        "the goal was cancelled after 1.0 s, 0 steps done",
+        "by the client",
+    ]

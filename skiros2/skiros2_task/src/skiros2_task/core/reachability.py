@@ -78,7 +78,7 @@ def explore(task: PlanningTask, seconds: float) -> Reached:
     while growing:
         growing = False
         for action in task.actions:
-            for step in _steps(task, action, reached):
+            for step in steps_of(task, action, reached):
                 if time.monotonic() > ends:
                     reached.complete = False
                     return reached
@@ -89,7 +89,7 @@ def explore(task: PlanningTask, seconds: float) -> Reached:
     return reached
 
 
-def _steps(task: PlanningTask, action: Action, reached: Reached) -> Iterator[PlanStep]:
+def steps_of(task: PlanningTask, action: Action, reached: Reached) -> Iterator[PlanStep]:
     """The ways to do an action when its pre-condition may hold."""
     for binding in ways(task, action, conjuncts(action.precondition), reached, {}):
         yield PlanStep(action.name, tuple(binding[v.name] for v in action.variables))

@@ -7,12 +7,13 @@ unreachable is so for sure; what is not may still be.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
 
 from skiros2_common.core.json_data import JsonData
 from skiros2_task.core.actions import Action
+from skiros2_task.core.exclusion import Exclusion, exclusion
 from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, bind, conjuncts
 from skiros2_task.core.left_out import LeftOut
 from skiros2_task.core.planner import Outcome
@@ -93,9 +94,10 @@ class NoPlan(JsonData):
 
     :param verdict: the value of an `Outcome`: "proven impossible", "timed out", "cancelled" or "failed".
     :param reason: in words, from the planner or from what was found before it was asked.
-    :param goals: the parts of the goal that do not hold yet, those that cannot be reached first.
+    :param goals: the parts of the goal, those that cannot be reached first, those that hold already last.
     :param missing: facts that do not hold and on which the goal depends: those that no skill brings about; where there
         are none, those that skills bring about only where they hold already.
+    :param excluded: parts of the goal that can never hold together, in pairs.
     :param left_out: in words, the skills that planning cannot use, and why.
     """
 
@@ -103,6 +105,7 @@ class NoPlan(JsonData):
     reason: str
     goals: list[Fact] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
+    excluded: list[list[str]] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     _called = "why there is no plan"
 
@@ -119,8 +122,10 @@ class NoPlan(JsonData):
         yield f"no plan ({self.verdict}){f': {self.reason}' if self.reason else ''}"
         for goal in self.unreachable:
             yield from goal.lines()
-        if self.goals and not self.unreachable:
+        if self.goals and not self.unreachable and not self.excluded:
             yield from self._in_doubt()
+        for pair in self.excluded:
+            yield f"{pair[0]} and {pair[1]} can never hold together"
         if self.missing:
             yield "what would have to be so first:"
             yield from (f"  {fact}" for fact in self.missing)
@@ -156,19 +161,38 @@ def no_plan(
     told = _Telling(task, reached, left_out, ends)
     parts = conjuncts(task.goal)
     against = _contradicted(parts)
-    goals = [
-        Fact(said(part), UNREACHABLE, "the goal asks for it and for the opposite")
+    goals = {
+        part: Fact(said(part), UNREACHABLE, "the goal asks for it and for the opposite")
         if part in against
         else told.fact(part)
         for part in parts
-        if part in against or not told.holds(part)
-    ]
-    goals.sort(key=lambda fact: fact.state != UNREACHABLE)
-    if verdict != IMPOSSIBLE and any(goal.state == UNREACHABLE for goal in goals):
+    }
+    excluded: list[list[str]] = []
+    if not any(fact.state == UNREACHABLE for fact in goals.values()):
+        together = exclusion(task, reached, ends)
+        if together is not None:
+            excluded = _tell_excluded(task, together, parts, goals)
+    found = sorted(goals.values(), key=lambda fact: (fact.state != UNREACHABLE, fact.state == HOLDS))
+    if verdict != IMPOSSIBLE and (excluded or any(fact.state == UNREACHABLE for fact in found)):
         reason = f"the planner could not tell ({verdict}{f': {reason}' if reason else ''}), but this shows it"
         verdict = IMPOSSIBLE
     missing = told.missing or told.circular
-    return NoPlan(verdict, reason, goals, list(missing), [str(skill) for skill in left_out])
+    return NoPlan(verdict, reason, found, list(missing), excluded, [str(skill) for skill in left_out])
+
+
+def _tell_excluded(
+    task: PlanningTask, together: Exclusion, parts: Sequence[Formula], goals: Mapping[Formula, Fact]
+) -> list[list[str]]:
+    """The pairs of parts of a goal that can never hold together. What can never hold by itself is told in its fact."""
+    atoms = [part for part in parts if isinstance(part, Atom)]
+    for part in atoms:
+        if together.excluded(part, part) and part in goals:
+            goals[part].state = UNREACHABLE
+            step, one, other = together.obstacle(part)
+            name = task.action(step.action).skill.name
+            goals[part].note = f"{name} would need {said(one)} and {said(other)}, which can never hold together"
+    possible = [part for part in atoms if not together.excluded(part, part)]
+    return [[said(a), said(b)] for a, b in combinations(possible, 2) if together.excluded(a, b)]
 
 
 class _Telling:

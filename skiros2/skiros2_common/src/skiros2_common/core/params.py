@@ -11,6 +11,7 @@ from typing import Any
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.mutations import mutations
+from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 
@@ -142,7 +143,9 @@ class Param(Property):
         element = Element("skiros:Parameter", self.key)
         element.setProperty("rdfs:comment", self._description)
         element.setProperty("skiros:ParameterType", PARAM_TYPE_CODES[self._param_type])
-        element.setProperty("skiros:DataType", self.element_type if self.is_element else self._data_type.__name__)
+        # A class has its prefix, which tells it from a type of Python.
+        datatype = full_name(self.element_type) if self.is_element else self._data_type.__name__
+        element.setProperty("skiros:DataType", datatype)
         if self.is_element:
             for value in self._values:
                 if not value.isAbstract():

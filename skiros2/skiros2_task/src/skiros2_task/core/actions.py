@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,13 @@ from skiros2_task.core.skill_model import ParameterKind, Robot, Skill, SkillCond
 IN_SCENE = Predicate(Kind.IN_SCENE)
 ROBOT_KEY = "Robot"
 
+_NAMED_KINDS = (
+    "ConditionRelation",
+    "AbstractConditionRelation",
+    "ConditionHasProperty",
+    "ConditionOnType",
+    "ConditionProperty",
+)
 _OPERATORS = ("=", ">", "<", ">=", "<=")
 
 
@@ -151,6 +159,8 @@ def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
 
 
 def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> tuple[Action, list[str]]:
+    if skill.flaw:
+        raise _Unusable(skill.flaw)
     if not skill.available:
         raise _Unusable("it is not available for planning")
     if not skill.pre or not skill.post:
@@ -220,6 +230,8 @@ def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tup
 def _predicate(condition: SkillCondition) -> Predicate | None:
     """What a condition states; None for what is not a predicate of elements."""
     kind, name = condition.kind, condition.name
+    if not name and kind in _NAMED_KINDS:
+        raise _Unusable(f"condition {condition.label!r} does not name what it is about")
     if kind == "ConditionRelation":
         return Predicate(Kind.RELATION, name)
     if kind == "AbstractConditionRelation":
@@ -240,8 +252,9 @@ def _predicate(condition: SkillCondition) -> Predicate | None:
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        message = f"condition {condition.label!r} compares {name} {operator} {value!r}, expected a number"
-        raise _Unusable(message) from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise _Unusable(f"condition {condition.label!r} compares {name} {operator} {value!r}, expected a number")
     return Predicate(Kind.COMPARES, name, number, operator)
 
 

@@ -47,6 +47,7 @@ class Archive:
                 latest = request / f"{name}.latest"
                 latest.write_text(text, encoding="utf-8")
                 os.replace(latest, self._folder / name)
-        requests = sorted(p for p in self._folder.iterdir() if p.is_dir() and _FOLDER_NAME.match(p.name))
+        requests = [p for p in self._folder.iterdir() if p.is_dir() and _FOLDER_NAME.match(p.name)]
+        requests.sort(key=lambda p: (p.name[:15], p.stat().st_mtime_ns))  # names tell only the second
         for old in requests[: -self._count]:
             shutil.rmtree(old, ignore_errors=True)

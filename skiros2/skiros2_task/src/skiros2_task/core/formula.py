@@ -187,6 +187,11 @@ def disjunction(parts: Iterable[Formula]) -> Formula:
     return next(iter(flat)) if len(flat) == 1 else Or(tuple(flat))
 
 
+def negation(formula: Formula) -> Formula:
+    """The opposite; of what is always or never true, at once."""
+    return FALSE if formula == TRUE else TRUE if formula == FALSE else Not(formula)
+
+
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:
     """The parts that all have to hold."""
     return formula.parts if isinstance(formula, And) else (formula,)
@@ -236,7 +241,7 @@ def bind(formula: Formula, values: dict[str, str]) -> Formula:
         terms = tuple(values.get(t, t) for t in formula.terms)
         return same(*terms) if formula.predicate.kind is Kind.SAME else Atom(formula.predicate, terms)
     if isinstance(formula, Not):
-        return Not(bind(formula.part, values))
+        return negation(bind(formula.part, values))
     if isinstance(formula, And):
         return conjunction(bind(p, values) for p in formula.parts)
     if isinstance(formula, Or):
@@ -254,7 +259,7 @@ def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]
     if isinstance(formula, Atom):
         return formula
     if isinstance(formula, Not):
-        return Not(expand_quantifiers(formula.part, members))
+        return negation(expand_quantifiers(formula.part, members))
     if isinstance(formula, And):
         return conjunction(expand_quantifiers(p, members) for p in formula.parts)
     if isinstance(formula, Or):

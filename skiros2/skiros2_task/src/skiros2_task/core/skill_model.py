@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
 
-#: Names of the Python types that a parameter's `skiros:DataType` may hold; all else is the class of an element.
-_PYTHON_TYPES = frozenset({"str", "int", "float", "bool", "list", "dict", "tuple", "set", "NoneType"})
 #: The types whose defaults are written into the world model.
 _PLAIN_TYPES = frozenset({"str", "int", "float", "bool"})
 
@@ -88,6 +87,7 @@ class Skill:
     :param type: the class, such as `skiros:Pick`.
     :param label: the implementation.
     :param duration: how long it takes (s), where its description says so.
+    :param flaw: in words, why its element cannot be read; "" when it can.
     """
 
     type: str
@@ -98,6 +98,7 @@ class Skill:
     post: tuple[SkillCondition, ...]
     available: bool = True
     duration: float | None = None
+    flaw: str = ""
 
     @property
     def name(self) -> str:
@@ -138,8 +139,14 @@ def read_robots(elements: Mapping[str, Element]) -> tuple[Robot, ...]:
 
 
 def read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
-    """A skill from its element and those under it."""
+    """A skill from its element and those under it; with its flaw, where they are not as a manager writes them."""
+    try:
+        return _read_skill(element, elements)
+    except WrongValue as error:
+        return Skill(element.type, element.label, (), (), (), (), flaw=str(error))
 
+
+def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
     def conditions(relation: str) -> tuple[SkillCondition, ...]:
         return tuple(_condition(child, elements) for child in _children(element, relation, elements))
 
@@ -162,9 +169,13 @@ def _children(element: Element, relation: str, elements: Mapping[str, Element]) 
 
 
 def _parameter(element: Element) -> SkillParameter:
-    kind = ParameterKind(int(element.value_of("skiros:ParameterType") or 0))
+    written = element.value_of("skiros:ParameterType")
+    try:
+        kind = ParameterKind(int(written or 0))
+    except (TypeError, ValueError):
+        raise WrongValue(f"its parameter {element.label!r} is of type {written!r}, expected 0, 1 or 2") from None
     datatype = str(element.value_of("skiros:DataType") or "")
-    if datatype not in _PYTHON_TYPES:
+    if not datatype or ":" in datatype:  # a class; types of Python have no prefix
         fixed = element.getRelation("-1", "skiros:hasValue", "")
         return SkillParameter(element.label, kind, datatype or "sumo:Object", fixed["dst"] if fixed else "")
     given = any(element.hasProperty(key, not_none=True) for key in ("skiros:Default", "skiros:Value"))
@@ -172,8 +183,11 @@ def _parameter(element: Element) -> SkillParameter:
     return SkillParameter(element.label, kind, None, missing=missing)
 
 
-def _condition(element: Element, elements: Mapping[str, Element]) -> SkillCondition:
-    parts = tuple(_condition(child, elements) for child in _children(element, "skiros:hasCondition", elements))
+def _condition(element: Element, elements: Mapping[str, Element], above: tuple[str, ...] = ()) -> SkillCondition:
+    if element.id in above:
+        raise WrongValue(f"its condition {element.label!r} ({element.id}) is a part of itself")
+    above = (*above, element.id)
+    parts = tuple(_condition(child, elements, above) for child in _children(element, "skiros:hasCondition", elements))
     return SkillCondition(
         kind=element.type.rpartition(":")[2],
         label=element.label,

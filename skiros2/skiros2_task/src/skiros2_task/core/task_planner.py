@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_task.core.actions import condition_predicates
+from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import FALSE, Formula
@@ -126,7 +126,10 @@ class TaskPlanner:
         try:
             task = make_task(world, self._formula(goal, world))
         except WrongValue as error:
-            return PlanningResult(Verdict.FAILED, message=str(error))
+            # What a goal speaks of may be known only to skills that planning cannot use.
+            return PlanningResult(Verdict.FAILED, message=str(error), notes=tuple(make_actions(world.robots)[1]))
+        if cancelled is not None and cancelled.is_set():
+            return PlanningResult(Verdict.CANCELLED, message="cancelled before the planner was asked", task=task)
         task = adapt(task) if adapt is not None else task
         if task.satisfied:
             done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)

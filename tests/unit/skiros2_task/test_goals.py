@@ -1,0 +1,133 @@
+"""Goals as Python objects: what they say, and that their text reads back as them."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.actions import condition_predicates
+from skiros2_task.core.formula import TRUE, And, Exists, ForAll, Formula, Not, Or
+from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.goals import (
+    all_of,
+    any_of,
+    compares,
+    equals,
+    exists,
+    for_all,
+    has,
+    is_same,
+    negated,
+    related,
+)
+from skiros2_task.core.world_view import WorldView
+from support.planning_world import PlanningWorld, transport_world
+
+SOME_TEXTS = ("Empty", "Full", "Half full (nearly)", "a, b; c", "not", "Größe", "2 x 4")
+
+
+@pytest.fixture(scope="module")
+def world() -> PlanningWorld:
+    world = transport_world(places=2, products=2)
+    for text in SOME_TEXTS:
+        world.thing("skiros:Product", f"label of {text}", Surface=text, Open=True, Weight=2.5)
+    return world
+
+
+def read(world: PlanningWorld, text: str) -> Formula:
+    view = WorldView(world.wm)
+    return GoalReader(view, condition_predicates(view.robots)).read(text)
+
+
+def normal(formula: Formula) -> Formula:
+    """Without junctions in junctions of the same kind, and parts that are there twice."""
+    if isinstance(formula, And | Or):
+        parts = [normal(part) for part in formula.parts]
+        return all_of(*parts) if isinstance(formula, And) else any_of(*parts)
+    if isinstance(formula, Not):
+        return Not(normal(formula.part))
+    if isinstance(formula, ForAll | Exists):
+        return type(formula)(formula.variables, normal(formula.body))
+    return formula
+
+
+def test_the_text_of_each_form() -> None:
+    tray = Element("skiros:LargeBox", "tray", "skiros:LargeBox-3")
+    part = "skiros:Product-4"
+    assert str(related(tray, "contain", part)) == "(skiros:contain skiros:LargeBox-3 skiros:Product-4)"
+    assert str(equals(part, "Surface", "Sky Blue")) == '("skiros:Surface_Sky Blue" skiros:Product-4)'
+    assert str(equals(part, "Open")) == "(skiros:Open skiros:Product-4)"
+    assert str(equals(part, "Open", False)) == "(skiros:Open_False skiros:Product-4)"
+    assert str(equals(part, "Weight", 2)) == "(= (skiros:Weight skiros:Product-4) 2)"
+    assert str(compares(part, "Weight", ">=", 1234567.25)) == "(>= (skiros:Weight skiros:Product-4) 1234567.25)"
+    assert str(has(part, "Weight")) == "(has_skiros:Weight skiros:Product-4)"
+    assert str(negated(has("?x", "Weight"))) == "(not (has_skiros:Weight ?x))"
+    assert str(all_of()) == "(and)"
+    assert str(any_of()) == "(or)"
+    both = for_all("Product", lambda x: exists("Location", lambda y: related(y, "contain", x)))
+    expected = "(forall (?x2 - skiros:Product) (exists (?x1 - skiros:Location) (skiros:contain ?x1 ?x2)))"
+    assert str(both) == expected
+
+
+def test_what_is_the_same_is_known_at_once_unless_a_variable_is_left() -> None:
+    assert is_same("a", "a") == TRUE
+    assert is_same("a", "b") == Or(())
+    assert str(exists("Product", lambda x: negated(is_same(x, "a")))) == (
+        "(exists (?x1 - skiros:Product) (not (= ?x1 a)))"
+    )
+
+
+def test_an_element_without_id_is_meant_by_its_label() -> None:
+    assert (
+        str(related("a", "contain", Element("skiros:Starter", "skiros:starter"))) == "(skiros:contain a skiros:starter)"
+    )
+
+
+def test_what_cannot_be_a_goal_is_refused() -> None:
+    with pytest.raises(WrongValue, match="neither id nor label"):
+        related("a", "contain", Element("skiros:Product"))
+    with pytest.raises(WrongType, match="expected an element or its id, found int"):
+        related("a", "contain", 3)  # type: ignore[arg-type]
+    with pytest.raises(WrongValue, match="operator '<>', expected one of = > < >= <="):
+        compares("a", "Weight", "<>", 3.0)
+
+
+def test_every_formula_reads_back_from_its_text(world: PlanningWorld) -> None:
+    things = st.sampled_from([*world.places, *world.products, *world.robots])
+    atoms = st.one_of(
+        st.builds(related, things, st.sampled_from(["skiros:contain", "skiros:at"]), things),
+        st.builds(equals, things, st.just("skiros:Surface"), st.sampled_from(SOME_TEXTS)),
+        st.builds(equals, things, st.just("skiros:Open"), st.booleans()),
+        st.builds(has, things, st.just("skiros:Weight")),
+        st.builds(
+            compares,
+            things,
+            st.just("skiros:Weight"),
+            st.sampled_from(["=", ">", "<", ">=", "<="]),
+            st.floats(allow_nan=False, allow_infinity=False),
+        ),
+    )
+
+    def larger(smaller: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
+        parts = st.lists(smaller, max_size=3)
+        return st.one_of(
+            st.builds(negated, smaller),
+            parts.map(lambda some: all_of(*some)),
+            parts.map(lambda some: any_of(*some)),
+            smaller.map(lambda body: for_all("skiros:Product", lambda x: all_of(body, has(x, "skiros:Weight")))),
+            smaller.map(
+                lambda body: exists("skiros:Location", lambda x: any_of(body, negated(is_same(x, world.places[0]))))
+            ),
+        )
+
+    view = WorldView(world.wm)
+    reader = GoalReader(view, condition_predicates(view.robots))
+
+    @given(st.recursive(atoms, larger, max_leaves=8))
+    def check(goal: Formula) -> None:
+        assert reader.read(str(goal)) == normal(goal)
+
+    check()

@@ -5,6 +5,7 @@ The domains are those that planning is taught and measured with, written as skil
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +115,7 @@ def blocks(*towers: str) -> tuple[PlanningWorld, dict[str, str]]:
 
 def on(names: dict[str, str], tower: str) -> str:
     """A goal: these blocks, from below, on each other."""
-    return " ".join(f"(contain {names[a]} {names[b]})" for a, b in zip(tower, tower[1:], strict=False))
+    return " ".join(f"(contain {names[a]} {names[b]})" for a, b in itertools.pairwise(tower))
 
 
 def three_blocks() -> Problem:
@@ -189,7 +190,7 @@ def hanoi(count: int, goal: Callable[[list[str], list[str]], str] | None = None)
     if goal is not None:
         return world, goal(pegs, discs)
     tower = [pegs[2], *discs]
-    return world, ", ".join(f"(contain {a} {b})" for a, b in zip(tower, tower[1:], strict=False))
+    return world, ", ".join(f"(contain {a} {b})" for a, b in itertools.pairwise(tower))
 
 
 # -- places, loads and robots -------------------------------------------------------------------------------------

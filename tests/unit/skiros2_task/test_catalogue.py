@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
+from skiros2_common.core.world_element import Element
 from skiros2_task.core.task_planner import PlanningResult, Verdict
 from support.planning_world import (
     DRIVE,
@@ -128,6 +129,13 @@ def test_one_of_two_goals_is_enough_for_or(plan: Plan) -> None:
     assert labels(plan(world, goal)) == ["pick", "drive", "place"]
 
 
+def test_many_alternatives_that_all_have_to_hold_are_not_multiplied_out(plan: Plan) -> None:
+    world = transport_world(places=6, products=12)
+    somewhere = " ".join(f"(contain {place} ?p)" for place in world.places[3:])
+    result = plan(world, f"(forall (?p - skiros:Product) (or {somewhere}))")
+    assert labels(result).count("place") == 6
+
+
 def test_what_must_not_hold_any_more_is_undone(plan: Plan) -> None:
     world = transport_world()
     goal = f"(not (skiros:contain {world.places[0]} {world.products[0]}))"
@@ -213,6 +221,23 @@ DOOR: list[tuple[Any, ...]] = [("Door", "skiros:Container", REQUIRED)]
 
 OPEN = skill("Open", DOOR, [prop("Door", "skiros:Open", "=", False)], [IS_OPEN])
 CLOSE = skill("Close", DOOR, [IS_OPEN], [prop("Door", "skiros:Open", "=", True, False)])
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        "(= (Surface {product}) Painted)",
+        '(= (skiros:Surface {product}) "Painted")',
+        "(imply (Surface_Raw {product}) (Painted {product}))",
+        "(exists (?x - skiros:Product) (and (= ?x {product}) (Painted ?x)))",
+        "(forall (?x - skiros:Product) (or (not (= ?x {product})) (Painted ?x)))",
+    ],
+)
+def test_the_forms_of_a_goal_may_be_put_together(plan: Plan, goal: str) -> None:
+    world = PlanningWorld()
+    product, _ = world.thing("skiros:Product", Surface="Raw"), world.thing("skiros:Product", Surface="Raw")
+    robot = world.robot("alpha", skill("Paint", PRODUCT, [given("Object")], [PAINTED]))
+    assert steps(plan(world, goal.format(product=product))) == [("paint", {"Robot": robot, "Object": product})]
 
 
 @pytest.mark.parametrize(
@@ -634,6 +659,113 @@ def test_an_element_that_a_skill_makes_can_be_used(plan: Plan) -> None:
     assert all("Object" not in arguments for _, arguments in steps(result))
 
 
+# -- skills that are not as they should be ------------------------------------------------------------------------
+
+
+def weight(operator: str, value: float, state: bool = True) -> Any:
+    return prop("Object", "skiros:Weight", operator, value, state)
+
+
+@pytest.mark.parametrize(
+    "pre",
+    [
+        [weight(">", 5.0), weight("<", 5.0)],
+        [weight(">=", 5.0), weight(">=", 5.0, False)],
+        [weight("=", 5.0), weight("<=", 4.0)],
+        [weight(">", 5.0), has("Object", "skiros:Weight", False)],
+        [prop("Object", "skiros:Open", "=", True), prop("Object", "skiros:Open", "=", False)],
+        [prop("Object", "skiros:Surface", "=", "Raw"), has("Object", "skiros:Surface", False)],
+    ],
+)
+def test_a_skill_whose_conditions_exclude_each_other_is_left_out_and_told(plan: Plan, pre: list[Any]) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product", Surface="Raw", Weight=5.0, Open=True)
+    world.robot("alpha", skill("Paint", PRODUCT, pre, [PAINTED]))
+    result = plan(world, f"(Surface_Painted {product})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert any("contradict each other" in note for note in result.notes), result.notes
+
+
+@pytest.mark.parametrize(
+    "pre",
+    [
+        [weight(">=", 5.0), weight("<=", 5.0)],
+        [weight(">", 7.0, False), weight("<", 3.0, False)],
+        [prop("Object", "skiros:Open", "=", True), prop("Object", "skiros:Open", "=", False, False)],
+        [prop("Object", "skiros:Wet", "=", True, False), prop("Object", "skiros:Wet", "=", False, False)],
+    ],
+)
+def test_conditions_that_only_look_as_if_they_excluded_each_other_are_planned_with(plan: Plan, pre: list[Any]) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product", Surface="Raw", Weight=5.0, Open=True)
+    world.robot("alpha", skill("Paint", PRODUCT, pre, [PAINTED]))
+    assert labels(plan(world, f"(Surface_Painted {product})")) == ["paint"]
+
+
+@pytest.mark.parametrize(
+    ("cls", "key", "value", "reason"),
+    [
+        ("skiros:Parameter", "skiros:ParameterType", 7, "its parameter 'Object' is of type 7, expected 0, 1 or 2"),
+        ("skiros:ConditionProperty", "skiros:hasSubject", "", "speaks of '', which is none of its parameters"),
+        ("skiros:ConditionProperty", "skiros:operator", "!=", "has the operator '!=', expected one of = > < >= <="),
+        ("skiros:ConditionProperty", "skiros:appliedOnType", "", "does not name what it is about"),
+    ],
+)
+def test_a_skill_that_somebody_broke_in_the_scene_is_left_out_and_told(
+    plan: Plan, cls: str, key: str, value: Any, reason: str
+) -> None:
+    world = transport_world()
+    world.robot("painter", skill("Paint", PRODUCT, [given("Object")], [PAINTED]))
+    (painting,) = world.wm.resolve_elements(Element("skiros:Paint"))
+    for part in world.wm.get_branch(painting.id):
+        if part.type == cls and (cls != "skiros:Parameter" or part.label == "Object"):
+            part.setProperty(key, value)
+            world.wm.update_element(part)
+    assert labels(plan(world, f"(at {world.robots[0]} {world.places[1]})")) == ["drive"]
+    result = plan(world, f"(Painted {world.products[0]})")
+    assert result.verdict in (Verdict.FAILED, Verdict.IMPOSSIBLE)
+    assert any(reason in note and "/painter" in note for note in result.notes), result.notes
+
+
+def test_a_condition_that_is_a_part_of_itself_is_told(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    either = one_of(given("Object"), prop("Object", "skiros:Surface", "=", "Raw"))
+    world.robot("alpha", skill("Paint", PRODUCT, [either], [PAINTED]))
+    (condition,) = world.wm.resolve_elements(Element("skiros:ConditionOr"))
+    world.relate(condition.id, "skiros:hasCondition", condition.id)
+    result = plan(world, f"(Surface_Painted {product})")
+    assert any("is a part of itself" in note for note in result.notes), result.notes
+
+
+class Pose:
+    """A value that the world model does not know."""
+
+
+@pytest.mark.parametrize("value", [Pose, Pose()])
+def test_a_parameter_of_any_python_type_is_no_element(plan: Plan, value: Any) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    paint = skill("Paint", [*PRODUCT, ("Where", value, REQUIRED)], [given("Object")], [PAINTED])
+    robot = world.robot("alpha", paint)
+    assert steps(plan(world, f"(Painted {product})")) == [("paint", {"Robot": robot, "Object": product})]
+
+
+def test_a_class_may_be_written_without_its_prefix(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    world.robot("alpha", skill("Paint", [("Object", Element("Product"), REQUIRED)], [given("Object")], [PAINTED]))
+    assert labels(plan(world, f"(Painted {product})")) == ["paint"]
+
+
+def test_a_skill_for_one_robot_may_have_a_parameter_of_any_name(plan: Plan) -> None:
+    world = PlanningWorld()
+    product = world.thing("skiros:Product")
+    painted = prop("Manager", "skiros:Surface", "=", "Painted")
+    world.robot("alpha", skill("Paint", [("Manager", "skiros:Product", REQUIRED)], [given("Manager")], [painted]))
+    assert [call[1]["Manager"] for call in steps(plan(world, f"(Painted {product})"))] == [product]
+
+
 # -- goals that cannot be read ------------------------------------------------------------------------------------
 
 
@@ -649,6 +781,9 @@ def test_an_element_that_a_skill_makes_can_be_used(plan: Plan) -> None:
         ("(contain {place})", "'contain' is a relation"),
         ("(contain {place} {product} {robot})", "expected one or two elements after 'contain', found 3"),
         ("(contain)", "found no subject"),
+        ("(skiros:Product {product})", "'skiros:Product' is a class; no skill changes what class"),
+        ("(> (Wieght {product}) 2)", "unknown property 'Wieght'"),
+        ("(= {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
         ("(contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
         (
             "(contain {place} skiros:Product)",

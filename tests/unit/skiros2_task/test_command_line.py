@@ -204,7 +204,8 @@ def test_what_cannot_be_used_is_refused_in_one_line(
 def test_a_goal_that_cannot_be_read_is_refused(run: Run, command: str, goal: str) -> None:
     result = run(command, goal, *OFFLINE)
     assert (result.status, result.err) == (1, "")
-    place, text, mark = result.out.splitlines()
+    place, text, mark, *notes = result.out.splitlines()
+    assert all("left out" in note for note in notes)  # what skills that cannot be used would have known
     assert place.startswith("goal, line 1, column ")
     assert text.strip() == goal.strip()
     assert mark.strip() == "^"

@@ -9,6 +9,7 @@ from skiros2_task.core.goal_syntax import (
     Name,
     ParsedAtom,
     ParsedComparison,
+    ParsedEquality,
     ParsedJunction,
     ParsedNot,
     ParsedQuantifier,
@@ -79,6 +80,36 @@ def test_a_quoted_name_may_hold_spaces_and_parentheses() -> None:
     assert goal.terms == (Name("Half full (nearly)", 1, 8), Name("a", 1, 29))
 
 
+@pytest.mark.parametrize("word", ["and", "not", "(", ",", ">="])
+def test_a_quoted_name_is_no_sign_and_no_key_word(word: str) -> None:
+    assert parse_goals(f'("{word}" a "{word}")') == (
+        ParsedAtom(Name(word, 1, 2), (Name("a", 1, 5 + len(word)), Name(word, 1, 7 + len(word)))),
+    )
+
+
+def test_an_implication_is_its_alternatives() -> None:
+    assert atom("(imply (p a) (q b))") == "(or (not (p a)) (q b))"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("2", 2.0), ("-1e3", -1000.0), ("Red", "Red"), ("nan", "nan"), ('"2"', "2")]
+)
+def test_what_a_property_equals_is_a_number_or_a_text(text: str, value: object) -> None:
+    (goal,) = parse_goals(f"(= (p a) {text})")
+    assert isinstance(goal, ParsedComparison)
+    assert goal.value == value
+
+
+def test_two_names_may_be_the_same() -> None:
+    assert parse_goals("(= ?x a)") == (ParsedEquality(Name("?x", 1, 4), Name("a", 1, 7)),)
+
+
+def test_the_mark_stands_under_its_place_also_after_tabs() -> None:
+    with pytest.raises(GoalError) as caught:
+        parse_goals("(p a)\r\n\t(q\t(r b))\r\n")
+    assert str(caught.value).splitlines()[1:] == ["  \t(q\t(r b))", "  \t  \t^"]
+
+
 def test_names_know_their_place() -> None:
     (goal,) = parse_goals("\n  (p\n     a)")
     assert isinstance(goal, ParsedAtom)
@@ -104,6 +135,11 @@ def test_names_know_their_place() -> None:
         ("(forall (- t) (p a))", "line 1, column 10", "expected a variable before the -"),
         ("(exists (?x -) (p ?x))", "line 1, column 14", "expected a type after the -"),
         ("(> (w a) heavy)", "line 1, column 10", "expected a number, found 'heavy'"),
+        ("(> (w a) nan)", "line 1, column 10", "expected a number, found 'nan'"),
+        ("(forall (?x ?x - t) (p ?x))", "line 1, column 13", "'?x' is declared twice"),
+        ("(imply (p a))", "line 1, column 13", "expected a goal"),
+        ("(= a)", "line 1, column 5", "expected an element, found ')'"),
+        ("(= )", "line 1, column 4", "expected (property element), or an element, after ="),
         ("(> 2 (w a))", "line 1, column 4", "expected (property element) after >"),
         ('(p "a', "line 1, column 4", "this quote is not closed"),
         ('(p "")', "line 1, column 4", "expected a name between the quotes"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_common.core.errors import WrongType
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
 from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
@@ -121,6 +122,29 @@ def test_a_formula_that_means_nothing_is_refused(world: PlanningWorld, terms: tu
     result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
     assert result.verdict is Verdict.FAILED
     assert expected in result.message
+
+
+@pytest.mark.parametrize("goal", [None, 3, b"(p a)", ["(p a)"]])
+def test_what_is_no_goal_is_refused(world: PlanningWorld, goal: object) -> None:
+    with pytest.raises(WrongType, match="expected its text or a formula, found"):
+        planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)  # type: ignore[arg-type]
+
+
+def test_a_request_that_is_cancelled_while_the_world_is_read_does_not_reach_the_planner(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    cancelled = threading.Event()
+    result = TaskPlanner(world.wm, given, Limits()).plan(drive_goal(world), cancelled, lambda _: cancelled.set())
+    assert (result.verdict, result.calls) == (Verdict.CANCELLED, ())
+    assert given.asked == []
+
+
+def test_a_goal_that_speaks_of_what_is_not_there_can_never_hold(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    goal = f"(exists (?x - skiros:Starter) (skiros:contain {world.places[1]} ?x))"
+    result = TaskPlanner(world.wm, given, Limits()).plan(goal)
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "the scene has nothing of class skiros:Starter" in result.message
+    assert given.asked == []
 
 
 def test_a_skill_manager_gets_a_plan_for_its_own_robot() -> None:

@@ -136,9 +136,7 @@ class GroundAction:
             if i not in self.tools and _about_robot(action.variables[i].name, own, needed, written, changed)
         }
         self.of_robot = [*self.tools.items(), *self.states.items()]
-        self.essential = [
-            i for i in range(len(action.variables)) if i not in (self.robot, *self.tools, *self.states)
-        ]
+        self.essential = [i for i in range(len(action.variables)) if i not in (self.robot, *self.tools, *self.states)]
         #: Whether it changes nothing but the robot's own state, one fact at a time.
         self.moves = all(action.robot in e.atom.terms and not e.each for e in (*action.effects, *action.during))
 

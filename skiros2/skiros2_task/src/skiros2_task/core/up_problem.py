@@ -17,7 +17,8 @@ from skiros2_task.core.pddl_names import Naming, pddl_name
 from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep
 from skiros2_task.core.type_tree import TypeTree
 
-_GOAL_ACTION = ("goal action", "")
+#: What kind of thing an action is that no step of a plan stands for.
+_GOAL = "goal action"
 _OPERATOR_WORDS = {"=": "eq", ">": "gt", "<": "lt", ">=": "ge", "<=": "le"}
 
 
@@ -59,6 +60,8 @@ class UpProblem:
         goals = [self._expression(goal, {}) for goal in _parts(task.goal)]
         if goal_action:
             goals = [self._reached(goals)]
+        elif sparse and sum(goal.is_or() for goal in goals) > 1:
+            goals = self._apart(goals)
         for goal in goals:
             self.problem.add_goal(goal)
 
@@ -77,7 +80,7 @@ class UpProblem:
         return tuple(
             PlanStep(self._thing(action), tuple(self._thing(argument) for argument in arguments))
             for action, *arguments in names
-            if self._naming.thing(action) != _GOAL_ACTION
+            if self._kind(action) != _GOAL
         )
 
     def names_of(self, step: PlanStep) -> tuple[str, ...]:
@@ -91,19 +94,58 @@ class UpProblem:
         return self._env
 
     def _thing(self, name: str) -> str:
-        kind_and_thing = self._naming.thing(name)
-        assert isinstance(kind_and_thing, tuple)
-        return str(kind_and_thing[1])
+        return self._kind_and_thing(name)[1]
+
+    def _kind(self, name: str) -> str:
+        return self._kind_and_thing(name)[0]
+
+    def _kind_and_thing(self, name: str) -> tuple[str, str]:
+        found = self._naming.thing(name)
+        assert isinstance(found, tuple)
+        return str(found[0]), str(found[1])
+
+    def _apart(self, goals: list[Any]) -> list[Any]:
+        """Goals whose alternatives stand in quantifiers that change nothing.
+
+        Fast Downward multiplies out alternatives that all have to hold, 3^12 for a dozen of three; but of a quantifier
+        it makes an axiom first. So that nobody simplifies it away, the quantifier speaks of a fact that never holds.
+        """
+        manager, thing = self._env.expression_manager, self._types[EVERYTHING]
+        name = self._naming.name(("predicate", "never"), ["never"])
+        never = Fluent(name, self._env.type_manager.BoolType(), environment=self._env, it=thing)
+        self.problem.add_fluent(never, default_initial_value=False)
+        anything = up.model.Variable("anything", thing, self._env)
+        return [
+            manager.Forall(manager.Or(*goal.args, never(anything)), anything) if goal.is_or() else goal
+            for goal in goals
+        ]
 
     def _reached(self, goals: list[Any]) -> Any:
-        """The fact that an action brings about whose pre-condition is the goal."""
-        fluent = Fluent(self._naming.name(("predicate", "reached"), ["goal_reached"]), environment=self._env)
+        """The fact that an action brings about whose pre-condition is the goal.
+
+        Alternatives that all have to hold are multiplied out there too. So where there are several, an action ends all
+        others first, and each of the alternatives is answered by an action of its own.
+        """
+        if sum(goal.is_or() for goal in goals) > 1:
+            actions = list(self.problem.actions)
+            over = self._goal_action("end", [])
+            for action in actions:
+                action.add_precondition(self._env.expression_manager.Not(over))
+            goals = [
+                self._goal_action(f"answer_{number}", [over, goal]) if goal.is_or() else goal
+                for number, goal in enumerate(goals, 1)
+            ]
+        return self._goal_action("reach_goal", goals)
+
+    def _goal_action(self, name: str, conditions: list[Any]) -> Any:
+        """The fact that an action brings about which no step of a plan stands for."""
+        fluent = Fluent(self._naming.name(("predicate", (_GOAL, name)), [f"done_{name}"]), environment=self._env)
         self.problem.add_fluent(fluent, default_initial_value=False)
-        reach = InstantaneousAction(self._naming.name(_GOAL_ACTION, ["reach_goal"]), _env=self._env)
-        for goal in goals:
-            reach.add_precondition(goal)
-        reach.add_effect(fluent, True)
-        self.problem.add_action(reach)
+        action = InstantaneousAction(self._naming.name((_GOAL, name), [name]), _env=self._env)
+        for condition in conditions:
+            action.add_precondition(condition)
+        action.add_effect(fluent, True)
+        self.problem.add_action(action)
         return fluent()
 
     def _add_types(self) -> None:

@@ -115,14 +115,19 @@ def carry_out(world: PlanningWorld, calls: Iterable[SkillCall]) -> PlanningWorld
     """
     copy = copy_of(world)
     for call in calls:
-        core = world.offered[call.manager, call.type, call.label]
-        params = _params(core, call, copy.wm)
-        pre = core._pre_conditions
-        for condition in [*pre, *(h for h in core._hold_conditions if not any(h.hasConflict(c) for c in pre))]:
-            assert condition.evaluate(params, copy.wm), f"{call}: {condition.getDescription()}"
-        for condition in core._post_conditions:
-            _make_true(condition, params, copy.wm)
+        do(copy, call)
     return copy
+
+
+def do(world: PlanningWorld, call: SkillCall) -> None:
+    """Does in a world what a skill does. Its conditions are checked as its manager would."""
+    core = world.offered[call.manager, call.type, call.label]
+    params = _params(core, call, world.wm)
+    pre = core._pre_conditions
+    for condition in [*pre, *(h for h in core._hold_conditions if not any(h.hasConflict(c) for c in pre))]:
+        assert condition.evaluate(params, world.wm), f"{call}: {condition.getDescription()}"
+    for condition in core._post_conditions:
+        _make_true(condition, params, world.wm)
 
 
 def copy_of(world: PlanningWorld) -> PlanningWorld:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import given
 
 from skiros2_task.core.durations import Durations
-from skiros2_task.core.formula import conjunction
+from skiros2_task.core.formula import Atom, Formula, Kind, conjunction, conjuncts
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import Schedule, Scheduled, schedule, seconds_of
 from skiros2_task.core.simulation import flaw
@@ -55,6 +57,20 @@ def test_robots_work_at_the_same_time() -> None:
 def test_an_empty_plan_takes_no_time() -> None:
     task = transport_task(1, 2, 1, conjunction([]))
     assert scheduled(task, (), Durations()).makespan == 0.0
+
+
+def test_where_nobody_is_known_to_have_the_skill_the_plan_stays_as_it_is() -> None:
+    task = transport_task(2, 2, 1)
+    able = {a for a in task.init if a.predicate.kind is not Kind.CAN}
+    free = [replace(a, precondition=without_can(a.precondition)) for a in task.actions]
+    task = replace(task, actions=tuple(free), init=frozenset(able))
+    assert scheduled(task, bring(0, 0, 0, 1), timed(task)).makespan == 9.0
+    nothing = replace(task, goal=conjunction([]))
+    assert scheduled(nothing, (), Durations()).steps == ()
+
+
+def without_can(formula: Formula) -> Formula:
+    return conjunction(p for p in conjuncts(formula) if not isinstance(p, Atom) or p.predicate.kind is not Kind.CAN)
 
 
 # -- of all plans -----------------------------------------------------------------------------------------------------

@@ -178,10 +178,11 @@ class _Dealer:
     def deal(self) -> tuple[PlanStep, ...] | None:
         """See `reassigned`."""
         jobs = self._jobs()
-        best = self._first_done(jobs)
+        best = self._first_done(jobs) if jobs else None
         if best is None or not self._robots:  # nobody can do anything but what is begun
             return None
-        least = {n: sum(self._least[self._order.steps[i].action] for i in job.steps) for n, job in enumerate(jobs)}
+        actions = [step.action for step in self._order.steps]
+        least = {n: sum(self._least.get(actions[i], 0.0) for i in job.steps) for n, job in enumerate(jobs)}
         queue = self._in_order(jobs)
         low, high = sum(least.values()) / len(self._robots), best.makespan
         for _ in range(HALVINGS):
@@ -288,7 +289,7 @@ class _Dealer:
 
     def _for_robot(self, action: GroundAction, robot: str) -> Iterator[GroundAction]:
         """The actions of one skill that a robot has: robots on which it takes different times have one each."""
-        for other in self._robots[robot]:
+        for other in self._robots.get(robot, ()):
             one, two = action.action, other.action
             if (one.skill.type, one.skill.label, one.variables) == (two.skill.type, two.skill.label, two.variables):
                 yield other
@@ -299,7 +300,7 @@ class _Dealer:
         if self._timeline.holds((place.number, *terms)):
             return True
         for action, pattern in self._moves[place.number, place.place]:
-            if action in self._robots[robot]:
+            if action in self._robots.get(robot, ()):
                 values = [""] * len(action.action.variables)
                 for variable, term in zip(pattern, terms, strict=True):
                     values[variable] = term

@@ -18,7 +18,7 @@ from benchmarks.measurement import Measurement, table  # noqa: E402 - after the 
 from support.ros import Ros, RosMaster  # noqa: E402
 
 PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
-PARTS += ("planning", "schedules", "world_model", "journal")
+PARTS += ("planning", "schedules", "replanning", "world_model", "journal")
 
 
 def main() -> int:
@@ -65,6 +65,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import schedules
 
         return schedules.measure()
+    if part == "replanning":
+        from benchmarks import replanning
+
+        return replanning.measure()
     if part == "journal":
         from benchmarks import journal
 

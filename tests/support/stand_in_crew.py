@@ -45,6 +45,17 @@ class StandInCrew:
         with self._change:
             assert self._change.wait_for(lambda: len(self.begun) >= count, timeout), f"{len(self.begun)} steps"
 
+    def wait_for_job(self, condition: Callable[[Job], bool], timeout: float = 30.0) -> float:
+        """Waits until such a step was started, and returns when (s, monotonic)."""
+
+        def found() -> float | None:
+            return next((begun for begun, job in self.begun if condition(job)), None)
+
+        with self._change:
+            began = self._change.wait_for(found, timeout)
+            assert began is not None, "no such step"
+            return began
+
     def lose(self, manager: str) -> None:
         """What a robot does comes to nothing, and nobody is told."""
         with self._change:

@@ -60,6 +60,7 @@ class TransportCell:
         self.doing: dict[int, Doing] = {}
         self.started: list[tuple[Job, bool]] = []  # with whether what it needs held
         self.end: End | None = None
+        self.plans = 0  # that were asked for
         self._fails = fails
         self._due: list[tuple[float, Callable[[], Sequence[Command]]]] = []
         self.executive = Executive(lambda: self.now, max_replans)
@@ -81,6 +82,7 @@ class TransportCell:
         for command in commands:
             assert self.end is None, f"{command} after the end"
             if isinstance(command, Plan):
+                self.plans += 1
                 self._later(PLANNING_TIME, self._plan(command))
             elif isinstance(command, Claim):
                 self._later(0.0, self.executive.granted)

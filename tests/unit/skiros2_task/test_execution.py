@@ -178,6 +178,7 @@ def test_failures_that_are_not_more_than_plans_do_not_keep_it_from_the_goal(
     cell.run()
     assert cell.reached
     assert cell.executive.replans <= len(failing)
+    assert cell.plans == 1 + cell.executive.replans
     assert all(fits for _, fits in cell.started), "each step was started where what it needs held"
 
 

@@ -100,6 +100,9 @@ class Executive:
             others = {other.number for other in running if job.disturbs(other)}
             self.records[job.number] = Record(replace(job, after=job.after | others))
         self._task, self._facts, self._made = task, task.init, to_be_made(task)
+        for job in self._assumed:
+            if job not in running:  # it has ended while the plan was made
+                self._facts = carried_out(self._facts, job)
         self._suspect_since = None
         self.phase = Phase.WAITING
         self.message = f"a plan of {len(jobs)} steps" if jobs else "nothing is left to do but what runs"

@@ -1,0 +1,87 @@
+"""From a condition that breaks in the middle of a plan to the first step of the new plan, beside a plan alone."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+from benchmarks.measurement import Measurement, paired
+from skiros2_task.core.conductor import Achievement, Conductor, Goal
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.planner import Limits, Planner
+from skiros2_task.core.portfolio import planner_named
+from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from support.planning_world import PlanningWorld, transport_world
+from support.stand_in_crew import StandInCrew
+
+RUNS = 5
+
+#: robots, places, products
+SIZE = (2, 20, 20)
+
+#: The most that it may take (s).
+LIMIT = 2.0
+
+#: What a step takes (s): robots are at work when the world changes.
+STEP = 0.2
+
+_LIMITS = Limits(60.0)
+
+
+def measure() -> Iterator[Measurement]:
+    processes = EngineProcesses()
+    planner = planner_named(processes)
+    try:
+        yield paired(
+            "broken condition to first step of the new plan, robots/places/products " + "/".join(map(str, SIZE)),
+            lambda: _replanned(planner),
+            "a plan for that goal alone",
+            lambda: _planned(planner),
+            unit="s",
+            runs=RUNS,
+            limit=LIMIT,
+        )
+    finally:
+        processes.close()
+
+
+def _goal(world: PlanningWorld) -> str:
+    return f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"
+
+
+def _planned(planner: Planner) -> float:
+    world = transport_world(*SIZE)
+    start = time.perf_counter()
+    result = TaskPlanner(world.wm, planner, _LIMITS).plan(_goal(world))
+    if result.verdict is not Verdict.PLANNED:
+        raise RuntimeError(f"no plan: {result.message}")
+    return time.perf_counter() - start
+
+
+def _replanned(planner: Planner) -> float:
+    world = transport_world(*SIZE)
+    crew = StandInCrew(world, STEP)
+    conductor = Conductor(TaskPlanner(world.wm, planner, _LIMITS), crew)
+    crew.on_change = conductor.world_changed
+    again = threading.Event()
+    begins = 0
+
+    def on_change(achievement: Achievement) -> None:
+        nonlocal begins
+        if achievement.executive.replans and achievement.executive.plan_begins > 1:
+            begins = achievement.executive.plan_begins
+            again.set()
+
+    try:
+        conductor.achieve(Goal(_goal(world)), on_change, lambda achievement, end: None)
+        crew.wait_for_starts(2)
+        world.wm.set_relation(world.places[8], "skiros:contain", world.products[8], False)
+        world.wm.set_relation(world.places[9], "skiros:contain", world.products[8], True)
+        start = time.monotonic()
+        conductor.world_changed()
+        if not again.wait(_LIMITS.seconds):
+            raise RuntimeError("it was not planned anew")
+        return crew.wait_for_job(lambda job: job.number >= begins) - start
+    finally:
+        conductor.close()

@@ -1,4 +1,4 @@
-"""Engines of unified-planning that misbehave, each in a way of its own."""
+"""Engines of unified-planning that misbehave, or can do little, each in a way of its own."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 from unified_planning.engines import Engine, PDDLPlanner, PlanGenerationResult, PlanGenerationResultStatus
 from unified_planning.engines.mixins import OneshotPlannerMixin
 from unified_planning.plans import ActionInstance, SequentialPlan
+from up_fast_downward import FastDownwardPDDLPlanner
 
 
 class _Bad(Engine, OneshotPlannerMixin):  # type: ignore[misc]
@@ -90,3 +91,17 @@ class Printing(PDDLPlanner):  # type: ignore[misc]
 
     def _result_status(self, *_: Any, **__: Any) -> Any:
         return PlanGenerationResultStatus.SOLVED_SATISFICING
+
+
+class Flat(FastDownwardPDDLPlanner):  # type: ignore[misc]
+    """Knows no types under others."""
+
+    @staticmethod
+    def supported_kind() -> Any:
+        kind = FastDownwardPDDLPlanner.supported_kind()
+        kind.unset_typing("HIERARCHICAL_TYPING")
+        return kind
+
+    @staticmethod
+    def supports(problem_kind: Any) -> bool:
+        return bool(problem_kind <= Flat.supported_kind())

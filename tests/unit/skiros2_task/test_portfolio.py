@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from skiros2_task.core.actions import Action, Effect, Variable
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.engine_worker import Job
 from skiros2_task.core.fast_downward import Search, SideBySide
@@ -169,6 +171,32 @@ def test_an_engine_that_hangs_ends_with_its_time(processes: EngineProcesses, own
     answer = UpPlanner(processes, f"{BAD}:Hanging").solve(transport_task(1, 2, 1), Limits(seconds=0.5))
     assert answer.outcome is Outcome.TIMED_OUT
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+
+
+def test_an_engine_without_a_hierarchy_of_types_can_be_used(processes: EngineProcesses) -> None:
+    task = transport_task(2, 3, 2)
+    answer = UpPlanner(processes, f"{BAD}:Flat").solve(task, LIMITS)
+    assert answer.outcome is Outcome.SOLVED, answer.reason
+    assert flaw(task, answer.plan) == ""
+
+
+def test_an_effect_on_each_of_a_class_that_crosses_others_is_on_those_alone(processes: EngineProcesses) -> None:
+    """Emptying a place of its red things leaves the others there; types cannot say what is red, as some boxes are."""
+    red, boxes = (P, "skiros:Product-1"), ("skiros:Product-1", "skiros:Product-2")
+    base = transport_task(1, 1, 3)
+    robot, box = base.action("drive").variables[0], Variable("?Box", "Box", ("test:Box",))
+    skill = replace(base.action("drive").skill, label="sweep")
+    here = contain(A, "?Red")
+    sweep = Action(
+        "sweep", skill, "?Robot", (), (robot, box), conjunction([]), (Effect(here, False, (("?Red", "test:Red"),)),)
+    )
+    members = {**base.members, "test:Red": red, "test:Box": boxes}
+    task = replace(
+        base, actions=(sweep,), members=members, goal=conjunction([Not(contain(A, P)), contain(A, boxes[1])])
+    )
+    answer = UpPlanner(processes).solve(task, LIMITS)
+    assert [step.action for step in answer.plan] == ["sweep"], answer.reason
+    assert flaw(task, answer.plan) == ""
 
 
 def test_a_plan_that_does_not_work_is_told_from_one_that_does(processes: EngineProcesses) -> None:

@@ -211,8 +211,9 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     except UPNoRequestedEngineAvailableException:
         known = ", ".join(_engines(factory))
         return WorkerAnswer(Outcome.FAILED, reason=f"there is no planner {work.name!r}; installed: {known}")
-    if not isinstance(engine, PDDLPlanner):
-        model = UpProblem(job.task, sparse=False)
+    flat = model.problem.kind.has_hierarchical_typing() and not engine.supports(model.problem.kind)
+    if flat or not isinstance(engine, PDDLPlanner):
+        model = UpProblem(job.task, sparse=isinstance(engine, PDDLPlanner), flat=flat)
     result = engine.solve(model.problem, timeout=job.limits.seconds)
     for message in result.log_messages or []:
         sys.stderr.write(message.message)

@@ -15,9 +15,10 @@ from skiros2_task.core.task import EVERYTHING
 class TypeTree:
     """The types for some objects, by the name of their class; `EVERYTHING` is the root."""
 
-    def __init__(self, members: Mapping[str, Sequence[str]]) -> None:
+    def __init__(self, members: Mapping[str, Sequence[str]], flat: bool = False) -> None:
         """
         :param members: the objects of each class, general classes before those under them; with `EVERYTHING`.
+        :param flat: no types but the root; all classes are static predicates.
         """
         everything = frozenset(members[EVERYTHING])
         self._objects: dict[str, frozenset[str]] = {EVERYTHING: everything}
@@ -28,7 +29,7 @@ class TypeTree:
         sizes = sorted((cls for cls in members if cls != EVERYTHING), key=lambda cls: -len(members[cls]))
         for cls in sizes:
             objects = frozenset(members[cls])
-            if all(objects <= other or not objects & other for other in self._objects.values()):
+            if not flat and all(objects <= other or not objects & other for other in self._objects.values()):
                 self.parent[cls] = self.smallest(objects)
                 self._objects[cls] = objects
             else:

@@ -36,16 +36,17 @@ class SparseProblem(Problem):  # type: ignore[misc]
 class UpProblem:
     """The unified-planning problem of a task, and the way back from its names."""
 
-    def __init__(self, task: PlanningTask, sparse: bool = True, goal_action: bool = False) -> None:
+    def __init__(self, task: PlanningTask, sparse: bool = True, goal_action: bool = False, flat: bool = False) -> None:
         """
         :param sparse: for engines that read PDDL; others get every initial value.
         :param goal_action: the goal becomes the pre-condition of an action that has to end every plan.
+        :param flat: for engines that know no types under others: all objects are of one type.
         """
         self._task = task
         self._naming = Naming()
         self._env = get_environment()  # some engines take no other
         self._env.credits_stream = None
-        self._tree = TypeTree(task.members)
+        self._tree = TypeTree(task.members, flat)
         self._predicate_names = _predicate_wishes(task.predicates)
         self._types: dict[str, Any] = {}
         self._fluents: dict[Predicate, Any] = {}
@@ -193,7 +194,11 @@ class UpProblem:
             for atom, _ in literals(action.precondition):
                 note(atom, types)
             for effect in action.effects:
-                note(effect.atom, {**types, **{name: self._each_type(cls) for name, cls in effect.each}})
+                each = {name: self._each_type(cls) for name, cls in effect.each}
+                note(effect.atom, {**types, **each})
+                for name, cls in effect.each:
+                    if cls in self._tree.crossing:
+                        note(Atom(Predicate(Kind.IS_A, cls), (name,)), each)
             for variable in action.variables:
                 for cls in variable.classes:
                     if cls in self._tree.crossing:
@@ -225,7 +230,7 @@ class UpProblem:
         for variable in action.variables:
             for cls in variable.classes:
                 if cls in self._tree.crossing:
-                    made.add_precondition(self._fluents[Predicate(Kind.IS_A, cls)](bound[variable.name]))
+                    made.add_precondition(self._is_a(cls, bound[variable.name]))
         for part in _parts(action.precondition):
             made.add_precondition(self._expression(part, bound))
         for effect in action.effects:
@@ -234,8 +239,17 @@ class UpProblem:
                 for name, cls in effect.each
             }
             inner = {**bound, **{name: self._env.expression_manager.VariableExp(v) for name, v in each.items()}}
-            made.add_effect(self._expression(effect.atom, inner), effect.state, forall=tuple(each.values()))
+            crossing = [self._is_a(cls, inner[name]) for name, cls in effect.each if cls in self._tree.crossing]
+            made.add_effect(
+                self._expression(effect.atom, inner),
+                effect.state,
+                self._env.expression_manager.And(crossing),
+                forall=tuple(each.values()),
+            )
         return made
+
+    def _is_a(self, cls: str, thing: Any) -> Any:
+        return self._fluents[Predicate(Kind.IS_A, cls)](thing)
 
     def _expression(self, formula: Formula, bound: Mapping[str, Any]) -> Any:
         manager = self._env.expression_manager

@@ -1,55 +1,137 @@
-"""From a goal to a checked plan, beside Fast Downward alone on the exported files, in the same configuration."""
+"""From a goal to a checked plan, beside Fast Downward alone on the exported files, and what the plans are worth."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, paired
 from skiros2_task.core.archive import Archive
+from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import DOMAIN_FILE, PROBLEM_FILE
+from skiros2_task.core.engine_worker import DOMAIN_FILE, PROBLEM_FILE, write_pddl
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.portfolio import makespan, planner_named
+from skiros2_task.core.schedule import seconds_of
+from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.up_planner import UpPlanner
-from support.planning_world import transport_world
+from skiros2_task.core.up_problem import UpProblem
+from support.planning_world import PlanningWorld, transport_world
 
-RUNS = 5
 ALIAS = "lama-first"
 
-#: robots, places, products
-SIZES = ((1, 10, 10), (2, 20, 20))
+#: robots, places, products, and how often
+SIZES = (((1, 10, 10), 5), ((2, 20, 20), 5), ((2, 50, 50), 3), ((4, 50, 100), 3))
+MAKESPAN_SIZES = ((2, 6, 6), (2, 10, 10), (3, 10, 15), (2, 20, 20))
+SECONDS = {"drive": 5.0, "pick": 2.0, "place": 2.0}
+
+#: Engines that are asked for a plan too where they are installed, and for how long (s).
+OTHERS = ("aries", "tamer")
+OTHERS_TIME = 30.0
+
+#: At most so many times what Fast Downward takes alone, or so many seconds more.
+RATIO, MORE = 1.3, 0.3
 
 
 def measure(folder: Path) -> Iterator[Measurement]:
     processes = EngineProcesses()
-    planner = UpPlanner(processes, options={"fast_downward_alias": ALIAS})
     try:
-        for size in SIZES:
-            files = folder / f"pddl-{'-'.join(map(str, size))}"
-            world = transport_world(*size)
-            tasks = TaskPlanner(world.wm, planner, Limits(seconds=60.0), Archive(files))
-            goal = f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"  # type: ignore[attr-defined]
-            yield paired(
-                "goal to plan, robots/places/products " + "/".join(map(str, size)),
-                lambda tasks=tasks, goal=goal: _timed(lambda: _plan(tasks, goal)),  # type: ignore[misc]
-                f"Fast Downward ({ALIAS}) alone",
-                lambda files=files: _timed(lambda: _fast_downward(files)),  # type: ignore[misc]
-                unit="s",
-                runs=RUNS,
-            )
+        for size, runs in SIZES:
+            yield _beside_fast_downward(processes, folder, size, runs)
+        yield from _writing(processes, folder)
+        for size in MAKESPAN_SIZES:
+            yield from _makespans(processes, size)
     finally:
         processes.close()
 
 
-def _plan(tasks: TaskPlanner, goal: str) -> None:
+def _beside_fast_downward(
+    processes: EngineProcesses, folder: Path, size: tuple[int, int, int], runs: int
+) -> Measurement:
+    files = folder / f"pddl-{'-'.join(map(str, size))}"
+    world = transport_world(*size)
+    tasks = TaskPlanner(world.wm, planner_named(processes), Limits(seconds=60.0), Archive(files))
+    found = paired(
+        f"goal to plan, robots/places/products {_text(size)}",
+        lambda: _timed(lambda: _plan(tasks, _goal(world))),
+        f"Fast Downward ({ALIAS}) alone",
+        lambda: _timed(lambda: _fast_downward(files)),
+        unit="s",
+        runs=runs,
+    )
+    return replace(found, target=round(max(RATIO, 1.0 + MORE / found.peer_median), 2))
+
+
+def _writing(processes: EngineProcesses, folder: Path) -> Iterator[Measurement]:
+    """From the world model to the PDDL of a thousand objects."""
+    worlds = {size: transport_world(4, size * 2 // 5, size * 3 // 5) for size in (500, 1000)}
+    planners = {size: TaskPlanner(world.wm, planner_named(processes), Limits()) for size, world in worlds.items()}
+    (folder / "written").mkdir()
+
+    def written(size: int) -> float:
+        def write() -> None:
+            os.chdir(folder / "written")
+            write_pddl(UpProblem(planners[size].look(_goal(worlds[size]))))
+
+        before = Path.cwd()
+        try:
+            return _timed(write)
+        finally:
+            os.chdir(before)
+
+    twice = "twice that for 500"
+    name = "domain and problem for 1000 objects"
+    yield paired(name, lambda: written(1000), twice, lambda: 2 * written(500), unit="s", runs=5, limit=1.0)
+    name = "growth of domain and problem from 500 to 1000 objects"
+    yield paired(name, lambda: written(1000), twice, lambda: 2 * written(500), unit="s", runs=5, target=1.1)
+
+
+def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterator[Measurement]:
+    """How long the best plan takes with all robots at work, beside other engines' plans, dealt out likewise."""
+    world = transport_world(*size)
+    durations = Durations()
+    for action in TaskPlanner(world.wm, planner_named(processes), Limits()).look(_goal(world)).actions:
+        durations.learn(action.skill, "/any", SECONDS[action.skill.label])
+    cost = makespan(durations)
+    ours = _plan(TaskPlanner(world.wm, planner_named(processes, "best", durations), Limits(OTHERS_TIME)), _goal(world))
+    assert ours.task is not None
+    name, figure = f"makespan, robots/places/products {_text(size)}", cost(ours.task, ours.steps)
+    one_by_one = sum(seconds_of(ours.task, step, durations) for step in ours.steps)
+    yield _compared(name, figure, "its steps one after the other", one_by_one, None)
+    for engine in OTHERS:
+        if engine not in processes.engines():
+            print(f"    {engine} is not installed", file=sys.stderr)
+            continue
+        theirs = TaskPlanner(world.wm, UpPlanner(processes, engine), Limits(OTHERS_TIME)).plan(_goal(world))
+        if theirs.verdict is Verdict.PLANNED and theirs.task is not None:
+            yield _compared(name, figure, engine, cost(theirs.task, theirs.steps), 1.0)
+        else:
+            print(f"    {engine}, {_text(size)}: {theirs.message.splitlines()[0]}", file=sys.stderr)
+
+
+def _compared(name: str, figure: float, peer: str, peers: float, target: float | None) -> Measurement:
+    return Measurement(name, figure, "s", 1, peer, peers, figure / peers, target)
+
+
+def _goal(world: PlanningWorld) -> str:
+    return f"(forall (?p - skiros:Product) (skiros:contain {world.places[-1]} ?p))"
+
+
+def _text(size: tuple[int, int, int]) -> str:
+    return "/".join(map(str, size))
+
+
+def _plan(tasks: TaskPlanner, goal: str) -> PlanningResult:
     result = tasks.plan(goal)
     if result.verdict is not Verdict.PLANNED:
         raise RuntimeError(f"no plan: {result.message}")
+    return result
 
 
 def _fast_downward(files: Path) -> None:
@@ -61,7 +143,7 @@ def _fast_downward(files: Path) -> None:
         )  # fmt: skip
 
 
-def _timed(call: Callable[[], None]) -> float:
+def _timed(call: Callable[[], object]) -> float:
     start = time.perf_counter()
     call()
     return time.perf_counter() - start

@@ -179,7 +179,7 @@ def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
 
     started = time.monotonic()
     model = UpProblem(job.task, goal_action=work.goal_action)
-    _write_pddl(model)
+    write_pddl(model)
     translate(DOMAIN_FILE, PROBLEM_FILE)
     found = search(work, started, started + job.limits.seconds)
     if found.plans:
@@ -200,8 +200,10 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     from skiros2_task.core.up_problem import UpProblem
 
     started = time.monotonic()
+    # Where it rolls several actions into one, Aries (0.5.0) panics or gives plans that do not work.
+    os.environ.setdefault("ARIES_ROLL", "false")
     model = UpProblem(job.task)
-    _write_pddl(model)
+    write_pddl(model)
     factory = model.environment.factory
     module, separator, cls = work.name.partition(":")
     try:
@@ -211,9 +213,9 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     except UPNoRequestedEngineAvailableException:
         known = ", ".join(_engines(factory))
         return WorkerAnswer(Outcome.FAILED, reason=f"there is no planner {work.name!r}; installed: {known}")
-    flat = model.problem.kind.has_hierarchical_typing() and not engine.supports(model.problem.kind)
-    if flat or not isinstance(engine, PDDLPlanner):
-        model = UpProblem(job.task, sparse=isinstance(engine, PDDLPlanner), flat=flat)
+    pddl, flat = isinstance(engine, PDDLPlanner), not engine.supports(model.problem.kind)
+    if flat or not pddl:
+        model = UpProblem(job.task, sparse=pddl, flat=flat)
     result = engine.solve(model.problem, timeout=job.limits.seconds)
     for message in result.log_messages or []:
         sys.stderr.write(message.message)
@@ -224,7 +226,8 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     return _meaning(result.status, Status)
 
 
-def _write_pddl(model: UpProblem) -> None:
+def write_pddl(model: UpProblem) -> None:
+    """Writes domain and problem to the working folder."""
     from unified_planning.io import PDDLWriter
 
     writer = PDDLWriter(model.problem)

@@ -19,6 +19,7 @@ from importlib import resources
 from pathlib import Path
 
 TRANSLATOR = "fast_downward.translate.main"
+_NICENESS = 19  # of all searches but the first
 _PROGRAM = "downward/builds/release/bin/downward"
 _SAS_FILE = "output.sas"
 
@@ -43,7 +44,7 @@ class Search:
 
 @dataclass(frozen=True)
 class SideBySide:
-    """Searches to run at once, as many as there are cores; the others follow in their order.
+    """Searches to run at once, as many as there are free cores; the others follow in their order.
 
     :param searches: the most promising first.
     :param patience: how long to go on after the first plan, as a share of the time until then; None: until all have
@@ -57,7 +58,7 @@ class SideBySide:
     goal_action: bool = False
 
 
-MIN_PATIENCE = 0.2  # s
+MIN_PATIENCE = 0.15  # s
 
 LAMA_FIRST = Search(
     "lama-first",
@@ -114,12 +115,12 @@ def search(work: SideBySide, started: float, ends: float) -> Found:
     plans: list[tuple[str, str, float]] = []
     failures: list[str] = []
     impossible = False
-    cores = len(os.sched_getaffinity(0))
+    cores = max(1, len(os.sched_getaffinity(0)) - int(os.getloadavg()[0]))  # that others leave free
     with resources.as_file(resources.files("up_fast_downward").joinpath(_PROGRAM)) as program:
         try:
             while (waiting or running) and not impossible and time.monotonic() < ends:
                 while waiting and len(running) < cores:
-                    new = _Running(waiting.pop(0), program)
+                    new = _Running(waiting.pop(0), program, first=len(waiting) == len(work.searches) - 1)
                     running[new.descriptor] = new
                 for descriptor in _ended(running, ends):
                     done = running.pop(descriptor)
@@ -142,12 +143,17 @@ def search(work: SideBySide, started: float, ends: float) -> Found:
 class _Running:
     """A search that runs."""
 
-    def __init__(self, what: Search, program: Path) -> None:
+    def __init__(self, what: Search, program: Path, first: bool) -> None:
+        """
+        :param first: the one that gets the processor where there is not enough for all.
+        """
         self.search = what
         self._plan_file = Path(f"{what.name}.plan")
         arguments = [str(program), "--internal-plan-file", str(self._plan_file), "--search", what.expression]
         with open(_SAS_FILE, "rb") as task:
             self._process = subprocess.Popen(arguments, stdin=task)
+        if not first:
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, _NICENESS)
         self.descriptor = os.pidfd_open(self._process.pid)
 
     def close(self) -> tuple[int, str]:

@@ -217,6 +217,14 @@ def test_an_engine_that_is_not_there_is_told(run: Run) -> None:
     assert "no-such-engine" in result.out
 
 
+def test_what_can_make_plans_is_listed(run: Run) -> None:
+    listed = run("engines", "--json").json
+    assert listed["wishes"] == ["first", "best", "optimal"]
+    assert {"fast-downward", "fast-downward-opt"} <= set(listed["engines"])
+    names = [line.split()[0] for line in run("engines").out.splitlines()]
+    assert names == [*listed["wishes"], *listed["engines"]]
+
+
 def test_goals_come_from_files_and_several_have_all_to_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "goal.pddl"
     file.write_text("(a b)\n; with a comment\n(c d)")

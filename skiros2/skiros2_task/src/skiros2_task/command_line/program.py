@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from skiros2_common.command_line.answer import NOT_THERE, Answer
 from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
 from skiros2_common.command_line.layout import Screen
-from skiros2_task.command_line import achieving, domain, planning
+from skiros2_task.command_line import achieving, domain, engines, planning
 from skiros2_task.core.up_planner import DEFAULT_ENGINE
 
 Command = Callable[[argparse.Namespace, Screen], Answer]
@@ -139,6 +139,7 @@ _RESULTS = {
     "explain": _PLANNED,
     "achieve": "0 the goal is reached, or held already, 1 it is not, or refused, 130 cancelled",
     "domain": "0 done, 1 refused",
+    "engines": "0 done, 1 unified-planning does not answer",
 }
 
 #: What each does, what it takes, and what is told at the end of its help.
@@ -148,4 +149,5 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "explain": (planning.explain, _planning, _GOALS, _OFFLINE),
     "achieve": (achieving.achieve, _achieve, _GOALS),
     "domain": (domain.domain, _domain, _GOALS, _OFFLINE),
+    "engines": (engines.engines, lambda parser: None, "No master is needed."),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from dataclasses import dataclass
 from enum import Enum
@@ -25,11 +26,12 @@ class Limits:
     """What a run may use.
 
     :param seconds: wall-clock time.
-    :param memory_mb: address space of each of its processes (MiB); None: no limit.
+    :param memory_mb: address space of each of its processes (MiB), by default half of the machine's memory; None: no
+        limit.
     """
 
     seconds: float = 60.0
-    memory_mb: int | None = None
+    memory_mb: int | None = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") >> 21
 
 
 @dataclass(frozen=True)

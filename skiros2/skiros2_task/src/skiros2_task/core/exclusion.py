@@ -70,9 +70,16 @@ class Exclusion:
         gone = {self._numbers[atom] for atom, state in changes if not state and atom in self._numbers} - added
         self._steps.append(_Step(step, needed, tuple(sorted(added)), sum(1 << fact for fact in gone)))
 
-    def grow(self) -> bool:
-        """Takes note of what each step leads to. Whether any of that is new."""
-        return sum(map(self._grow, self._steps)) > 0  # not any(), which would stop at the first
+    def grow(self, ends: float) -> bool:
+        """Takes note of all that the steps lead to. Whether there was time for it."""
+        growing = True
+        while growing:
+            growing = False
+            for step in self._steps:
+                if time.monotonic() > ends:
+                    return False
+                growing |= self._grow(step)
+        return True
 
     def _grow(self, step: _Step) -> bool:
         if step.needed:
@@ -109,10 +116,7 @@ def exclusion(task: PlanningTask, reached: Reached, ends: float) -> Exclusion | 
             if time.monotonic() > ends:
                 return None
             found.add(task, step)
-    while found.grow():
-        if time.monotonic() > ends:
-            return None
-    return found
+    return found if found.grow(ends) else None
 
 
 def _bits(number: int) -> Iterator[int]:

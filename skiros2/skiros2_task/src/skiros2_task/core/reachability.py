@@ -29,6 +29,7 @@ class Reached:
     false: set[Atom] = field(default_factory=set)
     by_predicate: dict[Predicate, dict[tuple[str, ...], None]] = field(default_factory=dict)
     complete: bool = True
+    _by_term: dict[tuple[Predicate, int, str], list[tuple[str, ...]]] = field(default_factory=dict)
 
     def add(self, atom: Atom, state: bool) -> bool:
         """Notes that an atom may become true or false. Whether that is new."""
@@ -38,6 +39,8 @@ class Reached:
         there.add(atom)
         if state:
             self.by_predicate.setdefault(atom.predicate, {})[atom.terms] = None
+            for place, term in enumerate(atom.terms):
+                self._by_term.setdefault((atom.predicate, place, term), []).append(atom.terms)
         return True
 
     def may_hold(self, formula: Formula) -> bool:
@@ -54,11 +57,13 @@ class Reached:
     def matches(self, atom: Atom, binding: Binding) -> Iterator[Binding]:
         """The ways to complete a binding so that the atom may become true."""
         pattern = tuple(binding.get(t, t) for t in atom.terms)
-        if not any(t.startswith("?") for t in pattern):
+        bound = [(atom.predicate, place, term) for place, term in enumerate(pattern) if not term.startswith("?")]
+        if len(bound) == len(pattern):
             if Atom(atom.predicate, pattern) in self.true:
                 yield binding
             return
-        for terms in list(self.by_predicate.get(atom.predicate, ())):
+        facts = self._by_term.get(bound[0], ()) if bound else self.by_predicate.get(atom.predicate, ())
+        for terms in list(facts):
             found = dict(binding)
             if all(
                 found.setdefault(wanted, term) == term if wanted.startswith("?") else wanted == term

@@ -58,7 +58,9 @@ def test_a_plan_is_shown_in_time(run: Run) -> None:
         [str(i + 1), f"{i}.0", f"{i + 1}.0", "/mobile_manipulator", skill]
         for i, skill in enumerate(["drive", "pick", "drive", "place"])
     ]
-    assert 'Object="Product A"' in rows[1]
+    at = columns.index("after step")
+    assert [row[at : at + 10].strip() for row in rows] == ["", "1", "2", "3"]
+    assert rows[1][columns.index("parameters") :].startswith('Object="Product A", Container="Tray A"')
 
 
 def test_a_plan_is_json_too(run: Run) -> None:

@@ -58,7 +58,6 @@ def test_plan_and_steps_are_told_once_each() -> None:
         feedback("running", "", PLAN, later),
     ) == [
         "planning: reading the world model",
-        "running",
         "a plan of 2 steps of 2 robots, 7.0 s",
         "  ▶ 1 drive by /alpha To=skiros:Location-2",
         "  ✓ 1 drive by /alpha",
@@ -75,11 +74,10 @@ def test_a_failure_and_the_plan_that_follows_are_told() -> None:
         feedback("running", "", again, [progress(3, "/beta", "running")]),
         fancy=False,
     )
-    assert found[3:] == [
+    assert found[2:] == [
         "planning: step 1 has failed",
         "  x 1 drive by /alpha: the way is blocked",
         "  . 2 pick by /beta",
-        "running",
         "another plan of 1 step of 1 robot, 4.0 s",
         "  > 3 drive by /beta",
     ]

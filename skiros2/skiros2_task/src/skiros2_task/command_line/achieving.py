@@ -105,7 +105,8 @@ class Telling:
             plan = {step["number"]: step for step in json.loads(feedback.plan or "[]")}
             if feedback.phase != self._phase:
                 self._phase = feedback.phase
-                self._tell(f"{feedback.phase}: {feedback.message}" if feedback.message else feedback.phase)
+                if feedback.phase != feedback.RUNNING:  # of that the steps tell
+                    self._tell(f"{feedback.phase}: {feedback.message}" if feedback.message else feedback.phase)
             self._tell_plan(plan)
             for step in json.loads(feedback.steps or "[]"):
                 self._tell_step(plan.get(step["number"], {}), step)

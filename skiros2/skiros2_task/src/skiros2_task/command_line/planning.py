@@ -130,8 +130,8 @@ def _shown(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> li
                 f"{step.end:.1f}",
                 call.manager,
                 _name(call),
-                _arguments(call),
                 after,
+                _arguments(call),
             )
         )
     robots = len({call.manager for call in calls})

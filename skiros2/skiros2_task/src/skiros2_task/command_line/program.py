@@ -45,7 +45,6 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {NOT_THERE} no master or no {server}."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
-    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
 
@@ -56,6 +55,7 @@ def _goal(parser: argparse.ArgumentParser, count: str = "+") -> None:
 
 def _world(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot alone (default: for all)")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
     parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
     offline = parser.add_argument_group("without a running system")
     offline.add_argument("--scene", type=Path, metavar="FILE", help="a scene instead of that of the world model")

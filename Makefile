@@ -17,8 +17,10 @@ build:  ## build and install anew, also when nothing has changed
 demo: setup  ## plan and run the pick-and-place on real nodes, and prove its end state from the bag
 	@exec .ci/in_ros rosrun skiros2_demo_skills pick_place_demo
 
+# In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
-	@exec .ci/in_ros $(python) -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(PYTEST_ARGS)
+	@exec .ci/in_ros $(python) -m pytest --numprocesses auto --maxprocesses 4 \
+		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: setup  ## check style and types
 	@echo "ruff" && $(python) -m ruff check --quiet --output-format concise .

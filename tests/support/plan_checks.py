@@ -51,6 +51,7 @@ class CheckedPlanner:
         for part in meant:
             assert written[part] == meant[part], f"{part}: {written[part]} instead of {meant[part]}"
         if answer.outcome is Outcome.SOLVED:
+            assert len(files["plan.txt"].splitlines()) == len(answer.plan)
             check_plan(task, answer.plan, UpProblem(task, sparse=False).problem)
             if not self._goal_action:
                 check_plan(task, answer.plan, read)

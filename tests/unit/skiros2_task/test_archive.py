@@ -32,6 +32,13 @@ def test_old_requests_are_dropped_and_what_others_put_there_is_not(tmp_path: Pat
     assert (tmp_path / "mine").is_dir()
 
 
+def test_the_oldest_requests_are_dropped_first_also_within_a_second(tmp_path: Path) -> None:
+    archive = Archive(tmp_path, count=3)
+    for number in range(20):
+        archive.keep({"goal.txt": str(number)})
+    assert {(p / "goal.txt").read_text() for p in tmp_path.iterdir()} == {"17", "18", "19"}
+
+
 def test_a_folder_that_cannot_be_written_is_told_and_does_no_harm(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -230,6 +230,7 @@ def test_what_can_make_plans_is_listed(run: Run) -> None:
 def test_goals_come_from_files_and_several_have_all_to_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "goal.pddl"
     file.write_text("(a b)\n; with a comment\n(c d)")
+    assert goal_text([str(file)]) == file.read_text()
     assert goal_text(["(e f)", f"@{file}"]) == f"(e f),\n{file.read_text()}"
     monkeypatch.setattr("sys.stdin", io.StringIO("(g h)"))
     assert goal_text(["-"]) == "(g h)"

@@ -38,7 +38,7 @@ def test_each_wish_gives_a_plan_that_works(processes: EngineProcesses, wish: Wis
     answer = portfolio(processes, wish).solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
     assert flaw(task, answer.plan) == ""
-    assert set(dict(answer.files)) == {"domain.pddl", "p01.pddl"}
+    assert set(dict(answer.files)) == {"domain.pddl", "p01.pddl", "plan.txt"}
 
 
 @pytest.mark.parametrize("wish", Wish)

@@ -61,10 +61,11 @@ def test_a_goal_that_cannot_be_reached_is_proven_so(planner: UpPlanner, goal: ob
 
 def test_the_pddl_is_given_back_and_readable(planner: UpPlanner) -> None:
     files = dict(planner.solve(transport_task(1, 2, 1), LIMITS).files)
-    assert set(files) == {"domain.pddl", "p01.pddl"}
+    assert set(files) == {"domain.pddl", "p01.pddl", "plan.txt"}
     assert "(:action drive" in files["domain.pddl"]
     assert "(skiros_contain skiros_location-0 skiros_product-0)" in files["p01.pddl"]
     assert "(:goal (and \n           (skiros_contain skiros_location-1 skiros_product-0)" in files["p01.pddl"]
+    assert files["plan.txt"].splitlines()[1] == "(drive cora_robot-0 skiros_location-0 skiros_location-1)"
 
 
 def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(planner: UpPlanner, own_folder: Path) -> None:

@@ -62,7 +62,8 @@ def explain(arguments: argparse.Namespace, screen: Screen) -> Answer:
 
 
 def goal_text(words: Sequence[str]) -> str:
-    """The goal that arguments give: the text of goals, `@FILE` for a file that has it, `-` for the standard input.
+    """The goal that arguments give: the text of goals; `@FILE`, or a path that ends in .goal, .pddl or .txt, for a file
+    that has it; `-` for the standard input.
 
     :raises WrongValue: a file cannot be read.
     """
@@ -70,11 +71,12 @@ def goal_text(words: Sequence[str]) -> str:
     for word in words:
         if word == "-":
             texts.append(sys.stdin.read())
-        elif word.startswith("@"):
+        elif word.startswith("@") or word.endswith((".goal", ".pddl", ".txt")):
+            file = word.removeprefix("@")
             try:
-                texts.append(Path(word[1:]).read_text(encoding="utf-8"))
+                texts.append(Path(file).read_text(encoding="utf-8"))
             except (OSError, UnicodeDecodeError) as error:
-                raise WrongValue(f"goal file {word[1:]}: {getattr(error, 'strerror', None) or error}") from None
+                raise WrongValue(f"goal file {file}: {getattr(error, 'strerror', None) or error}") from None
         else:
             texts.append(word)
     return texts[0] if len(texts) == 1 else ",\n".join(texts)

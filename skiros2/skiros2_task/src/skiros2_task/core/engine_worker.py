@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "p01.pddl"
+PLAN_FILE = "plan.txt"
 LOG_FILE = "planner.log"
 
 _LOADING_NICENESS = 10
@@ -69,11 +70,13 @@ class FoundPlan:
 
     :param by: the name of the engine or search.
     :param seconds: from the start of the job until it was there.
+    :param text: the steps as PDDL names them, one a line, as validators read them.
     """
 
     by: str
     steps: tuple[PlanStep, ...]
     seconds: float
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -183,7 +186,7 @@ def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
     translate(DOMAIN_FILE, PROBLEM_FILE)
     found = search(work, started, started + job.limits.seconds)
     if found.plans:
-        plans = (FoundPlan(name, model.named_steps(read_plan(text)), at) for name, text, at in found.plans)
+        plans = (_found(model, name, model.named_steps(read_plan(text)), at) for name, text, at in found.plans)
         return WorkerAnswer(Outcome.SOLVED, tuple(plans))
     if found.impossible:
         return _IMPOSSIBLE
@@ -221,9 +224,13 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
         sys.stderr.write(message.message)
     sys.stderr.flush()
     if result.plan is not None:
-        found = FoundPlan(work.name, model.steps(result.plan), time.monotonic() - started)
+        found = _found(model, work.name, model.steps(result.plan), time.monotonic() - started)
         return WorkerAnswer(Outcome.SOLVED, (found,))
     return _meaning(result.status, Status)
+
+
+def _found(model: UpProblem, by: str, steps: tuple[PlanStep, ...], seconds: float) -> FoundPlan:
+    return FoundPlan(by, steps, seconds, "".join(f"({' '.join(model.names_of(step))})\n" for step in steps))
 
 
 def write_pddl(model: UpProblem) -> None:

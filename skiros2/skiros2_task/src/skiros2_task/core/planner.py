@@ -41,7 +41,7 @@ class PlannerAnswer:
     :param plan: the steps, when solved.
     :param reason: in words, why there is no plan; "" when solved.
     :param log: what the planner printed.
-    :param files: the PDDL of domain and problem, by file name, where it was written.
+    :param files: the PDDL of domain and problem, where it was written, and the plan in its names; by file name.
     :param seconds: how long the run took, all included.
     """
 

@@ -9,7 +9,7 @@ from enum import Enum
 
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import FoundPlan, Job
+from skiros2_task.core.engine_worker import PLAN_FILE, FoundPlan, Job
 from skiros2_task.core.fast_downward import (
     LAMA_FIRST,
     LAZY_GREEDY,
@@ -64,11 +64,13 @@ class Portfolio:
         """Solves a task; see `Planner`."""
         started = time.monotonic()
         run = self._processes.run(Job(task, _WORK[self._wish], limits), cancelled or threading.Event())
-        plan, report = self._best(task, run.answer.plans)
+        best, report = self._best(task, run.answer.plans)
         seconds = time.monotonic() - started
-        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log + report, run.files, seconds)
+        files = (*run.files, (PLAN_FILE, best.text)) if best else run.files
+        plan = best.steps if best else ()
+        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log + report, files, seconds)
 
-    def _best(self, task: PlanningTask, plans: Sequence[FoundPlan]) -> tuple[tuple[PlanStep, ...], str]:
+    def _best(self, task: PlanningTask, plans: Sequence[FoundPlan]) -> tuple[FoundPlan | None, str]:
         """The best plan, and a line on each. A plan that does not work is given only when there is no other."""
         costs: list[tuple[float, FoundPlan]] = []
         lines = []
@@ -79,8 +81,8 @@ class Portfolio:
             shown = wrong or f"{len(found.steps)} steps, makespan {cost:g} s"
             lines.append(f"{found.by}, after {found.seconds:.2f} s: {shown}\n")
         if not costs:
-            return (), ""
-        return min(costs, key=lambda pair: pair[0])[1].steps, "".join(lines)
+            return None, ""
+        return min(costs, key=lambda pair: pair[0])[1], "".join(lines)
 
 
 def makespan(durations: Durations | None = None) -> Cost:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.engine_worker import EngineCall, Job
+from skiros2_task.core.engine_worker import PLAN_FILE, EngineCall, Job
 from skiros2_task.core.planner import Limits, PlannerAnswer
 from skiros2_task.core.task import PlanningTask
 
@@ -38,5 +38,7 @@ class UpPlanner:
         started = time.monotonic()
         run = self._processes.run(Job(task, self._call, limits), cancelled or threading.Event())
         seconds = time.monotonic() - started
-        plan = run.answer.plans[0].steps if run.answer.plans else ()
-        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log, run.files, seconds)
+        found = run.answer.plans[0] if run.answer.plans else None
+        files = (*run.files, (PLAN_FILE, found.text)) if found else run.files
+        plan = found.steps if found else ()
+        return PlannerAnswer(run.answer.outcome, plan, run.answer.reason, run.log, files, seconds)

@@ -222,7 +222,7 @@ class WorldView:
     def _sort(self, name: str) -> tuple[object, ...]:
         """All that the ontology's answer depends on."""
         element = self.objects[name]
-        outside = ((r["type"], r["dst"]) for r in element.getRelations("-1") if r["dst"] not in self.objects)
+        outside = ((r["type"], r["dst"]) for r in element.getRelations("-1") if r["dst"] not in self._all)
         label = element.label if element.label in self._template_names else ""
         return (element.type, label, *sorted(outside))
 

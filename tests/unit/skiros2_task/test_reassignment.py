@@ -27,6 +27,7 @@ from support.planning_world import (
     REQUIRED,
     PlanningWorld,
     prop,
+    related,
     skill,
 )
 from support.planning_world import given as specified
@@ -143,6 +144,36 @@ def test_only_robots_that_have_the_skills_get_the_work() -> None:
         plan.append(PlanStep("drive", (robots[0], places[start], places[target])))
         plan.append(PlanStep("place", (*hand, places[target], product)))
     assert {s.robot for s in scheduled(task, plan).steps} == {robots[0]}
+
+
+def test_what_several_robots_reach_is_not_taken_for_a_tool() -> None:
+    """Each robot may go to some places only; one place is for both."""
+    world = PlanningWorld()
+    places = [world.thing("skiros:Location") for _ in range(4)]
+    products = [world.thing("skiros:Product", inside=places[0]) for _ in range(3)]
+    reach = [related("Robot", "skiros:hasAccess", key) for key in ("TargetLocation", "Place")]
+    go = skill(
+        "Drive",
+        [("StartLocation", "skiros:Location", INFERRED), ("TargetLocation", "skiros:Location", REQUIRED)],
+        [related("Robot", "skiros:at", "StartLocation"), reach[0]],
+        [related("Robot", "skiros:at", "StartLocation", False), related("Robot", "skiros:at", "TargetLocation")],
+    )
+    look = skill(
+        "Look",
+        [("Place", "skiros:Location", INFERRED), ("Object", "skiros:Product", REQUIRED)],
+        [related("Robot", "skiros:at", "Place"), reach[1], related("Place", "skiros:contain", "Object")],
+        [SEE],
+    )
+    robots = [world.robot(name, go, look, at=places[at]) for name, at in (("alpha", 1), ("beta", 2), ("gamma", 3))]
+    for robot, there in ((0, (0, 1)), (1, (0, 2)), (2, (3,))):
+        for place in there:
+            world.relate(robots[robot], "skiros:hasAccess", places[place])
+    task = planned(world, ", ".join(f"(Seen {p})" for p in products))
+    plan = [PlanStep("drive", (robots[0], places[1], places[0]))]
+    plan += [PlanStep("look", (robots[0], places[0], product)) for product in products]
+    found = scheduled(task, plan, known(task, {"drive": 1.0, "look": 5.0}))
+    assert found.makespan == 11.0
+    assert {s.robot for s in found.steps} == {robots[0], robots[1]}
 
 
 SEE = prop("Object", "skiros:Seen", "=", True)

@@ -36,6 +36,11 @@ class Facts:
     def number(self, predicate: Predicate) -> int:
         return self._numbers.setdefault(predicate, len(self._numbers))
 
+    def one_each(self, number: int, place: int) -> bool:
+        """Whether the facts of a predicate of two terms relate each thing at a place to one other thing only."""
+        things = [fact[place + 1] for fact in self.init if fact[0] == number]
+        return len(things) == len(set(things))
+
     def fact(self, atom: Atom) -> Fact:
         return (self.number(atom.predicate), *atom.terms)
 
@@ -97,7 +102,8 @@ class _Change:
 class GroundAction:
     """An action whose variables are numbers.
 
-    :ivar tools: the variables that follow from the robot for good, with the fact that says so: its gripper.
+    :ivar tools: the variables that follow from the robot for good, with the fact that says so: what it has alone, such
+        as its gripper.
     :ivar states: the variables that follow from what the robot is doing: where it is.
     :ivar essential: all others but the robot; they say what the step is for.
     """
@@ -126,19 +132,22 @@ class GroundAction:
             for part in conjuncts(needed)
             if isinstance(part, Atom) and len(part.terms) == 2 and action.robot in part.terms
         ]
-        self.tools = self._bound([a for a in with_robot if a.predicate not in changed])
+        lasting = self._bound([a for a in with_robot if a.predicate not in changed])
+        self.tools = {i: p for i, p in lasting.items() if facts.one_each(p.number, p.terms.index(i))}
         own = {action.robot, *(action.variables[i].name for i in self.tools)}
-        written = [e.atom for e in (*action.effects, *action.during)]
         bound = self._bound([a for a in with_robot if a.predicate in changed])
+        #: Whether it changes nothing but the robot's own state, one fact at a time.
+        self.moves = all(action.robot in e.atom.terms and not e.each for e in (*action.effects, *action.during))
+        # Where a move starts may lie beside where it leads to; where something is done is what it is done for.
+        named = [a for a, _ in literals(needed) if len(a.terms) > 1 and not (self.moves and a.predicate not in changed)]
+        named += [e.atom for e in (*action.effects, *action.during)]
         self.states = {
             i: pattern
             for i, pattern in bound.items()
-            if i not in self.tools and _about_robot(action.variables[i].name, own, needed, written, changed)
+            if i not in self.tools and _only_with(own, action.variables[i].name, named)
         }
         self.of_robot = [*self.tools.items(), *self.states.items()]
         self.essential = [i for i in range(len(action.variables)) if i not in (self.robot, *self.tools, *self.states)]
-        #: Whether it changes nothing but the robot's own state, one fact at a time.
-        self.moves = all(action.robot in e.atom.terms and not e.each for e in (*action.effects, *action.during))
 
     def can(self, robot: str, init: Collection[Atom]) -> bool:
         """Whether a robot has the skill."""
@@ -196,11 +205,8 @@ class GroundAction:
         return _Change(self._pattern(effect.atom, more), effect.state, each)
 
 
-def _about_robot(
-    name: str, own: Collection[str], needed: Formula, written: Sequence[Atom], changed: Collection[Predicate]
-) -> bool:
-    """Whether a variable says nothing but how the robot is: changing facts name it with the robot or its tools only."""
-    atoms = [a for a, _ in literals(needed) if a.predicate in changed and len(a.terms) > 1] + list(written)
+def _only_with(own: Collection[str], name: str, atoms: Iterable[Atom]) -> bool:
+    """Whether atoms name a variable with the robot or its tools only: it says nothing but how the robot is."""
     return all(any(t in own for t in a.terms) for a in atoms if name in a.terms)
 
 

@@ -243,4 +243,3 @@ class _Dealer:
             for (variable, _), value in zip(action.of_robot, choice, strict=True):
                 filled[variable] = value
             yield tuple(filled)
-

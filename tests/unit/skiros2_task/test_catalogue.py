@@ -567,6 +567,18 @@ def test_skills_that_cannot_help_are_left_out_and_told(plan: Plan) -> None:
     assert all(name in note for name in ("open", "close", "pick", "place"))
 
 
+def test_elements_that_cannot_matter_are_left_out_and_listed(plan: Plan) -> None:
+    world = transport_world(1, 2, 1)
+    tool = world.thing("skiros:Tool")
+    result = plan(world, f"(skiros:at {world.robots[0]} {world.places[1]})")
+    assert result.task is not None
+    assert set(result.task.objects) == {world.robots[0], *world.places}
+    assert tool not in result.task.objects
+    (note,) = (n for n in result.notes if n.startswith("elements"))
+    assert note.endswith("left out: 1 rparts:GripperEffector, 1 skiros:Product, 1 skiros:Scene, 1 skiros:Tool")
+
+
+
 def test_labels_that_pddl_cannot_hold_come_back_as_they_were(plan: Plan) -> None:
     world = PlanningWorld()
     first, second = world.thing("skiros:Product"), world.thing("skiros:Part")

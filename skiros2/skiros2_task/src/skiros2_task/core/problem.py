@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -60,6 +61,11 @@ def make_task(world: WorldView, goal: Formula) -> PlanningTask:
     notes += [f"the scene has nothing of class {cls}, of which the goal speaks" for cls in _empty_classes(goal, world)]
     members = _members(actions, ground_goal, world)
     places = _places(actions, ground_goal, members)
+    used = set(members[EVERYTHING])
+    unused = Counter(e.type for name, e in world.objects.items() if name not in used)
+    if unused:
+        listed = ", ".join(f"{count} {cls}" for cls, count in sorted(unused.items()))
+        notes.append(f"elements that no skill takes that can help, nor the goal names, are left out: {listed}")
     task = PlanningTask(
         actions=tuple(actions),
         objects={name: world.objects[name].type for name in members[EVERYTHING]},

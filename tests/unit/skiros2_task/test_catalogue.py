@@ -446,6 +446,33 @@ def test_relations_that_a_reasoner_computes_are_facts(plan: Plan, monkeypatch: p
     assert plan(world, f"(nextTo {second} {third})").verdict is Verdict.NOTHING_TO_DO
 
 
+def test_what_the_scene_says_of_a_relation_that_a_reasoner_computes_does_not_count(
+    plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reasoners, "_by_name", {})
+    monkeypatch.setattr(reasoners, "_owners", {})
+    monkeypatch.setattr(reasoners, "_answers", {})
+    reasoners.add(Neighbours())
+    world = PlanningWorld()
+    first, _, third = (world.thing("skiros:Product") for _ in range(3))
+    world.relate(first, "skiros:nextTo", third)
+    assert not world.wm.check_relation(first, "skiros:nextTo", third, True, False)
+    assert plan(world, f"(nextTo {first} {third})").verdict is Verdict.IMPOSSIBLE
+
+
+def test_what_has_to_hold_throughout_has_to_hold_at_the_start(plan: Plan) -> None:
+    world = transport_world()
+    watch = skill(
+        "Watch",
+        [*HERE, *PRODUCT],
+        [given("Object")],
+        [prop("Object", "skiros:Watched", "=", True)],
+        hold=[AT, related("Place", "skiros:contain", "Object")],
+    )
+    world.robot("watcher", watch, at=world.places[1])
+    assert labels(plan(world, f"(Watched {world.products[0]})")) == ["pick", "drive", "place", "watch"]
+
+
 def test_one_of_several_conditions_is_enough(plan: Plan) -> None:
     world = transport_world()
     place, product = world.places[0], world.products[0]

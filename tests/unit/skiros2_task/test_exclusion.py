@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from skiros2_task.core.actions import Action, Effect
 from skiros2_task.core.exclusion import Exclusion, exclusion
 from skiros2_task.core.formula import And, Atom, Kind, Predicate, conjunction
-from skiros2_task.core.reachability import explore
+from skiros2_task.core.reachability import Patience, explore
 from skiros2_task.core.simulation import after
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.why import UNREACHABLE, no_plan
@@ -29,7 +28,7 @@ R, S, G, A, B, C, P, Q = (
 
 
 def found(task: PlanningTask) -> Exclusion:
-    together = exclusion(task, explore(task, 10.0), time.monotonic() + 10.0)
+    together = exclusion(task, explore(task, Patience(10.0)), Patience(10.0))
     assert together is not None
     return together
 
@@ -86,7 +85,7 @@ def with_meeting(task: PlanningTask) -> tuple[PlanningTask, Atom]:
 
 def test_a_part_that_needs_what_excludes_each_other_is_told() -> None:
     task, met = with_meeting(transport_task(1, 3, 1))
-    assert met in explore(task, 10.0).true
+    assert met in explore(task, Patience(10.0)).true
     (fact,) = no_plan(task, "proven impossible").goals
     assert (fact.text, fact.state) == (str(met), UNREACHABLE)
     assert fact.note.startswith("skiros:Meet (meet) would need ")
@@ -100,6 +99,6 @@ def test_a_fact_that_may_hold_has_no_obstacle() -> None:
 
 def test_without_time_nothing_is_said() -> None:
     task = transport_task(1, 2, 1)
-    reached = explore(task, 10.0)
-    assert exclusion(task, reached, time.monotonic() - 1.0) is None
-    assert exclusion(task, explore(task, -1.0), time.monotonic() + 10.0) is None
+    reached = explore(task, Patience(10.0))
+    assert exclusion(task, reached, Patience(-1.0)) is None
+    assert exclusion(task, explore(task, Patience(-1.0)), Patience(10.0)) is None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from skiros2_task.core.reachability import explore
+import threading
+
+from skiros2_task.core.reachability import Patience, explore
 from skiros2_task.core.simulation import after
 from skiros2_task.core.task import PlanStep
 from support.transport_task import transport_task
@@ -18,7 +20,7 @@ R, G, A, B, P = (
 
 def test_all_that_a_plan_reaches_is_found() -> None:
     task = transport_task(1, 2, 1)
-    reached = explore(task, 10.0)
+    reached = explore(task, Patience(10.0))
     state = task.init
     for step in (
         PlanStep("pick", (R, G, A, P)),
@@ -31,5 +33,11 @@ def test_all_that_a_plan_reaches_is_found() -> None:
     assert reached.complete
 
 
+def test_who_cancels_it_is_not_kept_waiting() -> None:
+    cancelled = threading.Event()
+    cancelled.set()
+    assert not explore(transport_task(1, 2, 1), Patience(60.0, cancelled)).complete
+
+
 def test_without_time_it_is_said_that_not_all_was_found() -> None:
-    assert not explore(transport_task(1, 2, 1), -1.0).complete
+    assert not explore(transport_task(1, 2, 1), Patience(-1.0)).complete

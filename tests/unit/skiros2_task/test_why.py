@@ -12,6 +12,7 @@ from skiros2_task.core.formula import FALSE, And, Atom, Formula, Kind, Not, Or, 
 from skiros2_task.core.goal import GoalReader
 from skiros2_task.core.left_out import skills_left_out
 from skiros2_task.core.problem import make_task
+from skiros2_task.core.reachability import Patience
 from skiros2_task.core.task import PlanningTask
 from skiros2_task.core.why import HOLDS, REACHABLE, UNKNOWN, UNREACHABLE, Fact, NoPlan, no_plan
 from skiros2_task.core.world_view import WorldView
@@ -154,7 +155,7 @@ def test_a_planner_that_gave_up_is_not_believed_where_the_goal_cannot_be_reached
 
 
 def test_without_time_nothing_is_claimed() -> None:
-    why = no_plan(transport_task(1, 2, 1), "timed out", seconds=-1.0)
+    why = no_plan(transport_task(1, 2, 1), "timed out", patience=Patience(-1.0))
     assert [fact.state for fact in why.goals] == [UNKNOWN]
     assert "there was no time to find out" in str(why)
 

@@ -7,13 +7,12 @@ for sure (the heuristic h2: Haslum and Geffner, Admissible heuristics for optima
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 from skiros2_task.core.formula import Atom, conjuncts
-from skiros2_task.core.reachability import Reached, steps_of
+from skiros2_task.core.reachability import Patience, Reached, steps_of
 from skiros2_task.core.task import PlanningTask, PlanStep, effects_of, precondition_of
 
 
@@ -70,13 +69,13 @@ class Exclusion:
         gone = {self._numbers[atom] for atom, state in changes if not state and atom in self._numbers} - added
         self._steps.append(_Step(step, needed, tuple(sorted(added)), sum(1 << fact for fact in gone)))
 
-    def grow(self, ends: float) -> bool:
+    def grow(self, patience: Patience) -> bool:
         """Takes note of all that the steps lead to. Whether there was time for it."""
         growing = True
         while growing:
             growing = False
             for step in self._steps:
-                if time.monotonic() > ends:
+                if patience.is_over:
                     return False
                 growing |= self._grow(step)
         return True
@@ -102,21 +101,20 @@ class Exclusion:
         return is_new
 
 
-def exclusion(task: PlanningTask, reached: Reached, ends: float) -> Exclusion | None:
+def exclusion(task: PlanningTask, reached: Reached, patience: Patience) -> Exclusion | None:
     """Which facts of a task exclude each other; None when there was no time to find out.
 
     :param reached: all that may come about, as `explore` finds it.
-    :param ends: when to give up, as `time.monotonic` tells it.
     """
     if not reached.complete:
         return None
     found = Exclusion(task, reached)
     for action in task.actions:
         for step in steps_of(task, action, reached):
-            if time.monotonic() > ends:
+            if patience.is_over:
                 return None
             found.add(task, step)
-    return found if found.grow(ends) else None
+    return found if found.grow(patience) else None
 
 
 def _bits(number: int) -> Iterator[int]:

@@ -6,6 +6,7 @@ from: Bonet and Geffner, Planning as heuristic search, AIJ 2001). What is not am
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -72,9 +73,24 @@ class Reached:
                 yield found
 
 
-def explore(task: PlanningTask, seconds: float) -> Reached:
-    """All that may come about in a task, as far as the time lasts."""
-    ends = time.monotonic() + seconds
+class Patience:
+    """How long to look for something.
+
+    :param seconds: of wall time, from now on.
+    :param cancelled: ends it before that when it is set.
+    """
+
+    def __init__(self, seconds: float, cancelled: threading.Event | None = None) -> None:
+        self._ends = time.monotonic() + seconds
+        self._cancelled = cancelled
+
+    @property
+    def is_over(self) -> bool:
+        return time.monotonic() > self._ends or (self._cancelled is not None and self._cancelled.is_set())
+
+
+def explore(task: PlanningTask, patience: Patience) -> Reached:
+    """All that may come about in a task, as far as the patience lasts."""
     reached = Reached(task.init)
     for atom in task.init:
         reached.add(atom, True)
@@ -84,7 +100,7 @@ def explore(task: PlanningTask, seconds: float) -> Reached:
         growing = False
         for action in task.actions:
             for step in steps_of(task, action, reached):
-                if time.monotonic() > ends:
+                if patience.is_over:
                     reached.complete = False
                     return reached
                 if step not in done:

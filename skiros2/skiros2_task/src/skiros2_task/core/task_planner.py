@@ -19,6 +19,7 @@ from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
+from skiros2_task.core.reachability import Patience
 from skiros2_task.core.schedule import Schedule, schedule
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
@@ -39,6 +40,9 @@ class Verdict(Enum):
     CANCELLED = "cancelled"
     FAILED = "failed"
 
+
+#: How long to look for the reasons why there is no plan (s).
+_REASONING_SECONDS = 5.0
 
 #: Why nothing can be planned in a world without robots.
 NO_ROBOT = "no robot in the world model offers skills"
@@ -136,11 +140,11 @@ class TaskPlanner:
             return self._kept(goal, task, done)
         reason = _hopeless(task, world)
         if reason:
-            return self._kept(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world))
+            return self._kept(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world, cancelled))
         planner = planner or self._planner
         tell(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({planner.name})")
         answer = planner.solve(task, limits or self._limits, cancelled)
-        return self._kept(goal, task, self._result(answer, task, world), answer)
+        return self._kept(goal, task, self._result(answer, task, world, cancelled), answer)
 
     def look(self, goal: str | Formula) -> PlanningTask:
         """What would be planned with for a goal, as the world is now.
@@ -162,7 +166,9 @@ class TaskPlanner:
         # A formula is read as its text, so that all its names are looked up.
         return GoalReader(world, condition_predicates(world.robots)).read(str(goal))
 
-    def _result(self, answer: PlannerAnswer, task: PlanningTask, world: WorldView) -> PlanningResult:
+    def _result(
+        self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
+    ) -> PlanningResult:
         if answer.outcome is Outcome.SOLVED:
             wrong = flaw(task, answer.plan)
             if wrong:
@@ -174,7 +180,7 @@ class TaskPlanner:
             return PlanningResult(
                 Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task=task, steps=steps, schedule=plan
             )
-        return _without_plan(answer.outcome, answer.reason, task, world)
+        return _without_plan(answer.outcome, answer.reason, task, world, cancelled)
 
     def _kept(
         self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
@@ -201,13 +207,19 @@ def _hopeless(task: PlanningTask, world: WorldView) -> str:
     return "none of the robots' skills can help" if world.robots else NO_ROBOT
 
 
-def _without_plan(outcome: Outcome, reason: str, task: PlanningTask, world: WorldView) -> PlanningResult:
-    """Says why there is no plan. A planner that was too slow may still have had no chance."""
+def _without_plan(
+    outcome: Outcome, reason: str, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
+) -> PlanningResult:
+    """Says why there is no plan. A planner that was too slow may still have had no chance.
+
+    :param cancelled: leaves out what is not known yet.
+    """
     if outcome in (Outcome.CANCELLED, Outcome.FAILED):
         why = NoPlan(outcome.value, reason)
         return PlanningResult(_VERDICTS[outcome], message=reason, notes=task.notes, task=task, why=why)
     if task.concurrent:
         reason = "; ".join([reason or outcome.value, *task.concurrent, TOO_CLOSE])
-    why = no_plan(task, outcome.value, reason, skills_left_out(world, task))
+    patience = Patience(_REASONING_SECONDS, cancelled)
+    why = no_plan(task, outcome.value, reason, skills_left_out(world, task), patience)
     verdict = next(_VERDICTS[o] for o in Outcome if o.value == why.verdict)
     return PlanningResult(verdict, message=str(why), notes=task.notes, task=task, why=why)

@@ -6,7 +6,6 @@ unreachable is so for sure; what is not may still be.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
@@ -17,7 +16,7 @@ from skiros2_task.core.exclusion import Exclusion, exclusion
 from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, bind, conjuncts
 from skiros2_task.core.left_out import LeftOut
 from skiros2_task.core.planner import Outcome
-from skiros2_task.core.reachability import Binding, Reached, explore, ways
+from skiros2_task.core.reachability import Binding, Patience, Reached, explore, ways
 from skiros2_task.core.task import PlanningTask
 
 IMPOSSIBLE = Outcome.IMPOSSIBLE.value
@@ -28,6 +27,9 @@ HOLDS, REACHABLE, UNREACHABLE, UNKNOWN = "holds", "reachable", "unreachable", "u
 
 #: So many skills, and parts of a fact, are told where there are more.
 MOST_TOLD = 3
+
+#: How long to look for reasons, where nothing else is said.
+_SECONDS = 5.0
 
 #: So many conditions of a skill are left open at most to find the way that comes nearest.
 _MOST_OPEN = 3
@@ -146,7 +148,11 @@ class NoPlan(JsonData):
 
 
 def no_plan(
-    task: PlanningTask, verdict: str, reason: str = "", left_out: Sequence[LeftOut] = (), seconds: float = 5.0
+    task: PlanningTask,
+    verdict: str,
+    reason: str = "",
+    left_out: Sequence[LeftOut] = (),
+    patience: Patience | None = None,
 ) -> NoPlan:
     """Why a task has no plan.
 
@@ -154,11 +160,11 @@ def no_plan(
 
     :param reason: the planner's.
     :param left_out: the skills that are not part of the task.
-    :param seconds: how long to look for the reasons; blocks so long at most.
+    :param patience: how long to look for the reasons; by default 5 s. Blocks so long at most.
     """
-    ends = time.monotonic() + seconds
-    reached = explore(task, seconds)
-    told = _Telling(task, reached, left_out, ends)
+    patience = patience or Patience(_SECONDS)
+    reached = explore(task, patience)
+    told = _Telling(task, reached, left_out, patience)
     parts = conjuncts(task.goal)
     against = _contradicted(parts)
     goals = {
@@ -169,7 +175,7 @@ def no_plan(
     }
     excluded: list[list[str]] = []
     if not any(fact.state == UNREACHABLE for fact in goals.values()):
-        together = exclusion(task, reached, ends)
+        together = exclusion(task, reached, patience)
         if together is not None:
             excluded = _tell_excluded(task, together, parts, goals)
     found = sorted(goals.values(), key=lambda fact: (fact.state != UNREACHABLE, fact.state == HOLDS))
@@ -198,12 +204,12 @@ def _tell_excluded(
 class _Telling:
     """Tells of the facts of one task, of each at length once."""
 
-    def __init__(self, task: PlanningTask, reached: Reached, left_out: Sequence[LeftOut], ends: float) -> None:
+    def __init__(self, task: PlanningTask, reached: Reached, left_out: Sequence[LeftOut], patience: Patience) -> None:
         self._task = task
         self._reached = reached
         self._now = Reached(task.init, set(task.init))
         self._left_out = left_out
-        self._ends = ends
+        self._patience = patience
         self._told: set[Formula] = set()
         self._open: list[Formula] = []  # what is being told of
         #: Facts that no skill brings about, and facts that skills bring about only where they hold already.
@@ -289,7 +295,7 @@ class _Telling:
         for size in range(min(len(atoms), _MOST_OPEN) + 1):
             best: tuple[Binding, list[Formula]] | None = None
             for dropped in combinations(atoms, size):
-                if time.monotonic() > self._ends:
+                if self._patience.is_over:
                     break
                 kept = [atom for atom in atoms if atom not in dropped]
                 for binding in islice(ways(self._task, action, kept, self._reached, given), _MOST_WAYS):

@@ -176,6 +176,34 @@ def test_what_several_robots_reach_is_not_taken_for_a_tool() -> None:
     assert {s.robot for s in found.steps} == {robots[0], robots[1]}
 
 
+def test_where_robots_drive_from_place_to_place_a_plan_still_works() -> None:
+    """Only neighbouring places are connected: what takes several drives is not dealt out."""
+    world = PlanningWorld()
+    places = [world.thing("skiros:Location") for _ in range(3)]
+    for one, other in ((0, 1), (1, 2), (1, 0), (2, 1)):
+        world.relate(places[one], "skiros:hasAccess", places[other])
+    go = skill(
+        "Drive",
+        [("StartLocation", "skiros:Location", INFERRED), ("TargetLocation", "skiros:Location", REQUIRED)],
+        [
+            related("Robot", "skiros:at", "StartLocation"),
+            related("StartLocation", "skiros:hasAccess", "TargetLocation"),
+        ],
+        [related("Robot", "skiros:at", "StartLocation", False), related("Robot", "skiros:at", "TargetLocation")],
+    )
+    product = world.thing("skiros:Product", inside=places[0])
+    robots = [world.robot(name, go, PICK, PLACE, at=places[0]) for name in ("alpha", "beta")]
+    hand = (robots[0], *[world.gripper(robot) for robot in robots][:1])
+    task = planned(world, f"(skiros:contain {places[2]} {product})")
+    plan = [
+        PlanStep("pick", (*hand, places[0], product)),
+        PlanStep("drive", (robots[0], places[0], places[1])),
+        PlanStep("drive", (robots[0], places[1], places[2])),
+        PlanStep("place", (*hand, places[2], product)),
+    ]
+    assert scheduled(task, plan).makespan == 14.0
+
+
 SEE = prop("Object", "skiros:Seen", "=", True)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -162,6 +164,19 @@ def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ro
     assert (request.result.state, request.result.message) == (AchieveResult.CANCELLED, "cancelled")
     assert request.done[-1]["state"] == "stopped"
     assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
+
+
+def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    porter = SkillManagerInterface("/porter", "tests")
+    request = cell.achieve()
+    request.wait_for(running)
+    (task,) = wait_until(lambda: list(porter.tasks), WAIT, "the porter's task")
+    porter.pause_one(task)  # by itself it would not end
+    os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
+    ros.wait_until_gone("/tm")
+    wait_until(lambda: not porter.tasks, WAIT, "the end of the porter's task")
+    porter.shutdown()
 
 
 def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None:

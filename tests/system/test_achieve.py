@@ -48,7 +48,11 @@ class Cell:
         wait_until(lambda: "/tm/achieve/status" in ros.master.topics(), WAIT, "the task manager")
 
     def start_manager(self, name: str, skills: list[str]) -> None:
-        params = {"libraries_list": ["support.crew_skills"], "primitive_list": skills, "prefix": "skiros"}
+        params = {
+            "libraries_list": ["support.crew_skills", "skiros2_std_skills"],
+            "primitive_list": skills,
+            "prefix": "skiros",
+        }
         env = {**self.ros.master.env, "PYTHONPATH": f"{TESTS}:{self.ros.master.env['PYTHONPATH']}"}
         self.ros.run("skiros2_skill", "skill_manager_node", name=name, params=params, env=env)
 
@@ -217,3 +221,26 @@ def test_goals_that_cannot_be_are_answered_with_the_reason(ros: Ros) -> None:
         request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", wish=wish, seconds=2.0)
         assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
         assert [step["label"] for step in request.done] == ["carry"]
+
+
+def test_a_goal_is_reached_by_a_skill_of_one_robot_with_the_skills_of_others(ros: Ros) -> None:
+    cell = Cell(ros, {**SPECIALISTS, "foreman": ["achieve"]})
+    foreman = SkillManagerInterface("/foreman", "tests")
+    reach = foreman.get_skill("achieve")
+    reach.ph.specify("Goal", cell.goal)
+    run = foreman.run([reach])
+    assert run.succeeded(WAIT), run.result().message
+    assert cell.is_done
+    reach.ph.specify("Goal", f"(skiros:contain {cell.products[0]} {cell.bench})")
+    hopeless = foreman.run([reach]).result(WAIT)
+    assert "no plan (proven impossible)" in hopeless.message
+    reach.ph.specify("Goal", f"(skiros:contain {cell.bench} {cell.products[0]})")
+    run = foreman.run([reach])
+    porter = SkillManagerInterface("/porter", "tests")
+    wait_until(lambda: porter.tasks, WAIT, "a step of the porter")
+    run.cancel()
+    assert run.result(WAIT).message == "Preempted"
+    wait_until(lambda: not porter.tasks, WAIT, "the end of the porter's step")
+    assert cell.place_of(cell.products[0]) == cell.store
+    porter.shutdown()
+    foreman.shutdown()

@@ -1,0 +1,52 @@
+"""Reaching a goal as a skill, with all robots there are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import actionlib
+from actionlib_msgs.msg import GoalStatus
+
+from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.params import ParamTypes
+from skiros2_msgs.msg import AchieveAction, AchieveGoal
+from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
+from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
+
+
+class Achieve(SkillDescription):
+    """Reaches a goal: it is planned, carried out by the robots, and planned anew when something goes wrong."""
+
+    def createDescription(self) -> None:
+        self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")
+        self.addParam("Priority", 0, ParamTypes.Optional, description="Goals with a higher one get the robots first")
+        self.addParam(
+            "MaxReplans", -1, ParamTypes.Optional, description="Of the plan; negative: as usual"
+        )
+
+
+class achieve(PrimitiveActionClient):
+    """Has the task manager do it. Unlike those of `task_plan`, the steps are tasks of their own, of any manager."""
+
+    build_client_onstart = False
+
+    def createDescription(self) -> None:
+        self.setDescription(Achieve(), self.__class__.__name__)
+
+    def buildClient(self) -> Any:
+        return actionlib.SimpleActionClient(ACHIEVE_ACTION, AchieveAction)
+
+    def buildGoal(self) -> Any:
+        return AchieveGoal(
+            author=str(self.params["Robot"].value.value_of("skiros:SkillMgr")),
+            goals=self.params["Goal"].value,
+            priority=self.params["Priority"].value,
+            max_replans=self.params["MaxReplans"].value,
+        )
+
+    def onFeedback(self, msg: Any) -> State:
+        return self.step(f"{msg.phase}: {msg.message}")
+
+    def onDone(self, status: int, msg: Any) -> State:
+        text = msg.message if msg is not None else self.get_result_msg()
+        return self.success(text) if status == GoalStatus.SUCCEEDED else self.fail(text, status)

@@ -145,6 +145,13 @@ def test_a_goal_that_cannot_be_read_or_reached_is_answered(cell: Make) -> None:
     assert busy.achieve().end.verdict is Verdict.PLANNED
 
 
+def test_goals_without_a_plan_do_not_wait_for_each_other(cell: Make) -> None:
+    busy = cell(1, 2, 1)
+    goals = [f"(skiros:contain {busy.world.products[0]} {place})" for place in busy.world.places]
+    requests = [busy.achieve(goal) for goal in goals]
+    assert [request.end.verdict for request in requests] == [Verdict.IMPOSSIBLE] * 2
+
+
 def test_closing_ends_all_goals(cell: Make) -> None:
     busy = cell(2, 3, 4, seconds=30.0)
     requests = [busy.achieve(), busy.achieve()]

@@ -15,7 +15,7 @@ from typing import Protocol
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.core.claims import Claims
-from skiros2_task.core.commands import Claim, Command, End, Look, Plan, Record, Start, Stop, Wake
+from skiros2_task.core.commands import Claim, Command, End, Look, Phase, Plan, Record, Start, Stop, Wake
 from skiros2_task.core.execution import Executive
 from skiros2_task.core.jobs import Job, make_jobs, with_jobs_done, without_skills
 from skiros2_task.core.planner import Limits, Planner
@@ -231,6 +231,12 @@ class Conductor:
         first = achievement.executive.first_number
         achievement.work.put(lambda: self._make_plan(achievement, command, busy, first))
 
+    def _no_plan(self, achievement: Achievement, result: PlanningResult) -> None:
+        # Goals that wait for others to end do not wait for each other.
+        others = (other.executive.phase for other in self._all.values() if other is not achievement)
+        busy = any(phase is not Phase.BLOCKED for phase in others)
+        self._do(achievement, achievement.executive.no_plan(result.verdict, result.message, busy))
+
     def _serve(self, owners: Iterable[str]) -> None:
         """Tells goals that they have what they wanted; after this event, for one may undo what another is told."""
         for owner in owners:
@@ -327,10 +333,7 @@ class Conductor:
             if result.verdict in _GOOD or result.verdict is Verdict.CANCELLED:
                 break
         if seen is None or result.task is None or result.verdict not in _GOOD:  # the goal may not even be readable
-            verdict, message = result.verdict, result.message
-            self._events.put(
-                lambda: self._do(achievement, achievement.executive.no_plan(verdict, message, len(self._all) > 1))
-            )
+            self._events.put(lambda: self._no_plan(achievement, result))
             return
         jobs = make_jobs(result.task, result.schedule, result.calls, first) if result.schedule is not None else ()
         world = seen

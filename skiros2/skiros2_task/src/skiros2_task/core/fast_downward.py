@@ -97,7 +97,7 @@ def translate(domain: str, problem: str) -> None:
     """Writes the translated task to the working folder. The translator's errors come as they are."""
     options = importlib.import_module("fast_downward.translate.options")
     options.set_options([domain, problem, "--sas-file", _SAS_FILE])
-    gc.disable()  # it makes many small objects and no cycles; looking for those takes a quarter of its time
+    gc.disable()  # it makes many small objects and few cycles, and ends soon: looking for those is in vain
     try:
         importlib.import_module(TRANSLATOR).main()
     finally:

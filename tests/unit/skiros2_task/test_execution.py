@@ -66,6 +66,21 @@ def test_a_skill_that_fails_again_is_left_to_another_robot() -> None:
     assert cell.executive.replans == 2
 
 
+def test_what_fails_while_it_is_planned_anew_is_not_counted_on() -> None:
+    failed: list[Job] = []
+
+    def first_two(job: Job) -> bool:
+        failed.append(job)
+        return len(failed) <= 2
+
+    cell = TransportCell(2, 4, 4, fails=first_two)
+    cell.run()
+    assert {job.call.manager for job in failed[:2]} == set(cell.robots), "both robots failed at the same time"
+    assert cell.reached
+    assert cell.executive.replans == 2
+    assert all(fits for _, fits in cell.started)
+
+
 def test_what_always_fails_ends_after_so_many_plans() -> None:
     cell = TransportCell(1, 2, 1, max_replans=3, fails=lambda job: job.call.label == "pick")
     cell.run()

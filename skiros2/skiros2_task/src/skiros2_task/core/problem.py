@@ -107,6 +107,7 @@ def _with_candidates(actions: Iterable[Action], world: WorldView) -> tuple[list[
     usable, notes = [], []
     for action in actions:
         if action.precondition == FALSE:
+            notes.append(f"skill {action.skill.name} cannot run: its pre-conditions can never hold")
             continue
         empty = [v for v in action.variables if not _all_of(v.classes, world)]
         if empty:

@@ -32,6 +32,12 @@ class SparseProblem(Problem):  # type: ignore[misc]
     def initial_values(self) -> dict[Any, Any]:
         return dict(self.explicit_initial_values)
 
+    def add_object(self, obj: Object, typename: None = None) -> Object:
+        """Adds an object whose name nothing else has; looking for it takes a time that grows with each object."""
+        self._objects.append(obj)
+        self._add_user_type(obj.type)
+        return obj
+
 
 class UpProblem:
     """The unified-planning problem of a task, and the way back from its names."""

@@ -181,6 +181,7 @@ def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
     from skiros2_task.core.up_problem import UpProblem  # loaded by the process that this one was copied from
 
     started = time.monotonic()
+    gc.disable()  # problem and translation are many small objects with few cycles, and the process ends soon
     model = UpProblem(job.task, goal_action=work.goal_action)
     write_pddl(model)
     translate(DOMAIN_FILE, PROBLEM_FILE)

@@ -7,7 +7,6 @@ module and a run may be ended at any time.
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import select
@@ -97,11 +96,7 @@ def translate(domain: str, problem: str) -> None:
     """Writes the translated task to the working folder. The translator's errors come as they are."""
     options = importlib.import_module("fast_downward.translate.options")
     options.set_options([domain, problem, "--sas-file", _SAS_FILE])
-    gc.disable()  # it makes many small objects and few cycles, and ends soon: looking for those is in vain
-    try:
-        importlib.import_module(TRANSLATOR).main()
-    finally:
-        gc.enable()
+    importlib.import_module(TRANSLATOR).main()
 
 
 def search(work: SideBySide, started: float, ends: float) -> Found:

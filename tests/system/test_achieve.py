@@ -121,9 +121,20 @@ def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
 def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ros, finished: int) -> None:
     cell = Cell(ros, CREW)
     request = cell.achieve()
+    # The one that has just begun a step, held so that it is still at it when it is killed.
     victim = request.wait_for(
-        lambda f: sum(s["state"] == "succeeded" for s in json.loads(f.steps)) >= finished and running(f)
+        lambda f: (
+            sum(s["state"] == "succeeded" for s in json.loads(f.steps)) >= finished
+            and [
+                s
+                for s in running(f)
+                if f.message.startswith(f"step {s['number']},") and f.message.endswith("is started")
+            ]
+        )
     )[0]["robot"]
+    manager = SkillManagerInterface(victim, "tests")
+    manager.pause_all()
+    manager.shutdown()
     ros.kill_node(victim)
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done

@@ -27,6 +27,7 @@ lint: setup  ## check style and types
 	@echo "mypy" && $(python) -m mypy --no-error-summary
 
 bench: setup  ## measure, print a table, write build/bench.json
+	@$(python) -m pip install --quiet --requirement tests/benchmarks/requirements.txt || echo "goes on without some planners"
 	@exec .ci/in_ros $(python) tests/benchmarks/run.py --json build/bench.json
 
 clean:  ## remove what was built and the tools' caches (the environment in .venv stays)

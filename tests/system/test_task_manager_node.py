@@ -207,8 +207,7 @@ def test_a_node_that_ends_ends_what_it_plans(ros: Ros, hard: tuple[Any, str]) ->
 
 def test_a_planner_out_of_time_is_told(ros: Ros, wm: WorldModelInterface) -> None:
     world = transport_world(4, 12, 14, wm=wm)
-    params = {"planner": "fast-downward-opt", "planning_time": 1}
-    ros.run("skiros2_task", "task_manager_node", name="tm", params=params)
+    ros.launch("skiros2", "task_mgr.launch", planner="fast-downward-opt", planning_time=1, max_replans=0)
     client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
     assert client.wait_for_server(rospy_duration(WAIT))
     goals = [f"(skiros:contain {world.places[(i + 1) % 12]} {p})" for i, p in enumerate(world.products)]

@@ -93,6 +93,17 @@ def result(state: str, message: str = "", done: Any = (), explanations: Any = ()
     return AchieveResult(state, message, json.dumps(list(done)), json.dumps(list(explanations)))
 
 
+def test_what_the_result_overtakes_is_told_before_it_and_not_again() -> None:
+    out = io.StringIO()
+    telling = Telling(Screen(fancy=True), out)
+    telling.take(feedback("running", "", PLAN, [progress(1, "/alpha", "running"), progress(2, "/beta", "waiting")]))
+    done = [{**PLAN[0], **progress(1, "/alpha", "succeeded")}]
+    telling.end(result("succeeded", "done", done))
+    assert out.getvalue().splitlines()[-1].endswith("  ✓ 1 drive by /alpha")
+    telling.take(feedback("running", "", PLAN, [progress(1, "/alpha", "succeeded"), progress(2, "/beta", "running")]))
+    assert out.getvalue().splitlines()[-1].endswith("  ✓ 1 drive by /alpha")
+
+
 def test_a_goal_that_is_reached_tells_what_was_done() -> None:
     done = [progress(1, "/alpha", "failed"), progress(2, "/beta", "succeeded"), progress(3, "/alpha", "succeeded")]
     text, data = told(result("succeeded", "done", done), 12.34)

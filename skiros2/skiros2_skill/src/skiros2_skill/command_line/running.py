@@ -27,8 +27,8 @@ log = logging.getLogger(__name__)
 #: How often what is new is shown (s).
 _PERIOD = 0.1
 
-#: How long the last progress may come after the result (s).
-_OVERTAKEN = 0.5
+#: How long the last progress may come after the result (s): they have connections of their own.
+_OVERTAKEN = 3.0
 
 #: What is shown of an element.
 _ELEMENT = {"id", "label", "type"}

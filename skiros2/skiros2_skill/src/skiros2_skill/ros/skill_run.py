@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import actionlib
@@ -27,19 +28,35 @@ _POLL = 0.01  # s, while the connection is made
 _LOOK = 0.5  # s, between two looks whether the manager is alive
 
 
+@dataclass
+class _Taken:
+    """The goal of a client that the manager has taken last: when it was sent, and taken (s, monotonic).
+
+    A manager takes goals one after the other, in the order in which they were sent: many at once may take a while.
+    """
+
+    sent_at: float = 0.0
+    taken_at: float = 0.0
+
+
 class SkillRun:
     """A goal: skills that run, have run, or were refused. Any thread.
 
     :param client: what it is sent with.
+    :param taken: shared by all goals of the client.
     """
 
-    def __init__(self, client: actionlib.ActionClient, goal: Any, monitor_cb: Callable[[Any], None] | None) -> None:
+    def __init__(
+        self, client: actionlib.ActionClient, goal: Any, monitor_cb: Callable[[Any], None] | None, taken: _Taken
+    ) -> None:
         self._watch = ServerWatch(client)
+        self._taken = taken
         self._monitor_cb = monitor_cb
         self._ended = threading.Event()
         self._begun = threading.Event()
         self._task = -1
         self._result: Any = None
+        self._was_taken = False
         self._sent_at = time.monotonic()
         self._handle = client.send_goal(goal, self._on_transition, self._on_feedback)
 
@@ -103,12 +120,18 @@ class SkillRun:
                 return True
             if self._watch.silence() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
-            if self._is_unknown() and time.monotonic() - self._sent_at > SILENCE:
+            if self._is_unknown() and self._untaken() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has not taken the skills")
             if self._watch.late_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
             if end is not None and time.monotonic() >= end:
                 return False
+
+    def _untaken(self) -> float:
+        """For how long the manager could have taken the goal and has not (s)."""
+        taken = self._taken
+        turn = taken.taken_at if taken.sent_at < self._sent_at else 0.0
+        return time.monotonic() - max(self._sent_at, turn)
 
     def _is_unknown(self) -> bool:
         return bool(self._handle.get_comm_state() == actionlib.CommState.WAITING_FOR_GOAL_ACK)
@@ -122,6 +145,9 @@ class SkillRun:
             self._monitor_cb(feedback)
 
     def _on_transition(self, handle: Any) -> None:
+        if not self._was_taken:
+            self._was_taken = True
+            self._taken.sent_at, self._taken.taken_at = self._sent_at, time.monotonic()
         if handle.get_comm_state() != actionlib.CommState.DONE:
             return
         result = handle.get_result()
@@ -147,6 +173,7 @@ class SkillRunner:
         self._client.pub_cancel.impl.set_queue_size(MOST_AT_ONCE)
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
+        self._taken = _Taken()
 
     def run(
         self,
@@ -168,7 +195,7 @@ class SkillRunner:
                 raise TimedOut(f"{self._watch.name}: no manager answers within {patience:g} s")
             time.sleep(_POLL)
         with self._lock:
-            return SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb)
+            return SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._taken)
 
     def close(self) -> None:
         """No more goals, and no news of those that run."""

@@ -57,6 +57,7 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> Answer:
         result, interrupted = _result(client)
     except TimedOut as error:
         raise NotThere(str(error)) from None
+    telling.end(result)
     status = INTERRUPTED if interrupted else OK if result.state in _REACHED else REFUSED
     lines, data = told(result, telling.seconds)
     return Answer(lines, data, status)
@@ -111,6 +112,16 @@ class Telling:
             for step in json.loads(feedback.steps or "[]"):
                 self._tell_step(plan.get(step["number"], {}), step)
             self._out.flush()
+
+    def end(self, result: Any) -> None:
+        """Tells what the result has overtaken. What is new later is not told."""
+        with self._lock:
+            if self._out is None:
+                return
+            for step in json.loads(result.done or "[]"):
+                self._tell_step(step, step)
+            self._out.flush()
+            self._out = None
 
     def _tell_plan(self, plan: dict[int, dict[str, Any]]) -> None:
         new = [step for number, step in plan.items() if number not in self._known]

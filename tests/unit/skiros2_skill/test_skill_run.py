@@ -1,0 +1,80 @@
+"""When the goals of a client count as not taken by the manager."""
+
+from types import SimpleNamespace
+
+import pytest
+from actionlib import CommState
+
+from skiros2_common.core.errors import TimedOut
+from skiros2_skill.ros import skill_run
+
+
+class Client:
+    """An action client whose server is there; `take` is the server taking a goal."""
+
+    ns = "/robot/execute"
+
+    def __init__(self):
+        self.handles = []
+
+    @property
+    def last_status_msg(self):
+        return object()  # another one each time: the server is not silent
+
+    def send_goal(self, goal, on_transition, on_feedback):
+        handle = SimpleNamespace(state=CommState.WAITING_FOR_GOAL_ACK, on_transition=on_transition)
+        handle.get_comm_state = lambda: handle.state
+        self.handles.append(handle)
+        return handle
+
+    def take(self, number):
+        self.handles[number].state = CommState.ACTIVE
+        self.handles[number].on_transition(self.handles[number])
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = SimpleNamespace(now=100.0, sleep=None)
+    clock.monotonic = lambda: clock.now
+    monkeypatch.setattr(skill_run, "time", clock)
+    return clock
+
+
+@pytest.fixture
+def client():
+    return Client()
+
+
+@pytest.fixture
+def runs(client, clock):
+    """Three goals, sent one after the other."""
+    taken = skill_run._Taken()
+    runs = []
+    for _ in range(3):
+        runs.append(skill_run.SkillRun(client, None, None, taken))
+        clock.now += 0.01
+    return runs
+
+
+def test_a_goal_that_is_not_taken_is_told(runs, clock):
+    clock.now += skill_run.SILENCE + 0.1
+    with pytest.raises(TimedOut, match="/robot/execute has not taken the skills"):
+        runs[0].wait(0.0)
+
+
+def test_a_goal_waits_for_its_turn_while_earlier_ones_are_taken(runs, client, clock):
+    for number in range(2):
+        clock.now += skill_run.SILENCE - 1.0
+        client.take(number)
+        assert not runs[2].wait(0.0)
+    clock.now += skill_run.SILENCE + 0.1
+    with pytest.raises(TimedOut, match="has not taken"):
+        runs[2].wait(0.0)
+
+
+def test_a_goal_that_was_passed_over_is_told(runs, client, clock):
+    clock.now += skill_run.SILENCE + 0.1
+    client.take(2)
+    assert not runs[2].wait(0.0)
+    with pytest.raises(TimedOut, match="has not taken"):
+        runs[1].wait(0.0)

@@ -18,11 +18,20 @@ OUTSIDE = {
     "skiros2_skill": {"numpy"},
     "skiros2_task": {"numpy", "unified_planning", "up_fast_downward"},
     "skiros2_std_reasoners": {"numpy"},
+    "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
+    "skiros2_sim": {"numpy", "pybullet", "pybullet_data", "PIL"},
 }
 #: Of lower packages, only the port.
 PORTS = {
     "skiros2_skill": {"skiros2_world_model.core.world_model_abstract_interface"},
     "skiros2_task": {"skiros2_world_model.core.world_model_abstract_interface", "skiros2_skill.core"},
+    "skiros2_bags": {
+        "skiros2_world_model.core",
+        "skiros2_skill.core",
+        "skiros2_task.core",
+        "skiros2_std_reasoners.core",
+    },
+    "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
 }
 
 

@@ -19,6 +19,9 @@ PACKAGES = {
     "skiros2_std_reasoners": "skiros2_std_lib/skiros2_std_reasoners",
     "skiros2_std_skills": "skiros2_std_lib/skiros2_std_skills",
     "skiros2_demo_skills": "skiros2_std_lib/skiros2_demo_skills",
+    "skiros2_bags": "skiros2_std_lib/skiros2_bags",
+    "skiros2_sim": "skiros2_std_lib/skiros2_sim",
+    "skiros2_sim_skills": "skiros2_std_lib/skiros2_sim_skills",
     "skiros2_gui": "skiros2_gui",
 }
 

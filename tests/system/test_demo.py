@@ -34,7 +34,7 @@ class Run:
     def start(self, *arguments: str) -> Program:
         command = [
             "rosrun",
-            "skiros2_demo_skills",
+            "skiros2_sim_skills",
             "pick_place_demo",
             "--folder",
             str(self.folder / "demo"),
@@ -49,7 +49,7 @@ class Run:
         return program.wait(timeout), program.output
 
     def check_run(self, bag: Path) -> tuple[int, str]:
-        checker = Program(["rosrun", "skiros2_demo_skills", "check_run", str(bag)], self.env)
+        checker = Program(["rosrun", "skiros2_sim_skills", "check_run", str(bag)], self.env)
         return checker.wait(), checker.output
 
     def nothing_left(self) -> bool:

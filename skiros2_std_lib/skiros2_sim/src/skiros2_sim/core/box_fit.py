@@ -1,0 +1,198 @@
+"""Where a box of known size is, from points on the sides of it that a camera sees.
+
+The sum of the squared distances of the points from the box's surface is made least over position and orientation, by
+Levenberg and Marquardt's method (D. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters",
+1963), from several starts: the box upright on each of its sides, turned as the least rectangle around the points is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, multiplied, normalized
+
+Points = npt.NDArray[np.float64]
+Rotation = npt.NDArray[np.float64]
+
+#: More points than that tell no more (they are thinned out evenly).
+MOST_POINTS = 600
+STEPS = 12
+#: Edges of a box that differ by less count as equal (m).
+EQUAL = 1e-3
+
+
+class BoxFit(NamedTuple):
+    """
+    :param pose: of the middle of the box, in the frame of the points.
+    :param error: the root of the mean squared distance of the points from its surface (m).
+    """
+
+    pose: Pose
+    error: float
+
+
+def fit_box(points: Points, size: Vector) -> BoxFit:
+    """The pose at which a box of that size fits best. Of the orientations in which it looks the same, which a camera
+    cannot tell apart, it is the one that is turned least.
+
+    :param points: n x 3, at least 3, on the box's surface, in a frame whose z is up (m).
+    :param size: the edges of the box along its own axes (m).
+    """
+    points = points[:: max(1, math.ceil(len(points) / MOST_POINTS))]
+    half = np.asarray(size) / 2
+    fits = (_fitted(points, half, *start) for start in _starts(points, half))
+    error, rotation, middle = min(fits, key=lambda fit: fit[0])
+    orientation = least_turned(quaternion_of(rotation), size)
+    return BoxFit(Pose((float(middle[0]), float(middle[1]), float(middle[2])), orientation), math.sqrt(error))
+
+
+def least_rectangle(points: Points) -> tuple[float, Points]:
+    """The rectangle of least area around points of a plane (n x 2): the angle of its first edge (rad, 0 to pi / 2), and
+    its middle. One of its edges lies on an edge of the points' hull (H. Freeman and R. Shapira, 1975)."""
+    hull = convex_hull(points)
+    edges = np.diff(np.vstack((hull, hull[:1])), axis=0)
+    best = (math.inf, 0.0, hull.mean(axis=0))
+    for angle in np.unique(np.arctan2(edges[:, 1], edges[:, 0]) % (math.pi / 2)):
+        axes = np.array(((math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))))
+        turned = hull @ axes.T
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        area = float(np.prod(high - low))
+        if area < best[0]:
+            best = (area, float(angle), (low + high) / 2 @ axes)
+    return best[1], best[2]
+
+
+def convex_hull(points: Points) -> Points:
+    """The corners of the hull of points of a plane (n x 2), against the clock (A. M. Andrew's monotone chain, 1979)."""
+    ordered = np.unique(points, axis=0)
+    if len(ordered) < 3:
+        return ordered
+
+    def half(of: Points) -> list[Points]:
+        chain: list[Points] = []
+        for point in of:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], point) <= 0:
+                chain.pop()
+            chain.append(point)
+        return chain[:-1]
+
+    return np.array(half(ordered) + half(ordered[::-1]))
+
+
+def area_of(hull: Points) -> float:
+    """The area of a polygon given by its corners in order (the shoelace formula)."""
+    x, y = hull[:, 0], hull[:, 1]
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+
+
+def corners_of(size: Vector) -> Points:
+    """The corners of a box around the origin: 8 x 3."""
+    return np.asarray(np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * np.asarray(size))
+
+
+def quaternion_of(rotation: Rotation) -> Quaternion:
+    """The quaternion of a rotation matrix (I. Y. Bar-Itzhack's method, 2000: an eigenvector)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    k = np.array(
+        (
+            (a - e - i, b + d, c + g, h - f),
+            (b + d, e - a - i, f + h, c - g),
+            (c + g, f + h, i - a - e, d - b),
+            (h - f, c - g, d - b, a + e + i),
+        )
+    )
+    x, y, z, w = np.linalg.eigh(k)[1][:, -1]
+    return normalized((x, y, z, w) if w >= 0 else (-x, -y, -z, -w))
+
+
+def least_turned(orientation: Quaternion, size: Vector) -> Quaternion:
+    """Of the orientations in which a box of that size looks the same, the one that is turned least from the frame."""
+    return max((multiplied(orientation, same) for same in _symmetries(size)), key=lambda q: abs(q[3]))
+
+
+def _symmetries(size: Vector) -> list[Quaternion]:
+    """The turns that lay a box onto itself."""
+    turns = []
+    for order in itertools.permutations(range(3)):
+        if all(abs(size[i] - size[order[i]]) < EQUAL for i in range(3)):
+            for signs in itertools.product((-1.0, 1.0), repeat=3):
+                matrix = np.eye(3)[list(order)] * signs
+                if np.linalg.det(matrix) > 0:
+                    turns.append(quaternion_of(matrix))
+    return turns
+
+
+def _starts(points: Points, half: Points) -> list[tuple[Rotation, Points]]:
+    """Rotations and middles from which a fit begins: the box on each of its sides, under the highest points."""
+    angle, (x, y) = least_rectangle(points[:, :2])
+    top = float(np.percentile(points[:, 2], 98))
+    starts: list[tuple[Rotation, Points]] = []
+    seen: list[Points] = []
+    for order, quarter in itertools.product(((0, 1, 2), (1, 2, 0), (2, 0, 1)), (0.0, math.pi / 2)):
+        lengths = half[list(order)] if not quarter else half[[order[1], order[0], order[2]]]
+        if any(np.allclose(lengths, before, atol=EQUAL) for before in seen):
+            continue  # looks as one that is there
+        seen.append(lengths)
+        cos, sin = math.cos(angle + quarter), math.sin(angle + quarter)
+        # its columns are the box's axes: the one named last stands up
+        rotation = np.zeros((3, 3))
+        rotation[:, list(order)] = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
+        starts.append((rotation, np.array((x, y, top - half[order[2]]))))
+    return starts
+
+
+def _fitted(points: Points, half: Points, rotation: Rotation, middle: Points) -> tuple[float, Rotation, Points]:
+    """The mean squared distance after the fit, and where the box is then."""
+    away, normals = _distances(points, half, rotation, middle)
+    error, damping = float(np.mean(away**2)), 1e-3
+    for _ in range(STEPS):
+        jacobian = np.hstack((-normals, -np.cross(points - middle, normals)))
+        # an angle of a radian moves the surface by about half an edge: so both have the unit of the middle
+        scale = np.array((1.0, 1.0, 1.0, *(1 / half.max(),) * 3))
+        j = jacobian * scale
+        step = scale * np.linalg.solve(j.T @ j + damping * len(points) * np.eye(6), -j.T @ away)
+        tried = _turn_of(step[3:]) @ rotation, middle + step[:3]
+        tried_away, tried_normals = _distances(points, half, *tried)
+        tried_error = float(np.mean(tried_away**2))
+        if tried_error < error:
+            better = error - tried_error
+            (rotation, middle), away, normals, error = tried, tried_away, tried_normals, tried_error
+            damping = max(damping / 5, 1e-9)
+            if better < 1e-12:  # a thousandth of a millimetre
+                break
+        else:
+            damping *= 10
+    return error, rotation, middle
+
+
+def _distances(points: Points, half: Points, rotation: Rotation, middle: Points) -> tuple[Points, Points]:
+    """How far the points are from the box's surface (n; below 0: inside), and the way outwards there (n x 3)."""
+    inside = (points - middle) @ rotation
+    over = np.abs(inside) - half
+    beyond = np.maximum(over, 0.0)
+    far = np.linalg.norm(beyond, axis=1)
+    nearest = np.eye(3)[over.argmax(axis=1)]
+    outside = far > 0
+    away = np.where(outside, far, over.max(axis=1))
+    directions = np.where(outside[:, None], beyond / np.where(outside, far, 1.0)[:, None], nearest)
+    return away, (directions * np.where(inside < 0, -1.0, 1.0)) @ rotation.T
+
+
+def _turn_of(vector: Points) -> Rotation:
+    """The rotation about a vector by its length (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    k = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    return np.asarray(np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k)
+
+
+def _turn(a: Points, b: Points, c: Points) -> float:
+    """Above 0 where the way from a over b to c turns left."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

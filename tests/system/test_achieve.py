@@ -191,7 +191,22 @@ def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
     os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
     ros.wait_until_gone("/tm")
     wait_until(lambda: not porter.tasks, WAIT, "the end of the porter's task")
+    assert request.result.state == AchieveResult.CANCELLED
     porter.shutdown()
+
+
+def test_a_task_manager_that_ends_answers_goals_whose_steps_do_not_stop(ros: Ros) -> None:
+    cell = Cell(ros, SPECIALISTS)
+    request = cell.achieve()
+    request.wait_for(running)
+    porter = ros.master.node_pid("/porter")
+    os.kill(porter, signal.SIGSTOP)
+    try:
+        os.kill(ros.master.node_pid("/tm"), signal.SIGINT)
+        result = request.result
+    finally:
+        os.kill(porter, signal.SIGCONT)
+    assert (result.state, result.message) == (AchieveResult.FAILED, "/tm ended before the goal did")
 
 
 def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None:

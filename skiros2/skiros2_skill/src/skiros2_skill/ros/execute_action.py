@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import actionlib
-from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
+from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
 from skiros2_skill.core.history import Record, record_of
 from skiros2_skill.core.task import Task
@@ -24,10 +21,6 @@ from skiros2_skill.ros.skill_run import MOST_AT_ONCE
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json
 
 log = logging.getLogger(__name__)
-
-
-#: So many feedbacks may wait to be sent; those of large trees are large.
-MOST_FEEDBACK = 1000
 
 
 @dataclass
@@ -40,61 +33,35 @@ class _Goal:
     told: int = -1
 
 
-class ExecuteAction:
+class ExecuteAction(GoalServer):
     """Runs goals as tasks, any number side by side, and cancels each by itself.
 
     A client that disappears leaves its task running: it is there to be seen on `~monitor` and to be preempted.
 
-    Goals and cancellations are taken in their order by a thread of their own: actionlib calls with a lock held that the
-    ticking threads need to give feedback, and a start may wait for the world model.
+    `close` is for when the tasks have ended.
 
     :param starter: makes the tasks.
     :param ticker: runs them.
     """
 
     def __init__(self, starter: TaskStarter, ticker: Ticker) -> None:
+        super().__init__("~execute", msgs.ExecuteSkillsAction, MOST_AT_ONCE)
         self._starter = starter
         self._ticker = ticker
         self._lock = threading.Lock()  # never held in a call of actionlib
         self._goals: dict[int, _Goal] = {}  # by the id of the task
-        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._serve, name="execute", daemon=True)
-        self._server = actionlib.ActionServer(
-            "~execute",
-            msgs.ExecuteSkillsAction,
-            lambda handle: self._requests.put(lambda: self._begin(handle)),
-            lambda handle: self._requests.put(lambda: self._cancel(handle)),
-            auto_start=False,
-        )
 
-    def start(self) -> None:
-        """Takes goals from now on."""
-        self._thread.start()
-        self._server.start()
-        # Before anybody is connected: actionlib's own queues of 50 drop what is told of many tasks at once.
-        self._server.result_pub.impl.set_queue_size(MOST_AT_ONCE)
-        self._server.feedback_pub.impl.set_queue_size(MOST_FEEDBACK)
-
-    def close(self, timeout: float = 1.0) -> None:
-        """Takes no more goals; when the tasks have ended.
-
-        :param timeout: s to wait at most for a start that is under way.
-        """
-        self._requests.put(None)
-        if threading.current_thread() is not self._thread:
-            self._thread.join(timeout)
+    def _left(self) -> list[Any]:
         with self._lock:
             left, self._goals = self._goals, {}
-        for goal in left.values():
-            goal.handle.set_aborted(None, "the manager ended before the task did")
-        self._server.stop()
+        return [goal.handle for goal in left.values()]
 
     # -- progress, in the ticking threads ----------------------------------------------------------------------
 
     def wants(self, task: Task) -> bool:
         """Whether somebody is to be told how a task goes on."""
         goal = self._goal(task)
-        return goal is not None and goal.told != task.changes and self._server.feedback_pub.get_num_connections() > 0
+        return goal is not None and goal.told != task.changes and self.is_listened_to
 
     def tell(self, task: Task, progress: Sequence[Any]) -> None:
         """Gives feedback to the client of a task, if it has one and something has changed."""
@@ -123,17 +90,7 @@ class ExecuteAction:
 
     # -- goals, in the thread of the action --------------------------------------------------------------------
 
-    def _serve(self) -> None:
-        while (request := self._requests.get()) is not None:
-            try:
-                request()
-            except Exception:
-                log.exception("a request to ~execute")
-
     def _begin(self, handle: Any) -> None:
-        if handle.get_goal_status().status == GoalStatus.RECALLING:
-            handle.set_canceled(None, "cancelled before it was started")
-            return
         goal = handle.get_goal()
         try:
             task = self._starter.make(goal.author, goal.skills)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
-import queue
-import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
-import actionlib
-from actionlib_msgs.msg import GoalStatus
-
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
 from skiros2_task.core.commands import End, JobState, Phase, Record
@@ -34,17 +30,11 @@ _STATES = {
     Verdict.FAILED: AchieveResult.FAILED,
 }
 
-#: So many results and feedbacks may wait to be sent.
-_MOST_AT_ONCE = 1000
 
-
-class AchieveAction:
+class AchieveAction(GoalServer):
     """Carries out goals, any number side by side, and cancels each by itself.
 
-    A client that disappears leaves its goal to be carried out.
-
-    Goals and cancellations are taken by a thread of their own: actionlib calls with a lock held that the conductor's
-    thread needs to give feedback.
+    A client that disappears leaves its goal to be carried out. `close` is for when the conductor has ended what ran.
 
     :param conductor: carries the goals out.
     :param planners: gives the planner for a wish; raises WrongValue.
@@ -54,46 +44,21 @@ class AchieveAction:
     def __init__(
         self, conductor: Conductor, planners: Callable[[str], Planner], max_replans: int = MAX_REPLANS
     ) -> None:
+        super().__init__("~achieve", AchieveActionSpec)
         self._conductor = conductor
         self._planners = planners
         self._max_replans = max_replans
         self._running: list[tuple[Any, Achievement]] = []  # belongs to the action's thread
-        self._requests: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._serve, name="achieve", daemon=True)
-        self._server = actionlib.ActionServer(
-            "~achieve",
-            AchieveActionSpec,
-            lambda handle: self._requests.put(lambda: self._begin(handle)),
-            lambda handle: self._requests.put(lambda: self._cancel(handle)),
-            auto_start=False,
-        )
 
-    def start(self) -> None:
-        """Takes goals from now on."""
-        self._thread.start()
-        self._server.start()
-        self._server.result_pub.impl.set_queue_size(_MOST_AT_ONCE)
-        self._server.feedback_pub.impl.set_queue_size(_MOST_AT_ONCE)
+    def _unserved(self, cancelled: bool, message: str) -> Any:
+        return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
 
-    def close(self) -> None:
-        """Takes no more goals. For when the conductor has ended those that ran."""
-        self._requests.put(None)
-        self._thread.join()
-        self._server.stop()
+    def _left(self) -> list[Any]:
+        return [handle for handle, _ in self._running]
 
     # -- in the thread of the action ---------------------------------------------------------------------------
 
-    def _serve(self) -> None:
-        while (request := self._requests.get()) is not None:
-            try:
-                request()
-            except Exception:
-                log.exception("a request to ~achieve")
-
     def _begin(self, handle: Any) -> None:
-        if handle.get_goal_status().status == GoalStatus.RECALLING:
-            handle.set_canceled(_refusal(AchieveResult.CANCELLED, "cancelled before it was begun"))
-            return
         message = handle.get_goal()
         try:
             goal = self._goal(message)
@@ -105,7 +70,7 @@ class AchieveAction:
         log.info("goal of %s: %s", message.author or "somebody", message.goals)
         teller = _Teller(handle)
         achievement = self._conductor.achieve(goal, teller.on_change, teller.on_end)
-        self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in _ACTIVE]
+        self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
         self._running.append((handle, achievement))
 
     def _cancel(self, handle: Any) -> None:
@@ -126,9 +91,6 @@ class AchieveAction:
             planner=self._planners(message.wish) if message.wish else None,
             max_replans=message.max_replans if message.max_replans >= 0 else self._max_replans,
         )
-
-
-_ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
 
 class _Teller:

@@ -157,6 +157,7 @@ def main() -> None:
         achieve = AchieveAction(conductor, lambda wish: _planner_for(wish, processes, durations), max_replans)
         rospy.on_shutdown(lambda: conductor.close(_CLOSING_SECONDS))
         rospy.on_shutdown(manager.stop)
+        rospy.on_shutdown(achieve.close)
         manager.start()
         achieve.start()
         rospy.spin()

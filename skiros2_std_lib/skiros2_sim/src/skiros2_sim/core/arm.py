@@ -1,0 +1,173 @@
+"""An arm of a robot in the simulated world: its motors, and where its tool is and what it feels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.composing import ArmModel
+from skiros2_sim.core.gripper import Gripper
+from skiros2_sim.core.joint import Joint, finite
+from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
+
+Wrench = tuple[float, float, float, float, float, float]
+
+
+class Arm:
+    """An arm. It starts at rest in its posture `rest`, held by its position motors.
+
+    :param dofs: index of each joint of the robot that moves, in the order of PyBullet's dynamics.
+    """
+
+    def __init__(
+        self,
+        bullet: Bullet,
+        body: int,
+        model: ArmModel,
+        joints: Mapping[str, Joint],
+        links: Mapping[str, int],
+        dofs: Sequence[int],
+    ) -> None:
+        self.id = model.spec.id
+        self.name = model.spec.name
+        self.spec = model.spec
+        self.body = body
+        self.joints = tuple(joints[name] for name in model.joints)
+        #: The posture that it starts in.
+        self.rest = model.rest
+        self.mount_link = links[model.mount]
+        self.tool_link = links[model.tool]
+        self._bullet = bullet
+        self._indices = [joint.index for joint in self.joints]
+        self._efforts = [joint.effort for joint in self.joints]
+        self._dofs = list(dofs)
+        self._columns = [self._dofs.index(index) for index in self._indices]
+        #: The links that the last joint moves: what the wrist feels is what touches them.
+        self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
+        self._is_torque_driven = False
+        for joint, position in zip(self.joints, self.rest, strict=True):
+            bullet.resetJointState(body, joint.index, position)
+        spec = model.spec.gripper
+        self.gripper: Gripper | None = None
+        if spec is not None:
+            self.gripper = Gripper(bullet, body, spec, [joints[name] for name in model.fingers], self.tool_link)
+        self.drive(self.rest)
+
+    # -- state ------------------------------------------------------------------------------------------------
+
+    def positions(self) -> list[float]:
+        """Of the joints, in rad or m."""
+        return [state[0] for state in self._bullet.getJointStates(self.body, self._indices)]
+
+    def velocities(self) -> list[float]:
+        """Of the joints, in rad/s or m/s."""
+        return [state[1] for state in self._bullet.getJointStates(self.body, self._indices)]
+
+    def efforts(self) -> list[float]:
+        """What the motors gave in the last step, in Nm or N."""
+        return [state[3] for state in self._bullet.getJointStates(self.body, self._indices)]
+
+    def tool_pose(self) -> Pose:
+        """Of the tool's frame, in the map."""
+        return self._link_pose(self.tool_link)
+
+    def mount_pose(self) -> Pose:
+        """Of the first link of the arm, in the map."""
+        return self._link_pose(self.mount_link)
+
+    def tool_velocity(self) -> tuple[Vector, Vector]:
+        """How the tool moves (m/s) and turns (rad/s), in the map."""
+        state = self._bullet.getLinkState(self.body, self.tool_link, computeLinkVelocity=1, computeForwardKinematics=1)
+        return state[6], state[7]
+
+    def wrench(self) -> Wrench:
+        """What touches the hand exerts on it: force (N) and torque about the tool's frame (Nm), in that frame.
+
+        It is what a sensor at the wrist tells when the hand's own weight and inertia are taken off: the sum of all
+        contacts of the last step, in which the two fingers that hold something cancel, but for its weight.
+        """
+        force, torque = [0.0] * 3, [0.0] * 3
+        contacts = [c for c in self._bullet.getContactPoints(bodyA=self.body) if c[3] in self._hand]
+        if contacts:
+            tool = self.tool_pose()
+            for contact in contacts:
+                self._add(contact, tool, force, torque)
+            back = conjugated(tool.orientation)
+            return (*rotated(back, force), *rotated(back, torque))
+        return (0.0,) * 6
+
+    # -- motors -----------------------------------------------------------------------------------------------
+
+    def drive(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
+        """Where the position motors take the joints, and how fast they are to be there; holds until told otherwise.
+
+        The motors give no more than the efforts of the joints.
+
+        :raises WrongValue: these are not as many finite numbers as joints.
+        """
+        count = len(self.joints)
+        wanted = finite(positions, count, f"{self.id}: positions")
+        speeds = [0.0] * count if velocities is None else finite(velocities, count, f"{self.id}: velocities")
+        self._is_torque_driven = False
+        self._bullet.setJointMotorControlArray(
+            self.body,
+            self._indices,
+            self._bullet.POSITION_CONTROL,
+            targetPositions=wanted,
+            targetVelocities=speeds,
+            forces=self._efforts,
+        )
+
+    def drive_torques(self, torques: Sequence[float]) -> None:
+        """The torques (Nm, or N) of the joints in the next step, no more than their efforts; the motors let go.
+
+        :raises WrongValue: these are not as many finite numbers as joints.
+        """
+        wanted = finite(torques, len(self.joints), f"{self.id}: torques")
+        if not self._is_torque_driven:
+            self._is_torque_driven = True
+            self._bullet.setJointMotorControlArray(
+                self.body, self._indices, self._bullet.VELOCITY_CONTROL, forces=[0.0] * len(self.joints)
+            )
+        self._bullet.setJointMotorControlArray(
+            self.body,
+            self._indices,
+            self._bullet.TORQUE_CONTROL,
+            forces=[min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)],
+        )
+
+    def gravity(self) -> list[float]:
+        """The torques that hold the arm against its weight where it is, in Nm or N."""
+        states = self._bullet.getJointStates(self.body, self._dofs)
+        none = [0.0] * len(self._dofs)
+        found = self._bullet.calculateInverseDynamics(self.body, [state[0] for state in states], none, none)
+        return [found[column] for column in self._columns]
+
+    def _link_pose(self, index: int) -> Pose:
+        state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)
+        return Pose(state[4], state[5])
+
+    @staticmethod
+    def _add(contact: Sequence[Vector], tool: Pose, force: list[float], torque: list[float]) -> None:
+        """Adds what a contact of PyBullet exerts on its first body."""
+        on_hand, normal, pushed = contact[5], contact[7], contact[9]
+        one, along_one, other, along_other = contact[10], contact[11], contact[12], contact[13]
+        f = [
+            pushed * normal[i] + one * along_one[i] + other * along_other[i]  # type: ignore[operator]
+            for i in range(3)
+        ]
+        x, y, z = (on_hand[i] - tool.position[i] for i in range(3))
+        for i, (df, dt) in enumerate(
+            zip(f, (y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0]), strict=True)
+        ):
+            force[i] += df
+            torque[i] += dt
+
+
+def _links_after(bullet: Bullet, body: int, link: int) -> list[int]:
+    """A link and all that hang on it."""
+    found = {link}
+    for index in range(bullet.getNumJoints(body)):  # a link comes after the one that it hangs on
+        if bullet.getJointInfo(body, index)[16] in found:
+            found.add(index)
+    return sorted(found)

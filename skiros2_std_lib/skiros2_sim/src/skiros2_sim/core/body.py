@@ -1,0 +1,112 @@
+"""A thing of the simulated world that is no robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.model_files import MESHES, check_mesh, find_model
+from skiros2_sim.core.robot import load_urdf, place_root, root_pose
+from skiros2_sim.core.scene_spec import BodySpec, Colour
+from skiros2_sim.core.urdf import read_urdf
+from skiros2_std_reasoners.core.geometry import Pose, Vector
+
+_DENSITY = 600.0  # kg/m3, of wood
+_LIGHTEST, _HEAVIEST = 0.05, 50.0  # kg, of what has no weight of its own
+#: Of things, which PyBullet multiplies with that of what they touch.
+_FRICTION = 0.9
+_FIXED_COLOURS: tuple[Colour, ...] = ((0.76, 0.69, 0.57, 1.0), (0.62, 0.66, 0.7, 1.0), (0.55, 0.6, 0.5, 1.0))
+_MOVABLE_COLOURS: tuple[Colour, ...] = (
+    (0.85, 0.15, 0.12, 1.0),
+    (0.1, 0.45, 0.85, 1.0),
+    (0.15, 0.65, 0.25, 1.0),
+    (0.95, 0.7, 0.1, 1.0),
+    (0.55, 0.25, 0.7, 1.0),
+    (0.1, 0.65, 0.65, 1.0),
+)
+
+
+class Body:
+    """A thing, fixed in the map or one that falls and can be carried.
+
+    :param number: which of its kind it is, for its colour.
+    :raises ConfigurationError: its model does not load, or it has neither a model nor a size.
+    """
+
+    def __init__(self, bullet: Bullet, spec: BodySpec, folders: Sequence[str] = (), number: int = 0) -> None:
+        self.id = spec.id
+        self.spec = spec
+        self.movable = spec.movable
+        self._bullet = bullet
+        colours = _MOVABLE_COLOURS if spec.movable else _FIXED_COLOURS
+        self.colour: Colour = spec.colour or colours[number % len(colours)]
+        self.body = self._load_model(folders) if spec.model else self._make_box()
+        bullet.changeDynamics(
+            self.body,
+            -1,
+            lateralFriction=_FRICTION,
+            spinningFriction=0.005,
+            rollingFriction=0.0005,
+            restitution=0.0,
+        )
+
+    def pose(self) -> Pose:
+        """In the map: of the middle of a box, of the root frame of a model."""
+        return root_pose(self._bullet, self.body)
+
+    def velocity(self) -> tuple[Vector, Vector]:
+        """How it moves (m/s) and turns (rad/s), in the map."""
+        found: tuple[Vector, Vector] = self._bullet.getBaseVelocity(self.body)
+        return found
+
+    def place(self, pose: Pose) -> None:
+        """Puts it elsewhere, at rest."""
+        place_root(self._bullet, self.body, pose)
+
+    @property
+    def mass(self) -> float:
+        """In kg; 0 for what is fixed."""
+        spec = self.spec
+        if not spec.movable:
+            return 0.0
+        if spec.mass is not None:
+            return spec.mass
+        volume = math.prod(spec.size) if spec.size is not None else 0.0
+        return min(max(volume * _DENSITY, _LIGHTEST), _HEAVIEST)
+
+    def _make_box(self) -> int:
+        size = self.spec.size
+        if size is None:
+            raise ConfigurationError(f"{self.id}: expected a size or a model")
+        half = [edge / 2 for edge in size]
+        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
+        seen = self._bullet.createVisualShape(self._bullet.GEOM_BOX, halfExtents=half, rgbaColor=self.colour)
+        return self._make(shape, seen)
+
+    def _load_model(self, folders: Sequence[str]) -> int:
+        file = find_model(self.spec.model, folders)
+        if file.suffix.lower() == ".urdf":
+            return load_urdf(self._bullet, read_urdf(file).text(), self.spec.pose, not self.movable)
+        if file.suffix.lower() not in MESHES:
+            raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
+        check_mesh(file)
+        # A thing that moves collides as its convex hull, a fixed one as it is.
+        flags = 0 if self.movable else self._bullet.GEOM_FORCE_CONCAVE_TRIMESH
+        try:
+            shape = self._bullet.createCollisionShape(self._bullet.GEOM_MESH, fileName=str(file), flags=flags)
+            seen = self._bullet.createVisualShape(self._bullet.GEOM_MESH, fileName=str(file), rgbaColor=self.colour)
+        except self._bullet.error as error:
+            raise ConfigurationError(f"{file}: PyBullet does not load it: {error}") from None
+        return self._make(shape, seen)
+
+    def _make(self, shape: int, seen: int) -> int:
+        body: int = self._bullet.createMultiBody(
+            baseMass=self.mass,
+            baseCollisionShapeIndex=shape,
+            baseVisualShapeIndex=seen,
+            basePosition=self.spec.pose.position,
+            baseOrientation=self.spec.pose.orientation,
+        )
+        return body

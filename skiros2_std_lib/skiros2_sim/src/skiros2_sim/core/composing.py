@@ -1,0 +1,207 @@
+"""A robot of one piece: its base, arms and grippers merged into one URDF.
+
+A mobile robot hangs on three motors in the map (x, y and the turn about z), which hold it upright and drive it; its
+wheels do not turn. So it collides with what stands in its way, and one model has the dynamics of all of it.
+
+    anchor -x- . -y- . -turn- base_link -+- BASE/...            (the base's model)
+                                         +- ARM/... -- ARM/tool (an arm's model; fingers in it or in a gripper's own)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core import urdf as models
+from skiros2_sim.core.model_files import find_model
+from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, Problem, RobotSpec
+from skiros2_sim.core.urdf import Urdf, read_urdf
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+
+BASE_LINK = "base_link"
+#: The motors of a mobile robot.
+DRIVES = ("drive_x", "drive_y", "drive_turn")
+
+#: By the name of the model: where its joints rest at the start. Others rest at 0, or what is nearest to it.
+_REST = {
+    "panda": (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
+    "lbr_iiwa": (0.0, 0.5, 0.0, -1.5, 0.0, 1.1, 0.0),
+}
+#: By the name of the model: the tool's frame in the frame of its last link, for models that have no link for it.
+_TOOL = {"lbr_iiwa": Pose((0.0, 0.0, 0.045), IDENTITY.orientation)}
+_TOOL_LINKS = ("grasptarget", "tool", "tcp")
+
+#: PyBullet's way to write that a sliding joint has no limits.
+_UNLIMITED = (0.0, -1.0)
+
+_MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """An arm as it is in the robot's model.
+
+    :param mount: name of its first link.
+    :param joints: names of those that move the tool, from the mount on.
+    :param fingers: names of the joints of the fingers; both move the same way out.
+    :param rest: positions of `joints` at the start.
+    """
+
+    spec: ArmSpec
+    mount: str
+    tool: str
+    joints: tuple[str, ...]
+    fingers: tuple[str, ...]
+    rest: tuple[float, ...]
+
+
+@dataclass
+class RobotModel:
+    """The whole robot.
+
+    :param base_links: links that are of its base, which stands on the ground.
+    """
+
+    urdf: str
+    mobile: bool
+    arms: list[ArmModel] = field(default_factory=list)
+    base_links: list[str] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+
+def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
+    """Merges the models of a robot. One that does not load is left out, and told in `problems`.
+
+    :param folders: where models are looked for.
+    """
+    made = RobotModel("", False)
+    base = _base_model(spec, folders, made.problems)
+    made.mobile = base is not None
+    parts = _drives() if made.mobile else []
+    parts.append(models.link(BASE_LINK, size=None if base is not None else _box_of(spec)))
+    made.base_links.append(BASE_LINK)
+    if base is not None and spec.base is not None:
+        parts += _fixed_wheels(base)
+        parts.append(models.joint(f"{spec.base.name}/mount", "fixed", BASE_LINK, base.root, spec.base.pose))
+        made.base_links += base.links
+    for arm in spec.arms:
+        try:
+            parts += _add_arm(arm, folders, made)
+        except ConfigurationError as error:
+            made.problems.append(Problem(arm.id, f"the arm is left out: {error}", arm.model))
+    made.urdf = models.as_text(spec.name, parts)
+    return made
+
+
+def _base_model(spec: RobotSpec, folders: Sequence[str], problems: list[Problem]) -> Urdf | None:
+    base = spec.base
+    if base is None or not base.model:
+        return None
+    try:
+        return read_urdf(find_model(base.model, folders), f"{base.name}/")
+    except ConfigurationError as error:
+        problems.append(Problem(base.id, f"the robot is fixed in the map: {error}", base.model))
+        return None
+
+
+def _box_of(spec: RobotSpec) -> Vector | None:
+    return spec.base.size if spec.base is not None and spec.base.size is not None else spec.size
+
+
+def _drives() -> list[Element]:
+    """The anchor in the map and the three motors."""
+    x, y, turn = DRIVES
+    return [
+        models.link("anchor"),
+        models.link(x, 1.0),
+        models.link(y, 1.0),
+        models.joint(x, "prismatic", "anchor", x, axis="1 0 0", limits=_UNLIMITED),
+        models.joint(y, "prismatic", x, y, axis="0 1 0", limits=_UNLIMITED),
+        models.joint(turn, "continuous", y, BASE_LINK, axis="0 0 1"),
+    ]
+
+
+def _fixed_wheels(base: Urdf) -> list[Element]:
+    for joint in base.joints:
+        joint.set("type", "fixed")
+    return base.parts
+
+
+def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[Element]:
+    """The parts of an arm, which is added to the robot's.
+
+    :raises ConfigurationError: its model, or that of its gripper, cannot be loaded or is no arm.
+    """
+    arm = read_urdf(find_model(spec.model, folders), f"{spec.name}/")
+    last = _last_link(arm)
+    joints = _path(arm, last)
+    if not joints:
+        raise ConfigurationError(f"{spec.model} has no joint that moves its last link")
+    parts = [*arm.parts, models.joint(f"{spec.name}/mount", "fixed", BASE_LINK, arm.root, spec.pose)]
+    fingers = [joint for joint in arm.joints if joint.get("type") in _MOVING and joint not in joints]
+    offset = _TOOL.get(arm.name, IDENTITY)
+    holder = arm
+    if spec.gripper is not None and spec.gripper.model:
+        holder, fingers = _add_gripper(spec, spec.gripper, folders, last, parts), []
+        fingers = [joint for joint in holder.joints if joint.get("type") in _MOVING]
+        last, offset = _last_link(holder), IDENTITY
+    tool = f"{spec.name}/tool"
+    if tool not in holder.links:
+        parts += [models.link(tool), models.joint(f"{tool}_mount", "fixed", last, tool, offset)]
+    limits = [_limits(joint) for joint in joints]
+    rest = _REST.get(arm.name, (0.0,) * len(joints))
+    robot.arms.append(
+        ArmModel(
+            spec,
+            arm.root,
+            tool,
+            tuple(joint.get("name", "") for joint in joints),
+            tuple(joint.get("name", "") for joint in fingers),
+            tuple(min(max(at, low), high) for at, (low, high) in zip(rest, limits, strict=True)),
+        )
+    )
+    return parts
+
+
+def _add_gripper(
+    spec: ArmSpec, gripper: GripperSpec, folders: Sequence[str], flange: str, parts: list[Element]
+) -> Urdf:
+    """Adds the parts of a gripper that has a model of its own; returns the model."""
+    model = read_urdf(find_model(gripper.model, folders), f"{spec.name}/{gripper.name}/")
+    mount = f"{spec.name}/{gripper.name}/mount"
+    parts += [*model.parts, models.joint(mount, "fixed", flange, model.root, gripper.pose)]
+    return model
+
+
+def _last_link(model: Urdf) -> str:
+    """The link of the tool: the one that is called so, else the last of those with the most turning joints before."""
+    named = [name for name in model.links if name.rpartition("_")[2].rpartition("/")[2] in _TOOL_LINKS]
+    if named:
+        return named[-1]
+    turning = {name: sum(j.get("type") != "prismatic" for j in _path(model, name)) for name in model.links}
+    sliding = {name for name in model.links if any(j.get("type") == "prismatic" for j in _path(model, name)[-1:])}
+    most = max(turning.values())
+    candidates = [name for name in model.links if turning[name] == most]
+    return ([name for name in candidates if name not in sliding] or candidates)[-1]
+
+
+def _path(model: Urdf, link: str) -> list[Element]:
+    """The moving joints between the root and a link."""
+    parent_joint = {child.get("link", ""): joint for joint in model.joints for child in joint.iter("child")}
+    found: list[Element] = []
+    while link in parent_joint:
+        joint = parent_joint[link]
+        if joint.get("type") in _MOVING:
+            found.insert(0, joint)
+        parent = joint.find("parent")
+        link = parent.get("link", "") if parent is not None else ""
+    return found
+
+
+def _limits(joint: Element) -> tuple[float, float]:
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return float("-inf"), float("inf")
+    return float(limit.get("lower", "0")), float(limit.get("upper", "0"))

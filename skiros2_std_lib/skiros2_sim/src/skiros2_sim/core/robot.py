@@ -1,0 +1,208 @@
+"""A robot in the simulated world: one multibody with the motors of its base, and arms on it."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
+from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.composing import BASE_LINK, DRIVES, RobotModel
+from skiros2_sim.core.joint import Joint, finite
+from skiros2_sim.core.scene_spec import RobotSpec
+from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
+
+#: The base pushes with at most this much force (N), and torque (Nm): a person stops it.
+_DRIVE_FORCE = 600.0
+_DRIVE_TORQUE = 300.0
+
+
+@dataclass
+class _Drive:
+    """The velocity that the base is to have, in its own frame."""
+
+    x: float = 0.0
+    y: float = 0.0
+    turn: float = 0.0
+
+
+class Robot:
+    """A robot.
+
+    :param model: its merged model.
+    :raises ConfigurationError: PyBullet does not load it.
+    """
+
+    def __init__(self, bullet: Bullet, spec: RobotSpec, model: RobotModel) -> None:
+        self.id = spec.id
+        self.name = spec.name
+        self.spec = spec
+        self.mobile = model.mobile
+        self._bullet = bullet
+        self.body = _load(bullet, spec, model.urdf)
+        #: Index by name of link; the first one of the model is -1.
+        self.links: dict[str, int] = {bullet.getBodyInfo(self.body)[0].decode(): -1}
+        #: The joints that move, by name, without those that drive the base.
+        self.joints: dict[str, Joint] = {}
+        self._drives: list[int] = []
+        names: dict[str, Joint] = {}
+        for index in range(bullet.getNumJoints(self.body)):
+            joint = Joint.of(bullet.getJointInfo(self.body, index))
+            self.links[joint.child] = index
+            names[joint.name] = joint
+            if joint.moves and joint.name not in DRIVES:
+                self.joints[joint.name] = joint
+        if self.mobile:
+            self._drives = [names[name].index for name in DRIVES]
+        self._link_names = {index: name for name, index in self.links.items()}
+        self._drive = _Drive()
+        dofs = [joint.index for joint in names.values() if joint.moves]
+        self.arms = {arm.spec.id: Arm(bullet, self.body, arm, names, self.links, dofs) for arm in model.arms}
+        self.base_links = [self.links[name] for name in model.base_links]
+        for index in range(-1, len(names)):
+            # The damping of the engine is not in what inverse dynamics computes.
+            bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
+        if self.mobile:
+            self._start_drives()
+        #: m, of a circle about `base_link` that holds the base.
+        self.radius = self._radius()
+
+    # -- pose -------------------------------------------------------------------------------------------------
+
+    def pose(self) -> Pose:
+        """Of `base_link`, in the map."""
+        return self.link_pose(BASE_LINK)
+
+    def link_name(self, index: int) -> str:
+        """The name of a link."""
+        return self._link_names[index]
+
+    def link_pose(self, name: str) -> Pose:
+        """Of the frame of a link, in the map."""
+        index = self.links[name]
+        if index < 0:
+            return root_pose(self._bullet, self.body)
+        state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)
+        return Pose(state[4], state[5])
+
+    def link_poses(self) -> dict[str, Pose]:
+        """Of the frames of all links from `base_link` on, in the map."""
+        found = {BASE_LINK: self.pose()}
+        indices = [index for index in self.links.values() if index >= 0]
+        states = self._bullet.getLinkStates(self.body, indices, computeForwardKinematics=1) if indices else ()
+        by_index = dict(zip(indices, states, strict=True))
+        for name, index in self.links.items():
+            if index >= 0 and name not in (BASE_LINK, *DRIVES):
+                state = by_index[index]
+                found[name] = Pose(state[4], state[5])
+        return found
+
+    def velocity(self) -> tuple[float, float, float]:
+        """Of the base in its own frame: forward, to the left (m/s), turn to the left (rad/s)."""
+        if not self.mobile:
+            return 0.0, 0.0, 0.0
+        (_, vx, *_), (_, vy, *_), (yaw, turn, *_) = self._bullet.getJointStates(self.body, self._drives)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return c * vx + s * vy, -s * vx + c * vy, turn
+
+    def place(self, pose: Pose) -> None:
+        """Puts the robot elsewhere, at rest; a mobile one stays upright, and its arms stay as they are.
+
+        :raises WrongValue: a mobile robot is to be tilted.
+        """
+        if self.mobile:
+            roll, pitch, yaw = to_euler(pose.orientation)
+            if max(abs(roll), abs(pitch)) > 0.01:
+                raise WrongValue(f"{self.id}: a mobile robot stands upright; expected a turn about z alone, got {pose}")
+            pose = Pose(pose.position, from_euler(0.0, 0.0, yaw))
+            self._drive = _Drive()
+        place_root(self._bullet, self.body, pose)
+        for index in self._drives:
+            self._bullet.resetJointState(self.body, index, 0.0, 0.0)
+
+    # -- driving ----------------------------------------------------------------------------------------------
+
+    def set_base_velocity(self, vx: float, vy: float = 0.0, wz: float = 0.0) -> None:
+        """How the base is to go on: forward, to the left (m/s), turn to the left (rad/s), in its own frame.
+
+        :raises Refused: the robot is fixed in the map.
+        :raises WrongValue: one is no finite number.
+        """
+        if not self.mobile:
+            raise Refused(f"{self.id} has no base that drives")
+        self._drive = _Drive(*finite((vx, vy, wz), 3, f"{self.id}: velocities of the base"))
+
+    def before_step(self) -> None:
+        """Gives the motors of the base their velocities in the map; the world calls it before each step."""
+        if not self.mobile:
+            return
+        drive = self._drive
+        yaw = self._bullet.getJointState(self.body, self._drives[2])[0] if drive.x or drive.y else 0.0
+        c, s = math.cos(yaw), math.sin(yaw)
+        self._bullet.setJointMotorControlArray(
+            self.body,
+            self._drives,
+            self._bullet.VELOCITY_CONTROL,
+            targetVelocities=[c * drive.x - s * drive.y, s * drive.x + c * drive.y, drive.turn],
+            forces=[_DRIVE_FORCE, _DRIVE_FORCE, _DRIVE_TORQUE],
+        )
+
+    def _start_drives(self) -> None:
+        for index in self._drives:
+            self._bullet.changeDynamics(self.body, index, jointDamping=0.0)
+        self.before_step()
+
+    def _radius(self) -> float:
+        x, y, _ = self.pose().position
+        far = 0.0
+        for index in self.base_links:
+            if self._bullet.getCollisionShapeData(self.body, index):
+                low, high = self._bullet.getAABB(self.body, index)
+                far = max(far, *(math.hypot(cx - x, cy - y) for cx in (low[0], high[0]) for cy in (low[1], high[1])))
+        return far
+
+
+def root_pose(bullet: Bullet, body: int) -> Pose:
+    """The pose of the root frame of a body's model; PyBullet gives that of its centre of mass."""
+    position, orientation = bullet.getBasePositionAndOrientation(body)
+    inner = bullet.getDynamicsInfo(body, -1)
+    back = bullet.invertTransform(inner[3], inner[4])
+    return Pose(*bullet.multiplyTransforms(position, orientation, *back))
+
+
+def place_root(bullet: Bullet, body: int, pose: Pose) -> None:
+    """Puts the root frame of a body's model there, at rest."""
+    inner = bullet.getDynamicsInfo(body, -1)
+    bullet.resetBasePositionAndOrientation(body, *bullet.multiplyTransforms(*pose, inner[3], inner[4]))
+    bullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
+    """Loads a URDF; returns the number of the body.
+
+    :raises ConfigurationError: PyBullet does not load it.
+    """
+    with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
+        file = Path(folder, "model.urdf")
+        file.write_text(text, encoding="utf-8")
+        try:
+            body: int = bullet.loadURDF(
+                str(file),
+                basePosition=pose.position,
+                baseOrientation=pose.orientation,
+                useFixedBase=fixed,
+                flags=bullet.URDF_MAINTAIN_LINK_ORDER | bullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES,
+            )
+        except bullet.error as error:
+            raise ConfigurationError(f"PyBullet does not load the model: {error}") from None
+    return body
+
+
+def _load(bullet: Bullet, spec: RobotSpec, text: str) -> int:
+    try:
+        return load_urdf(bullet, text, spec.pose, True)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{spec.id}: {error}") from None

@@ -1,0 +1,225 @@
+"""A URDF as it is loaded: checked, with the meshes found, names prefixed, and inertia given to each link."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as xml
+from dataclasses import dataclass
+from pathlib import Path
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.model_files import mesh_of
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, to_euler
+
+#: Attributes that hold numbers, with how many; None: any.
+_NUMBERS = {
+    "xyz": 3,
+    "rpy": 3,
+    "size": 3,
+    "radius": 1,
+    "length": 1,
+    "scale": None,
+    "rgba": 4,
+    "lower": 1,
+    "upper": 1,
+    "effort": 1,
+    "velocity": 1,
+}
+_JOINTS = ("revolute", "continuous", "prismatic", "fixed")
+_POSITIVE = ("size", "radius", "length")
+
+
+@dataclass
+class Urdf:
+    """The links, joints and materials of a model.
+
+    :param name: of the robot in the file.
+    :param root: the link on which all others hang.
+    :param children: by link, the joints that hang on it.
+    """
+
+    name: str
+    root: str
+    parts: list[xml.Element]
+    children: dict[str, list[xml.Element]]
+
+    @property
+    def links(self) -> list[str]:
+        return [part.get("name", "") for part in self.parts if part.tag == "link"]
+
+    @property
+    def joints(self) -> list[xml.Element]:
+        return [part for part in self.parts if part.tag == "joint"]
+
+    def text(self) -> str:
+        """The model as a URDF of its own."""
+        return as_text(self.name, self.parts)
+
+
+def read_urdf(path: Path, prefix: str = "") -> Urdf:
+    """Reads a model.
+
+    :param prefix: is put before the names of links, joints and materials.
+    :raises ConfigurationError: it is no URDF that can be loaded; the text names file and reason.
+    """
+    try:
+        top = xml.parse(path).getroot()
+    except (xml.ParseError, OSError, ValueError, LookupError) as error:
+        raise ConfigurationError(f"{path}: is no URDF: {error}") from None
+    if top.tag != "robot":
+        raise ConfigurationError(f"{path}: is no URDF: expected <robot>, got <{top.tag}>")
+    parts = [part for part in top if part.tag in ("link", "joint", "material")]
+    for part in parts:
+        _check_part(part, path)
+        _rename(part, prefix)
+    urdf = Urdf(top.get("name", path.stem), "", parts, {})
+    urdf.root = _root(urdf, path)
+    for part in parts:
+        if part.tag == "link":
+            _complete(part)
+    return urdf
+
+
+def as_text(name: str, parts: list[xml.Element]) -> str:
+    """A URDF of these links, joints and materials."""
+    top = xml.Element("robot", name=name)
+    top.extend(parts)
+    return xml.tostring(top, encoding="unicode")
+
+
+def link(name: str, mass: float = 0.0, size: Vector | None = None) -> xml.Element:
+    """A link without a shape, or a box."""
+    made = xml.Element("link", name=name)
+    if size is not None:
+        for tag in ("visual", "collision"):
+            geometry = xml.SubElement(xml.SubElement(made, tag), "geometry")
+            xml.SubElement(geometry, "box", size=_text(*size))
+    _add_inertia(made, mass)
+    return made
+
+
+def joint(
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    pose: Pose = IDENTITY,
+    axis: str = "1 0 0",
+    limits: tuple[float, float] | None = None,
+) -> xml.Element:
+    """A joint between two links."""
+    made = xml.Element("joint", name=name, type=kind)
+    xml.SubElement(made, "parent", link=parent)
+    xml.SubElement(made, "child", link=child)
+    xml.SubElement(made, "origin", xyz=_text(*pose.position), rpy=_text(*to_euler(pose.orientation)))
+    xml.SubElement(made, "axis", xyz=axis)
+    if limits is not None:
+        lower, upper = map(repr, limits)
+        xml.SubElement(made, "limit", lower=lower, upper=upper, effort="1000", velocity="10")
+    return made
+
+
+def origin_of(part: xml.Element) -> Pose:
+    """The pose that a part's `<origin>` gives."""
+    origin = part.find("origin")
+    if origin is None:
+        return IDENTITY
+    x, y, z = _floats(origin.get("xyz", "0 0 0"))
+    return Pose((x, y, z), from_euler(*_floats(origin.get("rpy", "0 0 0"))))
+
+
+def _check_part(part: xml.Element, path: Path) -> None:
+    """Numbers are numbers, shapes have a size, and meshes are found; their full path is written."""
+    where = f"{path}: {part.tag} {part.get('name')}"
+    if not part.get("name"):
+        raise ConfigurationError(f"{path}: a {part.tag} has no name")
+    for node in part.iter():
+        for key, count in _NUMBERS.items():
+            if key not in node.attrib:
+                continue
+            text = node.attrib[key] = _plain(node.attrib[key])
+            values = _floats(text)
+            if not values or not all(map(math.isfinite, values)) or (count and len(values) != count):
+                raise ConfigurationError(f"{where}: expected {count or 'some'} finite numbers as {key}, got {text!r}")
+            if key in _POSITIVE and min(values) <= 0:
+                raise ConfigurationError(f"{where}: expected a {key} above 0, got {text!r}")
+        if node.tag == "mass":
+            values = _floats(node.get("value", ""))
+            if len(values) != 1 or not 0 <= values[0] < math.inf:
+                raise ConfigurationError(f"{where}: expected a mass of 0 or more, got {node.get('value')!r}")
+        if node.tag == "mesh":
+            node.set("filename", str(mesh_of(path, node.get("filename", ""))))
+    if part.tag == "joint" and part.get("type") not in _JOINTS:
+        raise ConfigurationError(f"{where}: expected one of {', '.join(_JOINTS)}, got {part.get('type')!r}")
+
+
+def _rename(part: xml.Element, prefix: str) -> None:
+    part.set("name", prefix + part.get("name", ""))
+    for node in part.iter():
+        if node.tag in ("parent", "child") and "link" in node.attrib:
+            node.set("link", prefix + node.attrib["link"])
+        elif node.tag == "mimic":
+            node.set("joint", prefix + node.get("joint", ""))
+        elif node.tag == "material" and node is not part:
+            node.set("name", prefix + node.get("name", ""))
+
+
+def _root(urdf: Urdf, path: Path) -> str:
+    """Fills `urdf.children`; the links have to be a tree."""
+    links = urdf.links
+    if not links or len(set(links)) < len(links):
+        raise ConfigurationError(f"{path}: expected links of different names, got {links}")
+    parents: dict[str, str] = {}
+    for part in urdf.joints:
+        parent, child = (node.get("link", "") if node is not None else "" for node in map(part.find, _ENDS))
+        if parent not in links or child not in links or child in parents:
+            name = part.get("name")
+            raise ConfigurationError(f"{path}: joint {name}: expected a tree of links, got {parent}-{child}")
+        parents[child] = parent
+        urdf.children.setdefault(parent, []).append(part)
+    roots = [name for name in links if name not in parents]
+    reached = list(roots[:1])
+    for name in reached:
+        reached += [child.get("link", "") for j in urdf.children.get(name, ()) for child in j.iter("child")]
+    if len(roots) != 1 or len(reached) != len(links):
+        raise ConfigurationError(f"{path}: expected a tree of links, got the roots {roots}")
+    return roots[0]
+
+
+_ENDS = ("parent", "child")
+
+
+def _complete(part: xml.Element) -> None:
+    """Without inertia PyBullet would make it 1 kg, and print so."""
+    inertial = part.find("inertial")
+    if inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None:
+        mass = 0.0
+        if inertial is not None:
+            found = inertial.find("mass")
+            mass = _floats(found.get("value", "0"))[0] if found is not None else 0.0
+            part.remove(inertial)
+        _add_inertia(part, mass)
+
+
+def _add_inertia(part: xml.Element, mass: float) -> None:
+    inertial = xml.SubElement(part, "inertial")
+    xml.SubElement(inertial, "mass", value=repr(mass))
+    each = repr(max(mass, 0.1) * 0.01)
+    xml.SubElement(inertial, "inertia", ixx=each, iyy=each, izz=each, ixy="0", ixz="0", iyz="0")
+
+
+def _plain(text: str) -> str:
+    """The default of xacro's `$(optenv NAME default)`, which PyBullet's Husky has."""
+    return re.sub(r"\$\(optenv\s+\w+\s+([^)]*)\)", r"\1", text)
+
+
+def _floats(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []
+
+
+def _text(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -15,7 +15,7 @@ build:  ## build and install anew, also when nothing has changed
 	@.ci/setup
 
 demo: setup  ## plan and run the pick-and-place on real nodes, and prove its end state from the bag
-	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo
+	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo --timed
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)

@@ -16,16 +16,19 @@ ROOT = Path(__file__).parents[2]
 
 PRODUCT, TRAY_A, TRAY_B = "skiros:Product-14", "demo:Tray-10", "demo:Tray-12"
 GOAL = f"(skiros:contain {TRAY_B} {PRODUCT})"
-PLAN = json.dumps({
-    "manager": "", "type": "Processor", "name": "Sequential", "ph": [],
-    "children": [
-        {"manager": "/robot", "type": "skiros:Pick", "name": "pick", "children": [],
-         "ph": [{"key": "Robot", "values": [{"id": "cora:Robot-1"}]}, {"key": "Object", "values": [{"id": PRODUCT}]}]},
-        {"manager": "/robot", "type": "skiros:Place", "name": "place", "children": [],
-         "ph": [{"key": "Container", "values": [{"id": TRAY_B}]}]},
-    ],
-})  # fmt: skip
+PLAN = json.dumps([
+    {"number": 1, "skill": "skiros:Pick", "label": "pick", "robot": "/robot",
+     "arguments": {"Robot": "cora:Robot-1", "Object": PRODUCT}},
+    {"number": 2, "skill": "skiros:Place", "label": "place", "robot": "/robot", "arguments": {"Container": TRAY_B}},
+])  # fmt: skip
 
+
+def done(*states: str) -> str:
+    """The steps of `PLAN` as a result tells them."""
+    return json.dumps([{**step, "state": state} for step, state in zip(json.loads(PLAN), states, strict=True)])
+
+
+LABELS = ("pick", "place")
 SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
 
 
@@ -80,18 +83,17 @@ def moved() -> list[Any]:
     return [element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.5])]
 
 
-def tree(*states: int, root: int = SUCCESS, ended: bool = True, labels: tuple[str, ...] = ("pick", "place")) -> Any:
-    """The nodes of a `TreeProgress` message: a root and a skill for each label."""
-    code = {SUCCESS: 1, FAILURE: -1}.get(root, 0) if ended else 0
-    nodes = [_node(7, -1, ":Root", "root", root, code, "Success" if root == SUCCESS else "Failure")]
-    for number, (state, label) in enumerate(zip(states, labels, strict=True), 1):
-        nodes.append(_node(number, 7, f"skiros:{label.title()}", label, state, 1, f"{label} says so"))
-    return nodes
+def tree(label: str, state: int = SUCCESS, *, ended: bool = True, task: int | None = None) -> Any:
+    """The nodes of a `TreeProgress` message of a step of the plan, each a task of its own: a root and its skill."""
+    task = 7 + LABELS.index(label) if task is None else task
+    code = {SUCCESS: 1, FAILURE: -1}.get(state, 0) if ended else 0
+    root = _node(task, task, -1, ":Root", "root", state, code, "Success" if state == SUCCESS else "Failure")
+    return [root, _node(task, 1, task, f"skiros:{label.title()}", label, state, 1, f"{label} says so")]
 
 
-def _node(nid: int, parent: int, ntype: str, label: str, state: int, code: int, message: str) -> Any:
+def _node(task: int, nid: int, parent: int, ntype: str, label: str, state: int, code: int, message: str) -> Any:
     return SimpleNamespace(
-        robot="/robot", task_id=7, id=nid, parent_label="", parent_id=parent, type=ntype, label=label, params=[],
+        robot="/robot", task_id=task, id=nid, parent_label="", parent_id=parent, type=ntype, label=label, params=[],
         processor="->*" if parent < 0 else "", state=state, progress_code=code, progress_period=0.0,
         progress_time=0.0, progress_message=message, SUCCESS=SUCCESS,
     )  # fmt: skip
@@ -103,10 +105,13 @@ def good_run() -> list[tuple[str, Any]]:
     return [
         ("change", monitor("reset", *scene())),
         ("goal", ("goal-1", GOAL)),
-        ("result", ("goal-1", 3, PLAN)),
-        ("progress", tree(RUNNING, IDLE, root=RUNNING, ended=False)),
+        ("feedback", ("goal-1", PLAN)),
+        ("progress", tree("pick", RUNNING, ended=False)),
+        ("progress", tree("pick")),
+        ("progress", tree("place", RUNNING, ended=False)),
         ("change", monitor("update", *moved())),
-        ("progress", tree(SUCCESS, SUCCESS)),
+        ("progress", tree("place")),
+        ("result", ("goal-1", "succeeded", done("succeeded", "succeeded"))),
     ]
 
 
@@ -115,8 +120,9 @@ def good_run() -> list[tuple[str, Any]]:
 _TOPICS = {
     "change": ("/wm/monitor", "WmMonitor"),
     "progress": ("/robot/monitor", "TreeProgress"),
-    "goal": ("/tm/task_plan/goal", "AssignTaskActionGoal"),
-    "result": ("/tm/task_plan/result", "AssignTaskActionResult"),
+    "goal": ("/tm/achieve/goal", "AchieveActionGoal"),
+    "feedback": ("/tm/achieve/feedback", "AchieveActionFeedback"),
+    "result": ("/tm/achieve/result", "AchieveActionResult"),
 }
 
 
@@ -141,14 +147,14 @@ def _typestore() -> Any:
     types = {}
     for file in sorted((ROOT / "skiros2_msgs" / "msg").glob("*.msg")):
         types.update(get_types_from_msg(file.read_text(), f"skiros2_msgs/msg/{file.stem}"))
-    goal, result, feedback = (ROOT / "skiros2_msgs/action/AssignTask.action").read_text().split("---")
+    goal, result, feedback = (ROOT / "skiros2_msgs/action/Achieve.action").read_text().split("---")
     for name, text in (("Goal", goal), ("Result", result), ("Feedback", feedback)):
-        types.update(get_types_from_msg(text, f"skiros2_msgs/msg/AssignTask{name}"))
+        types.update(get_types_from_msg(text, f"skiros2_msgs/msg/Achieve{name}"))
         header = "Header header\n" + (
             "actionlib_msgs/GoalID goal_id" if name == "Goal" else "actionlib_msgs/GoalStatus status"
         )
-        text = f"{header}\nAssignTask{name} {name.lower()}\n"
-        types.update(get_types_from_msg(text, f"skiros2_msgs/msg/AssignTaskAction{name}"))
+        text = f"{header}\nAchieve{name} {name.lower()}\n"
+        types.update(get_types_from_msg(text, f"skiros2_msgs/msg/AchieveAction{name}"))
     store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
     return store
 
@@ -177,8 +183,13 @@ def _message(store: Any, kind: str, content: Any) -> Any:
         return types["skiros2_msgs/msg/TreeProgress"](progress=nodes)
     goal_id = types["actionlib_msgs/msg/GoalID"](stamp=stamp, id=content[0])
     if kind == "goal":
-        goal = types["skiros2_msgs/msg/AssignTaskGoal"](author="test", goals=content[1])
-        return types["skiros2_msgs/msg/AssignTaskActionGoal"](header=header, goal_id=goal_id, goal=goal)
-    status = types["actionlib_msgs/msg/GoalStatus"](goal_id=goal_id, status=3, text="")
-    result = types["skiros2_msgs/msg/AssignTaskResult"](progress_code=content[1], progress_message=content[2])
-    return types["skiros2_msgs/msg/AssignTaskActionResult"](header=header, status=status, result=result)
+        how = {"wish": "", "seconds": 0.0, "priority": 0, "max_replans": 5}
+        goal = types["skiros2_msgs/msg/AchieveGoal"](author="test", goals=content[1], **how)
+        return types["skiros2_msgs/msg/AchieveActionGoal"](header=header, goal_id=goal_id, goal=goal)
+    status = types["actionlib_msgs/msg/GoalStatus"](goal_id=goal_id, status=1 if kind == "feedback" else 3, text="")
+    if kind == "feedback":
+        texts = {"phase": "running", "message": "", "steps": "", "robots": ""}
+        feedback = types["skiros2_msgs/msg/AchieveFeedback"](plan=content[1], **texts)
+        return types["skiros2_msgs/msg/AchieveActionFeedback"](header=header, status=status, feedback=feedback)
+    result = types["skiros2_msgs/msg/AchieveResult"](content[1], message="says so", done=content[2], explanations="[]")
+    return types["skiros2_msgs/msg/AchieveActionResult"](header=header, status=status, result=result)

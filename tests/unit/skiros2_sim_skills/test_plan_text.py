@@ -3,20 +3,24 @@
 import pytest
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_demo.plan_text import plan_lines
+from skiros2_demo.plan_text import plan_lines, steps_of
 from support.recorded_run import PLAN, PRODUCT, TRAY_B
 
 NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
 
 
 def test_a_plan_is_a_numbered_line_for_each_step_without_the_robot() -> None:
-    assert plan_lines(PLAN, lambda i: NAMES.get(i, i)) == [
+    assert plan_lines(steps_of(PLAN), lambda i: NAMES.get(i, i)) == [
         "1. pick     Object: Product A",
         "2. place    Container: Tray B",
     ]
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"children": [{}]}'])
+def test_no_text_has_no_steps() -> None:
+    assert steps_of("") == []
+
+
+@pytest.mark.parametrize("text", ["{", "{}x", "5", "[{}]", '[{"number": "1"}]', "[5]"])
 def test_a_text_that_is_no_plan_is_refused(text: str) -> None:
     with pytest.raises(WrongValue, match="the plan cannot be read"):
-        plan_lines(text, str)
+        steps_of(text)

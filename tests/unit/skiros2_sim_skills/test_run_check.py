@@ -1,5 +1,6 @@
 """A run counts as proven only when the bag shows the plan, the success of every skill, and the goal at the end."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,17 +9,18 @@ from typing import Any
 
 import pytest
 
-from skiros2_demo.run_check import BagError, Finding, check, read_run
+from skiros2_demo.finding import Finding
+from skiros2_demo.run_check import BagError, check, read_run
 from support.recorded_run import (
     FAILURE,
     GOAL,
-    IDLE,
     PLAN,
     PRODUCT,
     RUNNING,
     SUCCESS,
     TRAY_A,
     Monitor,
+    done,
     good_run,
     moved,
     scene,
@@ -35,8 +37,15 @@ def failed(folder: Path, messages: list[tuple[str, Any]]) -> str:
     return "\n".join(finding.text for finding in findings(folder, messages) if not finding.holds)
 
 
+def without(kind: str) -> list[tuple[str, Any]]:
+    return [message for message in good_run() if message[0] != kind]
+
+
 def with_tree(nodes: list[Any]) -> list[tuple[str, Any]]:
-    return [*good_run()[:-1], ("progress", nodes)]
+    """The run, with other nodes of the last task at its end."""
+    messages = good_run()
+    messages[-2] = ("progress", nodes)
+    return messages
 
 
 def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
@@ -44,8 +53,7 @@ def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
         "a plan was made: pick, place",
-        "the plan was followed",
-        "/robot, task 7: all 2 skills succeeded",
+        "/robot did: pick, place",
         "at the end: Product A is in Tray B",
     ]
 
@@ -55,36 +63,48 @@ def test_a_product_that_is_elsewhere_at_the_end_is_no_proof(tmp_path: Path) -> N
     assert failed(tmp_path, messages) == "at the end: Product A is in Tray B"
 
 
-@pytest.mark.parametrize(("state", "word"), [(FAILURE, "Failure"), (RUNNING, "Running"), (IDLE, "Idle")])
-def test_a_skill_that_did_not_succeed_is_named(tmp_path: Path, state: int, word: str) -> None:
-    assert failed(tmp_path, with_tree(tree(SUCCESS, state))) == f"/robot, task 7: place ended as {word}: place says so"
+def test_a_skill_that_did_not_succeed_is_named(tmp_path: Path) -> None:
+    told = failed(tmp_path, with_tree(tree("place", FAILURE)))
+    assert told == "/robot did: pick, place (failed); said is: pick, place"
 
 
-def test_a_task_that_failed_is_no_proof(tmp_path: Path) -> None:
-    assert "/robot, task 7: failed" in failed(tmp_path, with_tree(tree(SUCCESS, SUCCESS, root=FAILURE)))
+@pytest.mark.parametrize("state", [SUCCESS, RUNNING])
+def test_a_task_whose_end_is_not_in_the_bag_is_no_proof(tmp_path: Path, state: int) -> None:
+    assert "place (did not end)" in failed(tmp_path, with_tree(tree("place", state, ended=False)))
 
 
-def test_a_task_whose_end_is_not_in_the_bag_is_no_proof(tmp_path: Path) -> None:
-    assert "did not end" in failed(tmp_path, with_tree(tree(SUCCESS, SUCCESS, ended=False)))
+def test_a_step_that_failed_before_the_goal_was_reached_on_another_way_is_told(tmp_path: Path) -> None:
+    again = [{**step, "number": step["number"] + 1} for step in json.loads(PLAN)]
+    steps = [*json.loads(done("failed", "succeeded")), *({**step, "state": "succeeded"} for step in again)]
+    steps = [step for step in steps if (step["number"], step["label"]) != (2, "place")]
+    first, goal, plan, *rest = good_run()
+    messages = [first, goal, plan, ("progress", tree("pick", FAILURE, task=3))]
+    messages += [("feedback", ("goal-1", json.dumps(again[1:]))), *rest[:-1]]
+    messages.append(("result", ("goal-1", "succeeded", json.dumps(steps))))
+    assert [finding.text for finding in findings(tmp_path, messages) if finding.holds] == [
+        "a plan was made: pick, place",
+        "a plan was made anew: place",
+        "/robot did: pick (failed), pick, place",
+        "at the end: Product A is in Tray B",
+    ]
 
 
-def test_skills_that_the_plan_does_not_have_are_no_proof(tmp_path: Path) -> None:
-    nodes = tree(SUCCESS, SUCCESS, labels=("place", "pick"))
-    assert failed(tmp_path, with_tree(nodes)) == "run was: place, pick"
+def test_skills_that_nobody_told_of_are_no_proof(tmp_path: Path) -> None:
+    messages = good_run()
+    messages[-1] = ("result", ("goal-1", "succeeded", json.dumps(json.loads(done("succeeded", "succeeded"))[:1])))
+    assert failed(tmp_path, messages) == "/robot did: pick, place; said is: pick"
 
 
-@pytest.mark.parametrize("without", [(), ("progress",)])
-def test_a_plan_that_was_not_run_is_no_proof(tmp_path: Path, without: tuple[str, ...]) -> None:
-    messages = [message for message in good_run() if message[0] != "progress"]
-    found = check(read_run(write_bag(tmp_path / "run.bag", messages, without)))
-    assert Finding(False, "the plan was not run") in found
+@pytest.mark.parametrize("absent", [(), ("progress",)])
+def test_a_plan_that_was_not_run_is_no_proof(tmp_path: Path, absent: tuple[str, ...]) -> None:
+    found = check(read_run(write_bag(tmp_path / "run.bag", without("progress"), absent)))
+    assert Finding(False, "/robot did: nothing; said is: pick, place") in found
 
 
 def test_what_was_run_before_the_goal_does_not_count(tmp_path: Path) -> None:
-    first, *rest = good_run()
-    messages = [first, ("progress", tree(SUCCESS, FAILURE)), *rest]
-    messages = [message for message in messages if message[1] is not rest[-1][1] and message[1] is not rest[2][1]]
-    assert "the plan was not run" in failed(tmp_path, messages)
+    first, *rest = without("progress")
+    told = failed(tmp_path, [first, ("progress", tree("pick")), ("progress", tree("place")), *rest])
+    assert told == "/robot did: nothing; said is: pick, place"
 
 
 def test_only_the_answer_to_the_last_goal_counts(tmp_path: Path) -> None:
@@ -93,14 +113,14 @@ def test_only_the_answer_to_the_last_goal_counts(tmp_path: Path) -> None:
     assert "did not answer" in failed(tmp_path, messages)
 
 
-def test_no_plan_is_told_with_the_reason(tmp_path: Path) -> None:
-    messages = [*good_run()[:2], ("result", ("goal-1", 1, "no way to the tray"))]
-    assert "the task manager found no plan: no way to the tray" in failed(tmp_path, messages)
+def test_a_goal_that_was_not_reached_is_told_with_the_reason(tmp_path: Path) -> None:
+    messages = [*good_run()[:2], ("result", ("goal-1", "impossible", "[]"))]
+    assert "the goal ended as impossible: says so" in failed(tmp_path, messages)
 
 
 def test_a_goal_that_was_reached_already_needs_no_task(tmp_path: Path) -> None:
     reached = f"(skiros:contain {TRAY_A} {PRODUCT})"
-    messages = [good_run()[0], ("goal", ("goal-1", reached)), ("result", ("goal-1", 2, "nothing to do"))]
+    messages = [good_run()[0], ("goal", ("goal-1", reached)), ("result", ("goal-1", "nothing_to_do", "[]"))]
     assert failed(tmp_path, messages) == ""
 
 
@@ -140,7 +160,7 @@ def test_a_goal_about_something_that_is_not_there_is_refused(tmp_path: Path) -> 
 def test_a_gap_in_the_changes_of_the_world_is_found(tmp_path: Path) -> None:
     monitor = Monitor()
     first, missing, last = monitor("reset", *scene()), monitor("update"), monitor("update", *moved())
-    messages = [*good_run()[1:4], *good_run()[5:]]
+    messages = without("change")
     with pytest.raises(BagError, match="a change of the world model is missing"):
         read_run(write_bag(tmp_path / "gap.bag", [("change", first), *messages, ("change", last)]))
     assert missing.snapshot_id == last.prev_snapshot_id
@@ -151,17 +171,17 @@ def test_a_gap_in_the_changes_of_the_world_is_found(tmp_path: Path) -> None:
     [
         ("change", "no changes of the world model"),
         ("goal", "no goals for the task manager"),
-        ("result", "no plans of the task manager"),
+        ("result", "no results of the task manager"),
     ],
 )
 def test_a_bag_that_lacks_a_kind_of_message_is_refused(tmp_path: Path, kind: str, words: str) -> None:
-    messages = [message for message in good_run() if message[0] != kind]
+    messages = without(kind)
     with pytest.raises(BagError, match=words):
         read_run(write_bag(tmp_path / "run.bag", messages, without=(kind,)))
 
 
 def test_a_bag_without_a_goal_is_refused(tmp_path: Path) -> None:
-    messages = [message for message in good_run() if message[0] != "goal"]
+    messages = without("goal")
     with pytest.raises(BagError, match="no goal was given"):
         read_run(write_bag(tmp_path / "run.bag", messages))
 
@@ -185,9 +205,10 @@ def test_a_file_that_is_no_bag_is_refused(tmp_path: Path) -> None:
         read_run(tmp_path / "text.bag")
 
 
-def test_a_plan_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("at", [2, -1], ids=["plan", "result"])
+def test_a_plan_that_cannot_be_read_is_refused(tmp_path: Path, at: int) -> None:
     messages = good_run()
-    messages[2] = ("result", ("goal-1", 3, PLAN[:-5]))
+    messages[at] = (messages[at][0], (*messages[at][1][:-1], PLAN[:-5]))
     with pytest.raises(BagError, match="the plan cannot be read"):
         findings(tmp_path, messages)
 

@@ -7,24 +7,27 @@ import signal
 import sys
 import time
 from pathlib import Path
+from random import Random
 from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 import actionlib
 import rospy
 
-from skiros2_common.command_line.layout import Screen
-from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
+from skiros2_demo.disturbances import Disturbance, Moved, Slip
+from skiros2_demo.finding import Finding
 from skiros2_demo.onlooker import Onlooker
-from skiros2_demo.plan_text import plan_lines
+from skiros2_demo.pictures import Pictures, camera_topic
+from skiros2_demo.plan_text import name_of
+from skiros2_demo.simulation import Simulation
+from skiros2_demo.story import Story
 from skiros2_demo.system import END_SIGNALS, System, SystemDown
-from skiros2_demo.world_state import WorldState
-from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
-from skiros2_msgs.srv import ResourceGetDescriptions, SkillCommand, SkillCommandRequest
-from skiros2_skill.command_line.watching import LineView, LiveView, View
-from skiros2_skill.ros.utils import deserialize_skill
+from skiros2_demo.world_state import Thing, WorldState
+from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
+from skiros2_msgs.srv import ResourceGetDescriptions
 
 ROBOT = "/mobile_manipulator"
 #: What the bag holds.
@@ -32,16 +35,20 @@ TOPICS = (
     "/wm/monitor",
     f"{ROBOT}/monitor",
     "/skill_managers/description",
-    "/tm/task_plan/goal",
-    "/tm/task_plan/cancel",
-    "/tm/task_plan/status",
-    "/tm/task_plan/feedback",
-    "/tm/task_plan/result",
+    *(f"/tm/achieve/{part}" for part in ("goal", "cancel", "status", "feedback", "result")),
     "/tf",
     "/tf_static",
     "/rosout",
 )
-PLAN_TIMEOUT = 30.0
+DISTURBANCES = ("moved", "slip")
+_DISTURB = (
+    "what goes wrong: somebody puts the product into another tray while the robot drives (moved), or the gripper loses "
+    "its grip while the arm lifts (slip)"
+)
+#: What bounds the wait for news of the goal (s).
+_PERIOD = 0.2
+#: How much later than the goal's the end of a task may be heard of (s).
+_LATE = 1.0
 
 
 class Demo:
@@ -54,119 +61,152 @@ class Demo:
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
         self._out = out
+        self._world = WorldState()
+        self._story = Story(out, lambda thing: self._world.name(thing))
+        self._simulation: Simulation | None = None
+        self._pictures: Pictures | None = None
+        self._disturbance: Disturbance | None = None
+        self._struck = False
+        self._goal: Any = None
 
     def run(self) -> bool:
-        """Runs it and returns whether the goal was reached, as the bag proves.
+        """Runs it and returns whether the goal was reached, as the bag proves and the simulated world, if any.
 
         :raises SkirosError: a part of the system fails; the text says which and why.
         """
         with System(self._options.folder, self._options.port) as system:
-            self._say(f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}")
+            self._story.say(
+                f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}"
+            )
             try:
-                self._run(system)
+                in_truth = self._run(system)
             finally:
                 rospy.signal_shutdown("the demo is over")
             bag = system.bag
-        return self._prove(bag)
+        proven = run_check.check(run_check.read_run(bag))
+        held = self._show(f"Proof from the bag alone ({bag})", proven)
+        if in_truth:
+            held &= self._show("Proof from the simulated world", in_truth)
+        if self._options.disturb:
+            held &= self._show("What was disturbed", self._disturbed())
+        return held
 
-    def _run(self, system: System) -> None:
+    def _run(self, system: System) -> list[Finding]:
+        """Returns what is so in the simulated world."""
         began_at = time.monotonic()
         system.start_master()
         system.start_recording(TOPICS)
         rospy.init_node("manufacturing_system", disable_signals=True)
         onlooker = Onlooker(ROBOT)
-        arguments = [f"init_scene:={self._options.scene}"] if self._options.scene else []
-        system.launch("skiros2_demo_skills", "demo.launch", "gui:=false", *arguments)
-        self._wait_until_ready(system)
-        self._say(f"World model, skill manager {ROBOT} and task manager are ready ({_since(began_at)})")
-
-        before = onlooker.world()
-        plan = self._plan(system, before)
-        if plan:
-            self._execute(system, onlooker, plan)
-        self._title("What changed in the world")
+        system.launch(*_launch(self._options))
+        simulated = not self._options.timed
+        simulation = Simulation() if simulated else None
+        task_manager = _wait_until_ready(system, simulation)
+        self._story.say(
+            f"World model, skill manager {ROBOT}{', simulator' if simulated else ''} and task manager are ready "
+            f"({_since(began_at)})"
+        )
+        before = self._world = onlooker.world()
+        product, tray = (_labelled(label, before) for label in (self._options.product, self._options.tray))
+        if simulation is not None:
+            self._prepare(simulation, product, tray)
+        self._take_pictures("before")
+        self._achieve(system, onlooker, task_manager, f"(skiros:contain {tray.id} {product.id})")
+        self._take_pictures("after")
+        in_truth = simulation.judged(product, tray) if simulation is not None else []
+        self._story.title("What changed in the world")
         for line in changes(before, onlooker.world()) or ["nothing"]:
-            self._say(f"  {line}")
+            self._story.say(f"  {line}")
         onlooker.close()
         system.stop_recording()
+        return in_truth
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
-    def _wait_until_ready(self, system: System) -> None:
-        self._task_manager = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
-        skills = rospy.ServiceProxy(f"{ROBOT}/get_skills", ResourceGetDescriptions)
-        system.wait_for(lambda: _is_offered(skills), f"the skill manager {ROBOT}")
-        skills()  # answers when all skills are loaded
-        system.wait_for(
-            lambda: self._task_manager.wait_for_server(rospy.Duration.from_sec(0.01)), "the task manager tm"
-        )
+    def _prepare(self, simulation: Simulation, product: Thing, tray: Thing) -> None:
+        chance = Random(self._options.seed)
+        if self._options.disturb == "moved":
+            self._disturbance = Moved(simulation, self._world, product.id, tray.id, chance)
+        elif self._options.disturb == "slip":
+            self._disturbance = Slip(simulation, _only("rparts:GripperEffector", self._world))
+        if self._options.pictures:
+            places = [
+                simulation.pose_of(thing.id).position for thing in (product, tray, _only("cora:Robot", self._world))
+            ]
+            topic = camera_topic(self._world, ROBOT)
+            self._pictures = Pictures(simulation, self._options.folder, places, topic, self._story.say)
 
-    def _plan(self, system: System, world: WorldState) -> str:
-        """Sends the goal and shows the plan. Returns it, "" when there is nothing to do."""
-        product, tray = self._options.product, self._options.tray
-        goal = f"(skiros:contain {_id_of(tray, world)} {_id_of(product, world)})"
-        self._title(f"Goal: {product} in {tray}")
-        self._say(f"  {goal}")
+    def _take_pictures(self, moment: str) -> None:
+        if self._pictures is not None:
+            self._pictures.take(moment)
+
+    def _achieve(self, system: System, onlooker: Onlooker, task_manager: Any, goal: str) -> None:
+        """Has the goal reached, and tells how that goes on."""
+        self._story.title(f"Goal: {self._options.product} in {self._options.tray}")
+        self._story.say(f"  {goal}")
         began_at = time.monotonic()
-        request = self._task_manager.send_goal(AssignTaskGoal(author="manufacturing_system", goals=goal))
-        system.wait_for(lambda: request.get_result() is not None, "the task manager's answer", PLAN_TIMEOUT)
-        result = request.get_result()
-        self._title(f"Plan ({_since(began_at)})")
-        if result.progress_code == run_check.NOTHING_TO_DO:
-            self._say("  nothing to do")
-            return ""
-        if result.progress_code != run_check.PLAN_FOUND:
-            raise SystemDown(f"no plan for {goal}: {result.progress_message}")
-        for line in plan_lines(result.progress_message, world.name):
-            self._say(f"  {line}")
-        return str(result.progress_message)
-
-    def _execute(self, system: System, onlooker: Onlooker, plan: str) -> None:
-        """Has the skill manager run the plan, and shows its tree."""
-        command = rospy.ServiceProxy(f"{ROBOT}/command", SkillCommand)
-        skills = [step.toMsg() for step in deserialize_skill(plan).children]
-        self._title("The tree as it runs")
-        answer = command(
-            author="manufacturing_system", action=SkillCommandRequest.START, execution_id=-1, skills=skills
-        )
-        if not answer.ok:
-            raise SystemDown(f"the skill manager {ROBOT} refused the plan")
-        deadline = time.monotonic() + self._options.timeout
-
-        def check() -> None:
+        self._story.begin()
+        request = AchieveGoal(author="manufacturing_system", goals=goal, max_replans=-1)
+        # Kept: actionlib forgets a goal of which nobody holds the handle.
+        self._goal = task_manager.send_goal(request, onlooker.take_transition, onlooker.take_feedback)
+        while True:
             system.check()
-            if time.monotonic() > deadline:
-                raise SystemDown(f"the task has not ended within {self._options.timeout:.0f} s")
+            if time.monotonic() - began_at > self._options.timeout:
+                raise SystemDown(f"the goal was not reached within {self._options.timeout:.0f} s")
+            event = onlooker.next_event(_PERIOD)
+            if isinstance(event, AchieveResult):
+                break
+            if event is not None:
+                self._take(event)
+        while self._story.runs and (late := onlooker.next_event(_LATE)) is not None:
+            self._take(late)
+        self._story.end()
+        self._tell_result(event, _since(began_at))
 
-        live = self._out.isatty()
-        view: View = LiveView(self._out, lambda skill_type, label: ()) if live else LineView(self._out, Screen())
+    def _take(self, event: Any) -> None:
+        struck = ""
+        if isinstance(event, AchieveFeedback):
+            steps = self._story.feedback(event)
+            if self._disturbance is not None:
+                struck = self._disturbance.steps(steps)
+            if any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps):
+                self._take_pictures("during")
+        else:
+            if self._disturbance is not None:
+                struck = self._disturbance.tree(event)
+            self._story.tree(event)
+        if struck:
+            self._struck = True
+            self._story.say(f"  ! {struck}")
 
-        def show(nodes: list[Any]) -> None:
-            view.show(nodes)
-            view.draw()
+    def _tell_result(self, result: Any, seconds: str) -> None:
+        if result.state == result.NOTHING_TO_DO:
+            self._story.say("  nothing to do")
+        elif result.state == result.SUCCEEDED:
+            self._story.say(f"\nThe goal is reached after {seconds}")
+        else:
+            raise Refused(f"the goal was not reached ({result.state} after {seconds}): {result.message}")
 
-        nodes = onlooker.follow(answer.execution_id, show, check)
-        if nodes[0].state != nodes[0].SUCCESS:
-            self._say(f"  The task failed: {nodes[0].progress_message}")
+    def _disturbed(self) -> list[Finding]:
+        reasons = self._story.reasons
+        return [
+            Finding(self._struck, "it was disturbed" if self._struck else "the disturbance did not happen"),
+            Finding(bool(reasons), f"planned anew: {'; '.join(reasons)}" if reasons else "it was not planned anew"),
+        ]
 
-    def _prove(self, bag: Path) -> bool:
-        self._title(f"Proof from the bag alone ({bag})")
-        findings = run_check.check(run_check.read_run(bag))
+    def _show(self, title: str, findings: list[Finding]) -> bool:
+        self._story.title(title)
         for finding in findings:
-            self._say(f"  {'✓' if finding.holds else '✗'} {finding.text}")
+            self._story.say(f"  {'✓' if finding.holds else '✗'} {finding.text}")
         return all(finding.holds for finding in findings)
-
-    def _title(self, text: str) -> None:
-        self._say(f"\n\033[1m{text}\033[0m" if self._out.isatty() else f"\n{text}")
-
-    def _say(self, text: str) -> None:
-        self._out.write(f"{text}\n")
-        self._out.flush()
 
 
 def main(arguments: list[str]) -> int:
     """The program. Returns the exit status: 0 goal reached, 1 not, 2 wrong arguments, 128 + n ended by signal n."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.timed and (options.disturb or options.gui):
+        parser.error("--timed has no simulated world to disturb or to show")
     ended_by = 0
 
     def end(number: int, _: FrameType | None) -> NoReturn:
@@ -190,24 +230,65 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pick_place_demo", description=__doc__)
     parser.add_argument("--product", default="Product A", help="label of what to move (%(default)s)")
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
+    parser.add_argument("--timed", action="store_true", help="no simulated world: motions that only take time")
+    parser.add_argument("--disturb", choices=DISTURBANCES, help=_DISTURB)
+    parser.add_argument("--seed", type=int, default=0, help="of all that is left to chance (%(default)s)")
+    parser.add_argument("--rate", type=float, default=3.0, help="simulated time, times real time (%(default)s)")
+    parser.add_argument("--gui", action="store_true", help="show the simulated world in a window")
+    parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="save none")
     parser.add_argument("--scene", default="", help="scene file in the demo's workspace; default: the demo's own")
-    parser.add_argument("--folder", type=Path, default=Path("build/demo"), help="for bag and logs (%(default)s)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("build/demo"), help="for bag, pictures and logs (%(default)s)"
+    )
     parser.add_argument("--port", type=int, default=0, help="the master's; default: a free one")
     parser.add_argument("--timeout", type=float, default=120.0, help="for the execution, in seconds (%(default)s)")
     return parser
 
 
-def _id_of(label: str, world: WorldState) -> str:
-    """The id of the element with that label.
+def _launch(options: argparse.Namespace) -> list[str]:
+    """Package, file and arguments of what is to be launched."""
+    scene = [f"init_scene:={options.scene}"] if options.scene else []
+    if options.timed:
+        return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
+    simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
+    return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *scene]
+
+
+def _labelled(label: str, world: WorldState) -> Thing:
+    """The element with that label.
 
     :raises UnknownName: there is none, or there are several.
     """
-    found = [thing.id for thing in world.things.values() if thing.label == label]
+    found = [thing for thing in world.things.values() if thing.label == label]
     if len(found) != 1:
         labels = ", ".join(sorted({t.label for t in world.things.values() if t.label})) or "none"
         problem = "several elements are" if found else "no element is"
         raise UnknownName(f"{problem} labelled {label!r} in the scene; labels there: {labels}")
     return found[0]
+
+
+def _only(kind: str, world: WorldState) -> Thing:
+    """The element of a type.
+
+    :raises UnknownName: there is none, or there are several.
+    """
+    found = [thing for thing in world.things.values() if thing.type == kind]
+    if len(found) != 1:
+        raise UnknownName(f"{len(found)} elements are of type {kind} in the scene, expected one")
+    return found[0]
+
+
+def _wait_until_ready(system: System, simulation: Simulation | None) -> Any:
+    """Returns a client of the task manager, to which also the recorder listens."""
+    task_manager = actionlib.ActionClient("tm/achieve", AchieveAction)
+    if simulation is not None:
+        system.wait_for(simulation.is_ready, "the simulator")
+    skills = rospy.ServiceProxy(f"{ROBOT}/get_skills", ResourceGetDescriptions)
+    system.wait_for(lambda: _is_offered(skills), f"the skill manager {ROBOT}")
+    skills()  # answers when all skills are loaded
+    system.wait_for(lambda: task_manager.wait_for_server(rospy.Duration.from_sec(0.01)), "the task manager tm")
+    system.wait_for(lambda: task_manager.pub_goal.get_num_connections() > 1, "the recorder of the goal")
+    return task_manager
 
 
 def _is_offered(service: Any) -> bool:

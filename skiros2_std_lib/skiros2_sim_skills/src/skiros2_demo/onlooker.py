@@ -1,16 +1,20 @@
-"""What a node learns of a system by listening: the world, and the trees of one robot."""
+"""What a node learns of a system by listening: the world, the trees of one robot, and how its goal goes on."""
 
 from __future__ import annotations
 
+import queue
 import threading
-from collections.abc import Callable
 from typing import Any
 
+import actionlib
 import rospy
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_demo.world_state import WorldState
 from skiros2_msgs.msg import TreeProgress, WmMonitor
+
+#: What has happened: a list of `SkillProgress` (a tree), an `AchieveFeedback`, or an `AchieveResult`.
+Event = Any
 
 
 class Onlooker:
@@ -20,10 +24,10 @@ class Onlooker:
     """
 
     def __init__(self, robot: str) -> None:
-        self._change = threading.Condition()
+        self._lock = threading.Lock()
         self._world = WorldState()
-        self._trees: dict[int, list[Any]] = {}
         self._problem = ""
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._subscribers = [
             rospy.Subscriber("wm/monitor", WmMonitor, self._take_change),
             rospy.Subscriber(f"{robot}/monitor", TreeProgress, self._take_progress),
@@ -39,33 +43,29 @@ class Onlooker:
 
         :raises SkirosError: a change could not be followed.
         """
-        with self._change:
+        with self._lock:
             if self._problem:
                 raise SkirosError(self._problem)
             return self._world.copy()
 
-    def follow(self, task_id: int, show: Callable[[list[Any]], None], check: Callable[[], None]) -> list[Any]:
-        """Waits for the end of a task and returns the last progress of its nodes.
+    def take_feedback(self, handle: Any, feedback: Any) -> None:
+        """Puts a goal's feedback among the events. Any thread."""
+        self._events.put(feedback)
 
-        :param show: called with the progress of the nodes each time it has changed.
-        :param check: called about five times a second; may raise to give up.
-        """
-        shown = None
-        while True:
-            check()
-            with self._change:
-                if self._trees.get(task_id) is shown:
-                    self._change.wait(0.2)
-                nodes = self._trees.get(task_id)
-            if nodes is None or nodes is shown:
-                continue
-            shown = nodes
-            show(nodes)
-            if abs(nodes[0].progress_code) == 1:
-                return nodes
+    def take_transition(self, handle: Any) -> None:
+        """Puts a goal's result among the events, when there is one. Any thread."""
+        if handle.get_comm_state() == actionlib.CommState.DONE:
+            self._events.put(handle.get_result())
+
+    def next_event(self, timeout: float) -> Event | None:
+        """What has happened next, None when nothing does within the time (s)."""
+        try:
+            return self._events.get(timeout=timeout)
+        except queue.Empty:
+            return None
 
     def _take_change(self, message: Any) -> None:
-        with self._change:
+        with self._lock:
             try:
                 self._world.apply(message)
             except SkirosError as error:
@@ -73,6 +73,4 @@ class Onlooker:
 
     def _take_progress(self, message: Any) -> None:
         if message.progress:
-            with self._change:
-                self._trees[message.progress[0].task_id] = message.progress
-                self._change.notify_all()
+            self._events.put(message.progress)

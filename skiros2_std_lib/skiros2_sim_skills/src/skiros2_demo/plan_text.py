@@ -8,25 +8,38 @@ from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 
+#: A step of a plan, as the feedback of `~achieve` tells it.
+Step = dict[str, Any]
 
-def plan_lines(plan: str, name: Callable[[str], str]) -> list[str]:
-    """A line for each step of a plan.
 
-    :param plan: the task manager's JSON.
-    :param name: what a person calls the element with an id.
-    :raises WrongValue: the text is no plan.
+def steps_of(text: str) -> list[Step]:
+    """The steps of a plan, or what has become of them.
+
+    :param text: the task manager's JSON; "" has none.
+    :raises WrongValue: it is something else.
     """
     try:
-        steps = json.loads(plan)["children"]
-        return [f"{number}. {_step(step, name)}" for number, step in enumerate(steps, 1)]
+        steps = json.loads(text or "[]")
+        if all(isinstance(step["number"], int) for step in steps):
+            return list(steps)
     except (ValueError, KeyError, TypeError) as error:
-        raise WrongValue(f"the plan cannot be read: {error!r} in {plan!r}") from error
+        raise WrongValue(f"the plan cannot be read: {error!r} in {text!r}") from error
+    raise WrongValue(f"the plan cannot be read: a step has no number in {text!r}")
 
 
-def _step(step: dict[str, Any], name: Callable[[str], str]) -> str:
-    facts = []
-    for param in step["ph"]:
-        shown = [name(v["id"]) if isinstance(v, dict) and "id" in v else str(v) for v in param["values"]]
-        if shown and param["key"] != "Robot":
-            facts.append(f"{param['key']}: {', '.join(shown)}")
-    return f"{step['name']:<8} {'; '.join(facts)}"
+def plan_lines(steps: list[Step], name: Callable[[str], str]) -> list[str]:
+    """A line for each step of a plan.
+
+    :param name: what a person calls the element with an id.
+    """
+    return [f"{number}. {_step(step, name)}".rstrip() for number, step in enumerate(steps, 1)]
+
+
+def _step(step: Step, name: Callable[[str], str]) -> str:
+    facts = [f"{key}: {name(value)}" for key, value in step.get("arguments", {}).items() if key != "Robot"]
+    return f"{name_of(step):<8} {'; '.join(facts)}"
+
+
+def name_of(step: Step) -> str:
+    """What people call a step's skill."""
+    return str(step.get("label") or step.get("skill", ""))

@@ -1,11 +1,10 @@
-"""Proves from a bag alone that a goal was planned for, that every skill on the way succeeded, and that it was reached.
+"""Proves from a bag alone that a goal was planned for, that robots did the steps, and that it was reached.
 
 Needs no ROS: the message definitions are in the bag.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,33 +16,30 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import full_name
+from skiros2_demo.finding import Finding
+from skiros2_demo.plan_text import Step, name_of, steps_of
 from skiros2_demo.world_state import WorldState
 from skiros2_task.core import goal_syntax
 
 MONITOR = "skiros2_msgs/msg/WmMonitor"
 PROGRESS = "skiros2_msgs/msg/TreeProgress"
-GOAL = "skiros2_msgs/msg/AssignTaskActionGoal"
-RESULT = "skiros2_msgs/msg/AssignTaskActionResult"
+GOAL = "skiros2_msgs/msg/AchieveActionGoal"
+FEEDBACK = "skiros2_msgs/msg/AchieveActionFeedback"
+RESULT = "skiros2_msgs/msg/AchieveActionResult"
 NEEDED = {
     MONITOR: "changes of the world model",
     GOAL: "goals for the task manager",
-    RESULT: "plans of the task manager",
+    RESULT: "results of the task manager",
 }
 
-NOTHING_TO_DO, PLAN_FOUND = 2, 3  # result codes of the task manager
-STATE_NAMES = {1: "Success", 2: "Failure", 3: "Running", 4: "Idle"}
+#: What a result says of a goal.
+SUCCEEDED, NOTHING_TO_DO = "succeeded", "nothing_to_do"
+#: State of a node on the wire -> what becomes of a step whose root ends so.
+ENDS = {1: "succeeded", 2: "failed"}
 
 
 class BagError(SkirosError):
     """The bag cannot be read, or lacks what the proof needs."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One step of the proof."""
-
-    holds: bool
-    text: str
 
 
 @dataclass
@@ -53,9 +49,10 @@ class Run:
     before: WorldState = field(default_factory=WorldState)  #: the world when the last goal was given
     after: WorldState = field(default_factory=WorldState)  #: the world at the end
     goals: str = ""  #: the last goal
+    plans: list[list[Step]] = field(default_factory=list)  #: the steps of each plan that was made for it
     result: Any = None  #: the task manager's answer to it
     trees: dict[tuple[str, int], list[Any]] = field(default_factory=dict)
-    #: (agent's topic, task id) -> the last progress of every node, since that goal
+    #: (agent's topic, task id) -> the last progress of every node, since that goal, in the order of their starts
 
 
 def read_run(bag: Path) -> Run:
@@ -71,10 +68,12 @@ def read_run(bag: Path) -> Run:
             if kind == MONITOR:
                 run.after.apply(message)
             elif kind == GOAL:
-                goal_id, run.goals, run.result = message.goal_id.id, message.goal.goals, None
-                run.before, run.trees = run.after.copy(), {}
+                goal_id = message.goal_id.id
+                run = Run(run.after.copy(), run.after, message.goal.goals)
+            elif kind == FEEDBACK and message.status.goal_id.id == goal_id:
+                _take_plan(run, steps_of(message.feedback.plan))
             elif kind == RESULT and message.status.goal_id.id == goal_id:
-                run.result = message
+                run.result = message.result
             elif kind == PROGRESS and message.progress:
                 run.trees[topic, message.progress[0].task_id] = message.progress
     except SkirosError as error:
@@ -87,12 +86,16 @@ def read_run(bag: Path) -> Run:
 def check(run: Run) -> list[Finding]:
     """The proof, step by step.
 
-    :raises BagError: the goal is of a kind that cannot be judged from a bag.
+    :raises BagError: the goal is of a kind that cannot be judged from a bag, or a result cannot be read.
     """
-    findings = [_check_plan(run)]
-    if findings[0].holds and run.result.result.progress_code == PLAN_FOUND:
-        findings += _check_tasks(run)
-    return findings + _check_goal(run)
+    return [*_check_result(run), *_check_goal(run)]
+
+
+def _take_plan(run: Run, plan: list[Step]) -> None:
+    known = max((step["number"] for steps in run.plans for step in steps), default=0)
+    new = [step for step in plan if step["number"] > known]
+    if new:
+        run.plans.append(new)
 
 
 # -- the bag ----------------------------------------------------------------------------------------------------------
@@ -108,7 +111,7 @@ def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
             if missing:
                 raise BagError(f"the bag holds no {' and no '.join(missing)}")
             store = get_typestore(Stores.ROS1_NOETIC)
-            wanted = [c for c in reader.connections if c.msgtype in (*NEEDED, PROGRESS)]
+            wanted = [c for c in reader.connections if c.msgtype in (*NEEDED, FEEDBACK, PROGRESS)]
             for connection in wanted:
                 store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
             for connection, _, data in reader.messages(connections=wanted):
@@ -117,51 +120,52 @@ def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
         raise BagError(f"the bag cannot be read: {error}") from error
 
 
-# -- the plan and its execution ---------------------------------------------------------------------------------------
+# -- the plans and their execution ------------------------------------------------------------------------------------
 
 
-def _check_plan(run: Run) -> Finding:
+def _check_result(run: Run) -> list[Finding]:
     if run.result is None:
-        return Finding(False, f"the task manager did not answer the goal {run.goals}")
-    code, text = run.result.result.progress_code, run.result.result.progress_message
-    if code == NOTHING_TO_DO:
-        return Finding(True, "the goal was reached already, there was nothing to do")
-    if code != PLAN_FOUND:
-        return Finding(False, f"the task manager found no plan: {text}")
-    return Finding(True, f"a plan was made: {', '.join(_plan(run))}")
+        return [Finding(False, f"the task manager did not answer the goal {run.goals}")]
+    if run.result.state == NOTHING_TO_DO:
+        return [Finding(True, "the goal was reached already, there was nothing to do")]
+    if run.result.state != SUCCEEDED:
+        return [Finding(False, f"the goal ended as {run.result.state}: {run.result.message}")]
+    plans = [f"a plan was made{' anew' if n else ''}: {_named(plan)}" for n, plan in enumerate(run.plans)]
+    return [*(Finding(True, text) for text in plans), *_check_steps(run)]
 
 
-def _plan(run: Run) -> list[str]:
-    """The labels of the plan's skills."""
+def _check_steps(run: Run) -> list[Finding]:
+    """What the result says of the steps is what the trees of the robots say."""
     try:
-        return [step["name"] for step in json.loads(run.result.result.progress_message)["children"]]
-    except (ValueError, KeyError, TypeError) as error:
-        raise BagError(f"the plan cannot be read: {error!r}") from error
-
-
-def _check_tasks(run: Run) -> list[Finding]:
-    if not run.trees:
-        return [Finding(False, "the plan was not run")]
+        done = steps_of(run.result.done)
+    except WrongValue as error:
+        raise BagError(str(error)) from error
     findings = []
-    for (topic, task_id), nodes in sorted(run.trees.items()):
-        agent = topic.removesuffix("/monitor")
-        root, skills = nodes[0], nodes[1:]
-        bad = [n for n in skills if n.state != n.SUCCESS]
-        findings += [
-            Finding(False, f"{agent}, task {task_id}: {n.label or n.type} ended as {STATE_NAMES.get(n.state, n.state)}"
-                           f": {n.progress_message}")
-            for n in bad
-        ]  # fmt: skip
-        if abs(root.progress_code) != 1:
-            findings.append(Finding(False, f"{agent}, task {task_id}: did not end"))
-        elif root.state != root.SUCCESS:
-            findings.append(Finding(False, f"{agent}, task {task_id}: failed: {root.progress_message}"))
-        elif not bad:
-            findings.append(Finding(True, f"{agent}, task {task_id}: all {len(skills)} skills succeeded"))
-    ran = [n.label for nodes in run.trees.values() for n in nodes[1:] if n.parent_id == nodes[0].id]
-    plan = _plan(run)
-    as_planned = sorted(ran) == sorted(plan) if len(run.trees) > 1 else ran == plan
-    return [Finding(as_planned, "the plan was followed" if as_planned else f"run was: {', '.join(ran)}"), *findings]
+    for robot in sorted({step["robot"] for step in done} | {topic.removesuffix("/monitor") for topic, _ in run.trees}):
+        said = [(name_of(step), step["state"]) for step in done if step["robot"] == robot]
+        trees = [nodes for (topic, _), nodes in run.trees.items() if topic == f"{robot}/monitor"]
+        seen = [(_skills(nodes), _end(nodes)) for nodes in trees]
+        findings.append(
+            Finding(seen == said, f"{robot} did: {_told(seen)}" + ("" if seen == said else f"; said is: {_told(said)}"))
+        )
+    return findings
+
+
+def _named(steps: list[Step]) -> str:
+    return ", ".join(name_of(step) for step in steps)
+
+
+def _told(steps: list[tuple[str, str]]) -> str:
+    return ", ".join(name if state == SUCCEEDED else f"{name} ({state})" for name, state in steps) or "nothing"
+
+
+def _skills(nodes: list[Any]) -> str:
+    return ", ".join(node.label for node in nodes[1:] if node.parent_id == nodes[0].id)
+
+
+def _end(nodes: list[Any]) -> str:
+    root = nodes[0]
+    return ENDS.get(root.state, "ended oddly") if abs(root.progress_code) == 1 else "did not end"
 
 
 # -- the goal ---------------------------------------------------------------------------------------------------------

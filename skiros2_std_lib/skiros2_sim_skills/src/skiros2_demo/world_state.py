@@ -28,6 +28,17 @@ class Thing:
     label: str
     properties: dict[str, list[Any]] = field(default_factory=dict)
 
+    @property
+    def name(self) -> str:
+        """What a person calls it: its label without prefix, or its id."""
+        return self.label.rpartition(":")[2] or self.id
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """The edges of its box (m), 0 where it has none."""
+        x, y, z = (float(next(iter(self.properties.get(f"skiros:Size{axis}", [])), 0.0)) for axis in "XYZ")
+        return x, y, z
+
 
 class WorldState:
     """The scene, kept up to date by `apply`. Has content from the first `reset` or `add` on."""
@@ -70,7 +81,7 @@ class WorldState:
     def name(self, thing_id: str) -> str:
         """What a person calls a thing: its label without prefix, or its id."""
         thing = self.things.get(thing_id)
-        return thing.label.rpartition(":")[2] if thing is not None and thing.label else thing_id
+        return thing.name if thing is not None else thing_id
 
     def holders(self, thing_id: str, predicate: str) -> list[str]:
         """The subjects of a relation to a thing."""

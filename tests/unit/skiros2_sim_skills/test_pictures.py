@@ -1,0 +1,72 @@
+"""Pictures are taken once for each moment; one that cannot be taken is told of and ends nothing."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import Refused
+from skiros2_demo.pictures import Pictures, camera_topic, view_of
+from skiros2_demo.world_state import Thing, WorldState
+from skiros2_std_reasoners.core.geometry import Vector
+
+PLACES = [(0.0, 0.0, 0.0), (2.0, 1.5, 0.6), (2.0, -1.5, 0.6)]
+
+
+class FakePhotographer:
+    def __init__(self) -> None:
+        self.taken: list[str] = []
+
+    def take_picture(self, file: Path, eye: Vector, target: Vector) -> Path:
+        self.taken.append(file.name)
+        return file
+
+    def take_robots_picture(self, file: Path, topic: str) -> Path:
+        raise Refused(f"no picture came on {topic}")
+
+
+def test_each_moment_has_its_pictures_once(tmp_path: Path) -> None:
+    by, said = FakePhotographer(), []
+    pictures = Pictures(by, tmp_path, PLACES, "/camera", said.append)
+    for moment in ("before", "during", "during", "after"):
+        pictures.take(moment)
+    assert by.taken == ["before_cell.png", "during_cell.png", "after_cell.png"]
+    assert said[:2] == [
+        f"  picture: {tmp_path / 'before_cell.png'}",
+        "  no picture before_robot.png: no picture came on /camera",
+    ]
+
+
+def test_a_robot_without_a_camera_takes_none(tmp_path: Path) -> None:
+    said: list[str] = []
+    Pictures(FakePhotographer(), tmp_path, PLACES, "", said.append).take("before")
+    assert len(said) == 1
+
+
+def test_the_eye_looks_at_the_middle_of_all_from_above_and_away() -> None:
+    eye, target = view_of(PLACES)
+    assert target == (1.0, 0.0, 0.3)
+    assert eye[2] > 1.5
+    assert all(math.dist(eye, place) > 1.0 for place in PLACES)
+    wide, _ = view_of([(x * 2, y * 2, z) for x, y, z in PLACES])
+    assert math.dist(wide, target) > math.dist(eye, target)
+
+
+@pytest.mark.parametrize(
+    ("properties", "topic"),
+    [
+        ({"skiros:RgbTopic": ["/eye/rgb"]}, "/eye/rgb"),
+        ({"skiros:RgbTopic": [""]}, "/robot/hand_camera/color/image_raw"),
+        ({}, "/robot/hand_camera/color/image_raw"),
+    ],
+)
+def test_the_cameras_topic_is_given_or_follows_from_its_name(properties: dict[str, list[str]], topic: str) -> None:
+    world = WorldState()
+    world.things["skiros:DepthCamera-2"] = Thing(
+        "skiros:DepthCamera-2", "skiros:DepthCamera", "Hand camera", properties
+    )
+    assert camera_topic(world, "/robot") == topic
+
+
+def test_without_a_camera_there_is_no_topic() -> None:
+    assert camera_topic(WorldState(), "/robot") == ""

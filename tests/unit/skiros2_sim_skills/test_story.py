@@ -1,0 +1,78 @@
+"""What is told of a goal: the plan, why it was made anew, and what was done; between trees that are drawn in place."""
+
+import io
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skiros2_demo.story import Story
+from support.recorded_run import FAILURE, PLAN, PRODUCT, RUNNING, TRAY_B, tree
+
+NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
+AGAIN = json.dumps([{**step, "number": step["number"] + 2} for step in json.loads(PLAN)])
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def feedback(phase: str, message: str = "", plan: str = "", *states: str) -> Any:
+    steps = [{"number": step["number"], "state": s} for step, s in zip(json.loads(plan or "[]"), states, strict=False)]
+    return SimpleNamespace(phase=phase, message=message, plan=plan, steps=json.dumps(steps), PLANNING="planning")
+
+
+@pytest.fixture
+def out() -> io.StringIO:
+    return io.StringIO()
+
+
+@pytest.fixture
+def story(out: io.StringIO) -> Story:
+    return Story(out, lambda thing: NAMES.get(thing, thing))
+
+
+def test_a_plan_is_told_once(story: Story, out: io.StringIO) -> None:
+    story.feedback(feedback("planning"))
+    for states in (("waiting", "waiting"), ("running", "waiting")):
+        story.feedback(feedback("running", "a plan of 2 steps", PLAN, *states))
+    assert out.getvalue().count("1. pick     Object: Product A") == 1
+    assert "anew" not in out.getvalue()
+    assert story.reasons == []
+
+
+def test_the_steps_come_with_their_states(story: Story) -> None:
+    steps = story.feedback(feedback("running", "", PLAN, "running"))
+    assert [(step["label"], step["state"]) for step in steps] == [("pick", "running"), ("place", "waiting")]
+
+
+def test_why_it_is_planned_anew_is_told_with_the_new_plan(story: Story, out: io.StringIO) -> None:
+    story.feedback(feedback("running", "", PLAN))
+    story.feedback(feedback("planning", "1 pick has failed: nothing in the gripper", PLAN))
+    story.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert story.reasons == ["1 pick has failed: nothing in the gripper"]
+    assert "\nPlanned anew, for 1 pick has failed: nothing in the gripper\n  1. pick" in out.getvalue()
+
+
+def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:
+    out = Terminal()
+    story = Story(out, str)
+    story.tree(tree("pick", RUNNING, ended=False))
+    story.say("  ! a hand comes")
+    assert story.runs
+    assert "a hand comes" not in out.getvalue()
+    story.tree(tree("pick", FAILURE))
+    assert not story.runs
+    shown = out.getvalue()
+    assert shown.index("failure") < shown.index("  ! a hand comes")
+
+
+def test_what_waits_for_a_tree_is_said_at_the_end_at_the_latest() -> None:
+    out = Terminal()
+    story = Story(out, str)
+    story.tree(tree("pick", RUNNING, ended=False))
+    story.say("  ! a hand comes")
+    story.end()
+    assert "  ! a hand comes" in out.getvalue()

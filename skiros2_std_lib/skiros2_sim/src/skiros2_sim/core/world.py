@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from types import TracebackType
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,11 @@ from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.composing import BASE_LINK, compose
+from skiros2_sim.core.faults import Faults
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.joint import finite
+from skiros2_sim.core.motions import Motions
+from skiros2_sim.core.placement import move_apart
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, SceneSpec
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
@@ -27,14 +30,6 @@ GROUND = "ground"
 
 _FARTHEST = 1000.0  # m; beyond it the floats of the engine are too coarse
 _STRONGEST = 1e5  # N or Nm
-
-
-class Motion(Protocol):
-    """What is done before each step, until it has an outcome."""
-
-    @property
-    def outcome(self) -> object | None: ...
-    def update(self, dt: float) -> None: ...
 
 
 class Contact(NamedTuple):
@@ -94,7 +89,8 @@ class World:
         bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, deterministicOverlappingPairs=1)
         self.random = np.random.default_rng(self._seed)
         self.steps = 0
-        self.motions: list[Motion] = []
+        self.motions = Motions()
+        self.faults = Faults(self)
         self.problems: list[Problem] = list(self.scene.problems)
         self.bodies: dict[str, Body] = {}
         self.robots: dict[str, Robot] = {}
@@ -103,7 +99,7 @@ class World:
         self._elements: dict[int, str] = {}
         self._ground = self._make_ground()
         for spec in self.scene.bodies:
-            self._add_body(self._jittered(spec))
+            self.add_body(self._jittered(spec))
         for robot in self.scene.robots:
             model = compose(robot, self.scene.models)
             self.problems += model.problems
@@ -119,6 +115,7 @@ class World:
         self.arms: dict[str, Arm] = {key: arm for robot in self.robots.values() for key, arm in robot.arms.items()}
         grippers = (arm.gripper for arm in self.arms.values())
         self.grippers: dict[str, Gripper] = {gripper.id: gripper for gripper in grippers if gripper is not None}
+        self.problems += move_apart(self)
 
     # -- time -------------------------------------------------------------------------------------------------
 
@@ -139,8 +136,8 @@ class World:
     def step(self, count: int = 1) -> None:
         """Goes on by so many steps. What a motion raises comes out, and the motion is dropped."""
         for _ in range(count):
-            for motion in tuple(self.motions):
-                self._update(motion)
+            self.motions.update(self.dt)
+            self.faults.update()
             for robot in self.robots.values():
                 robot.before_step()
             if self._pushes:
@@ -261,7 +258,7 @@ class World:
         robot = self.robots.get(eid)
         return eid if robot is None else f"{robot.name}/{robot.link_name(link)}"
 
-    # -- making it --------------------------------------------------------------------------------------------
+    # -- things ----------------------------------------------------------------------------------------------
 
     def _make_ground(self) -> int:
         bullet = self.bullet
@@ -276,7 +273,8 @@ class World:
         bullet.changeDynamics(body, -1, lateralFriction=0.9)
         return body
 
-    def _add_body(self, spec: BodySpec) -> None:
+    def add_body(self, spec: BodySpec) -> None:
+        """Adds a thing. It is a box when its model does not load; that, or that it has no size either, is a problem."""
         number = sum(body.movable == spec.movable for body in self.bodies.values())
         try:
             body = Body(self.bullet, spec, self.scene.models, number)
@@ -289,6 +287,18 @@ class World:
         self.bodies[spec.id] = body
         self._elements[body.body] = spec.id
 
+    def remove_body(self, eid: str) -> None:
+        """Takes a thing away.
+
+        :raises UnknownName: there is none.
+        """
+        if eid not in self.bodies:
+            raise UnknownName(f"there is no body {eid!r} in the simulated world")
+        body = self.bodies.pop(eid)
+        self._pushes = [push for push in self._pushes if push.body != body.body]
+        self._elements.pop(body.body)
+        self.bullet.removeBody(body.body)
+
     def _jittered(self, spec: BodySpec) -> BodySpec:
         far, turn = self._noise
         if not spec.movable or not (far or turn):
@@ -299,15 +309,6 @@ class World:
         return dataclasses.replace(spec, pose=Pose((x + dx, y + dy, z), turned))
 
     # -- each step --------------------------------------------------------------------------------------------
-
-    def _update(self, motion: Motion) -> None:
-        going = False
-        try:
-            motion.update(self.dt)
-            going = motion.outcome is None
-        finally:
-            if not going and motion in self.motions:
-                self.motions.remove(motion)
 
     def _apply_pushes(self) -> None:
         bullet = self.bullet

@@ -1,0 +1,197 @@
+"""Faults: what may go wrong with robots, brought about on purpose and for as long as one likes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_sim.core.scene_spec import BodySpec
+from skiros2_std_reasoners.core.geometry import Pose, rotated
+
+if TYPE_CHECKING:
+    from skiros2_sim.core.world import World
+
+SLIPPING_GRIPPER = "slipping_gripper"
+BLOCKED_PATH = "blocked_path"
+LATE_SENSOR = "late_sensor"
+
+_OBSTACLE_SIZE = (0.4, 0.4, 1.0)
+_OBSTACLE_COLOUR = (0.9, 0.3, 0.0, 1.0)
+_LATEST = 60.0  # s
+_FARTHEST = 20.0  # m
+_LONGEST = 1e6  # s
+_SPEED = 0.02  # m/s, under which a robot stands
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault that is there.
+
+    :param until: simulated time when it goes (s); inf: when it is taken away.
+    """
+
+    kind: str
+    target: str
+    value: float
+    until: float
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What a kind of fault takes and does.
+
+    :param targets: the ids that it can be attached to.
+    :param what: what these are, for the text of an error.
+    :param default: the value that 0 stands for.
+    :param most: the highest value.
+    """
+
+    targets: Callable[[], set[str]]
+    what: str
+    default: float
+    most: float
+    start: Callable[[str, float], None]
+    end: Callable[[str], None]
+
+
+class Faults:
+    """The faults of a world. They end with a reset."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._active: dict[tuple[str, str], Fault] = {}
+        self._kinds = {
+            SLIPPING_GRIPPER: _Kind(
+                lambda: set(world.grippers), "a gripper", 0.02, 1.0, self._slip, lambda eid: self._slip(eid, 1.0)
+            ),
+            BLOCKED_PATH: _Kind(
+                lambda: {eid for eid, robot in world.robots.items() if robot.mobile},
+                "a robot that drives",
+                1.0,
+                _FARTHEST,
+                self._block,
+                lambda eid: world.remove_body(obstacle_of(eid)),
+            ),
+            LATE_SENSOR: _Kind(
+                lambda: {*world.cameras, *world.arms, *world.robots, *self._bases()},
+                "a camera, an arm, a base or a robot",
+                0.5,
+                _LATEST,
+                lambda eid, value: None,
+                lambda eid: None,
+            ),
+        }
+
+    @property
+    def active(self) -> list[Fault]:
+        """Those that are there, in the order in which they came."""
+        return list(self._active.values())
+
+    def set(self, kind: str, target: str, value: float = 0.0, duration: float = 0.0) -> None:
+        """Attaches a fault, in the place of one of its kind that is there.
+
+        :param target: id of the element.
+        :param value: 0: a default. Slipping gripper: the part of its grip that is left, up to 1; blocked path: how far
+            before the middle of the robot the obstacle stands (m); late sensor: how late it is (s).
+        :param duration: s of simulated time; 0: until it is taken away.
+        :raises UnknownName: there is no such kind, or it cannot be attached to that.
+        :raises WrongValue: value or duration cannot be used.
+        """
+        known = self._kind(kind, target)
+        if not (math.isfinite(value) and 0 <= value <= known.most):
+            raise WrongValue(f"{kind} of {target}: expected a value of 0 to {known.most}, got {value}")
+        if not (math.isfinite(duration) and 0 <= duration <= _LONGEST):
+            raise WrongValue(f"{kind} of {target}: expected a duration of 0 to {_LONGEST} s, got {duration}")
+        self.clear(kind, target)
+        known.start(target, value or known.default)
+        until = self._world.time + duration if duration else math.inf
+        self._active[kind, target] = Fault(kind, target, value or known.default, until)
+
+    def clear(self, kind: str, target: str) -> None:
+        """Takes a fault away, if it is there.
+
+        :raises UnknownName: there is no such kind, or it cannot be attached to that.
+        """
+        known = self._kind(kind, target)
+        if self._active.pop((kind, target), None) is not None:
+            known.end(target)
+
+    def update(self) -> None:
+        """Ends those whose time is over; the world calls it before each step."""
+        if self._active:
+            for fault in self.active:
+                if self._world.time >= fault.until:
+                    self.clear(fault.kind, fault.target)
+
+    def lag(self, target: str) -> float:
+        """How late a sensor is (s)."""
+        fault = self._active.get((LATE_SENSOR, target))
+        return fault.value if fault is not None else 0.0
+
+    def _kind(self, kind: str, target: str) -> _Kind:
+        if kind not in self._kinds:
+            raise UnknownName(f"there is no fault {kind!r}; expected one of: {', '.join(self._kinds)}")
+        known = self._kinds[kind]
+        targets = known.targets()
+        if target not in targets:
+            expected = ", ".join(sorted(targets)) or "none is there"
+            raise UnknownName(f"{kind} of {target!r}: expected {known.what}: {expected}")
+        return known
+
+    def _bases(self) -> list[str]:
+        return [robot.spec.base.id for robot in self._world.robots.values() if robot.spec.base is not None]
+
+    def _slip(self, gripper: str, left: float) -> None:
+        self._world.grippers[gripper].set_friction(left)
+
+    def _block(self, target: str, ahead: float) -> None:
+        """Puts an obstacle where the robot is going to, or where it looks when it stands; never into the robot."""
+        robot = self._world.robots[target]
+        pose = robot.pose()
+        vx, vy, _ = robot.velocity()
+        speed = math.hypot(vx, vy)
+        way = (vx / speed, vy / speed, 0.0) if speed > _SPEED else (1.0, 0.0, 0.0)
+        distance = max(ahead, robot.radius + math.hypot(*_OBSTACLE_SIZE[:2]) / 2)
+        dx, dy, _ = rotated(pose.orientation, way)
+        x, y, z = pose.position
+        at = (x + distance * dx, y + distance * dy, z + _OBSTACLE_SIZE[2] / 2)
+        spec = BodySpec(
+            obstacle_of(target),
+            label="obstacle",
+            pose=Pose(at, pose.orientation),
+            size=_OBSTACLE_SIZE,
+            colour=_OBSTACLE_COLOUR,
+        )
+        self._world.add_body(spec)
+
+
+def obstacle_of(robot: str) -> str:
+    """The id of the body that blocks the path of a robot."""
+    return f"obstacle of {robot}"
+
+
+class DelayLine(Generic[T]):
+    """What a sensor measured, given out later. As long as it is not late, the newest is given out at once."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, T]] = []
+
+    def put(self, time: float, item: T) -> None:
+        """Adds what was measured at a time (s), not before what was added last."""
+        self._waiting.append((time, item))
+
+    def due(self, now: float, lag: float) -> list[T]:
+        """What has to be given out now, oldest first; each is given out once.
+
+        :param lag: how late the sensor is (s).
+        """
+        count = 0
+        while count < len(self._waiting) and self._waiting[count][0] <= now - lag:
+            count += 1
+        given, self._waiting = self._waiting[:count], self._waiting[count:]
+        return [item for _, item in given]

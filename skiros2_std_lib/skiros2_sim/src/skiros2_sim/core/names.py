@@ -1,0 +1,71 @@
+"""The names of robots, their parts, and the topics and actions of their drivers.
+
+An element may give a name of its own, with the property that the vocabulary has for it; else it is made by a rule.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from skiros2_common.core.world_element import Element
+
+
+class Address(NamedTuple):
+    """Where something of a robot is reached.
+
+    :param key: the property of the element that tells it.
+    :param rule: what it is without, of the robot's and the part's names.
+    """
+
+    key: str
+    rule: str
+
+    def of(self, element: Element, robot: str, part: str = "") -> str:
+        """The name for an element.
+
+        :param robot: name of the robot.
+        :param part: name of the part that the element is; "" for the robot itself.
+        """
+        return str(element.value_of(self.key) or "") or self.rule.format(robot=robot, part=part)
+
+
+#: Of a robot: the action `move_base_msgs/MoveBase`.
+MOVE = Address("skiros:NavigationExe", "/{robot}/move_base")
+#: Of an arm: the action `control_msgs/FollowJointTrajectory`.
+TRAJECTORY = Address("skiros:MotionExe", "/{robot}/{part}/follow_joint_trajectory")
+#: Of an arm: the action `skiros2_sim_msgs/CartesianMotion`.
+CARTESIAN = Address("skiros:CartesianGoalAction", "/{robot}/{part}/cartesian_motion")
+#: Of an arm: the topic of what its tool feels.
+WRENCH = Address("skiros:CartesianWrenchTopic", "/{robot}/{part}/wrench")
+#: Of an arm: the topic that sets its stiffness.
+STIFFNESS = Address("skiros:CartesianStiffnessTopic", "/{robot}/{part}/stiffness")
+#: Of an arm: its controllers, as the service that switches them knows them.
+POSITION_CONTROLLER = Address("skiros:JointConfigurationController", "position")
+COMPLIANT_CONTROLLER = Address("skiros:CompliantController", "compliant")
+#: Of a robot: the service that switches them.
+SWITCH_CONTROLLER = "/{robot}/controller_manager/switch_controller"
+#: Of a gripper: the action `control_msgs/GripperCommand`.
+GRIPPER = Address("skiros:DriverAddress", "/{robot}/{part}/gripper_action")
+#: Of a camera: the topics of its pictures.
+COLOUR = Address("skiros:RgbTopic", "/{robot}/{part}/color/image_raw")
+DEPTH = Address("skiros:DepthTopic", "/{robot}/{part}/depth/image_raw")
+
+
+def robot_name(element: Element) -> str:
+    """The name of a robot: its label without the prefix of the ontology."""
+    return _plain(element.label.rpartition(":")[2]) or _by_number("robot", element)
+
+
+def part_name(element: Element) -> str:
+    """The name of a part of a robot: its label in lower snake case."""
+    return _plain(element.label.rpartition(":")[2].lower()) or _by_number("part", element)
+
+
+def _plain(text: str) -> str:
+    """What may be the part of a ROS name: letters, digits and underscores, a letter first."""
+    return re.sub(r"^[\d_]+|_+$", "", re.sub(r"[^A-Za-z0-9]+", "_", text))
+
+
+def _by_number(kind: str, element: Element) -> str:
+    return f"{kind}_{max(element.getIdNumber(), 0)}"

@@ -1,0 +1,261 @@
+"""Reads what is to be simulated from the elements of a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pybullet_data
+
+from skiros2_common.core.world_element import Element
+from skiros2_sim.core import names
+from skiros2_sim.core.scene_spec import (
+    ArmSpec,
+    BaseSpec,
+    BodySpec,
+    CameraSpec,
+    GripperSpec,
+    Problem,
+    RobotSpec,
+    SceneSpec,
+)
+from skiros2_sim.core.scene_tree import SceneTree
+from skiros2_std_reasoners.core import spatial_data
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+
+ROBOT = "cora:Robot"
+BASE = "rparts:RoboticBase"
+ARM = "rparts:ArmDevice"
+GRIPPER = "rparts:GripperEffector"
+CAMERA = "skiros:DepthCamera"
+MOVABLE = "skiros:Manipulatable"
+#: What is no thing, whatever its size.
+_SHAPELESS = ("skiros:TransformationPose", "skiros:Scene")
+
+_MODEL = "skiros:CadModel"
+_MASS = "skiros:Weight"
+
+_LARGEST = 100.0  # m, an edge
+_HEAVIEST = 1e5  # kg
+
+
+def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
+    """Reads a scene from the file that the world model loads.
+
+    :param file: relative to the workspace, or whole.
+    :param workspace: folder of the user's ontologies and scenes; models are looked for there first.
+    :raises ConfigurationError: the folder or the file is missing, or the world model refuses it.
+    """
+    folder = Path(workspace)
+    model = WorldModel(source_ontologies(), folder, initial=[("scene", str(file))])
+    world_model = LocalWorldModel("simulator", model)
+    return read_scene(world_model.get_scene(), world_model.is_subclass, (folder,))
+
+
+def read_scene(
+    elements: Iterable[Element], is_subclass: Callable[[str, str], bool], folders: Sequence[str | Path] = ()
+) -> SceneSpec:
+    """What is to be simulated of the elements of a scene. Nothing in them is fatal: see `SceneSpec.problems`.
+
+    :param is_subclass: whether a class is another one or under it, as the world model knows it.
+    :param folders: where models are looked for, before PyBullet's own data.
+    """
+    return _Reader(SceneTree(elements), is_subclass).read((*map(str, folders), pybullet_data.getDataPath()))
+
+
+class _Reader:
+    def __init__(self, tree: SceneTree, is_subclass: Callable[[str, str], bool]) -> None:
+        self._tree = tree
+        self._is_subclass = is_subclass
+        self._problems: list[Problem] = list(tree.problems)
+        self._robot_names: set[str] = set()
+
+    def read(self, folders: tuple[str, ...]) -> SceneSpec:
+        parts: set[str] = set()
+        robots = []
+        for element in self._tree.of(lambda e: self._is(e, ROBOT)):
+            parts |= {element.id, *(part.id for part in self._tree.parts(element))}
+            robots.append(self._robot(element))
+        things = self._tree.of(lambda e: e.id not in parts)
+        bodies = [body for element in things if (body := self._body(element)) is not None]
+        ids = {body.id for body in bodies}
+        cameras = [self._loose_camera(e, ids) for e in things if self._is(e, CAMERA)]
+        return SceneSpec(
+            tuple(bodies), tuple(robots), tuple(cameras), self._tree.map_frame, folders, tuple(self._problems)
+        )
+
+    def _is(self, element: Element, kind: str) -> bool:
+        return self._is_subclass(element.type, kind)
+
+    def _add_problem(self, element: Element, reason: str) -> None:
+        self._problems.append(Problem(element.id, reason))
+
+    # -- things -----------------------------------------------------------------------------------------------
+
+    def _body(self, element: Element) -> BodySpec | None:
+        movable, model, size = self._is(element, MOVABLE), self._model(element), self._size(element)
+        if any(self._is(element, kind) for kind in (*_SHAPELESS, CAMERA)):
+            return None
+        if size is None and not model:
+            if movable:
+                self._add_problem(element, "it is left out: it has neither a size nor a model")
+            return None
+        pose = self._tree.pose_in_map(element)
+        if pose is None:
+            self._add_problem(element, f"it is left out: {self._tree.why_no_pose(element)}")
+            return None
+        return BodySpec(
+            element.id,
+            element.type,
+            element.label,
+            self._tree.parent_id(element),
+            pose,
+            size,
+            model,
+            movable,
+            self._mass(element),
+        )
+
+    def _loose_camera(self, element: Element, bodies: set[str]) -> CameraSpec:
+        """A camera that is no part of a robot: it hangs on a thing, or in the map."""
+        name = names.part_name(element)
+        parent = self._tree.parent_id(element)
+        camera = self._camera(element, parent, "cameras", name)
+        if parent in bodies:
+            return camera
+        pose = self._tree.pose_in_map(element)
+        if pose is None:
+            self._add_problem(element, f"it is put at the map's origin: {self._tree.why_no_pose(element)}")
+        return replace(camera, parent="", pose=pose or IDENTITY)
+
+    # -- robots -----------------------------------------------------------------------------------------------
+
+    def _robot(self, element: Element) -> RobotSpec:
+        name = self._unused(names.robot_name(element), element, self._robot_names)
+        taken: set[str] = set()
+        base: BaseSpec | None = None
+        arms: list[ArmSpec] = []
+        cameras: list[CameraSpec] = []
+        for part in self._tree.children(element):
+            if self._is(part, BASE):
+                if base is not None:
+                    self._add_problem(part, f"it is left out: the robot {element.id} has the base {base.id} already")
+                    continue
+                base = self._base(part, taken)
+            elif self._is(part, ARM):
+                arms += self._arm(part, name, taken, cameras)
+            elif self._is(part, CAMERA):
+                cameras.append(self._camera(part, element.id, name, self._unused_part(part, taken)))
+        pose = self._tree.pose_in_map(element)
+        if pose is None:
+            self._add_problem(element, f"it is put at the map's origin: {self._tree.why_no_pose(element)}")
+        return RobotSpec(
+            element.id,
+            name,
+            pose or IDENTITY,
+            self._size(element),
+            base,
+            tuple(arms),
+            tuple(cameras),
+            names.MOVE.of(element, name),
+        )
+
+    def _base(self, element: Element, taken: set[str]) -> BaseSpec:
+        name = self._unused_part(element, taken)
+        return BaseSpec(element.id, name, self._model(element), self._pose_on_robot(element), self._size(element))
+
+    def _arm(self, element: Element, robot: str, taken: set[str], cameras: list[CameraSpec]) -> list[ArmSpec]:
+        """The arm, if it has a model; the cameras on it go to `cameras`."""
+        model = self._model(element)
+        if not model:
+            self._add_problem(element, f"the arm is left out: it has no model ({_MODEL})")
+            return []
+        name = self._unused_part(element, taken)
+        gripper: GripperSpec | None = None
+        for part in self._tree.children(element):
+            if self._is(part, CAMERA):
+                cameras.append(self._camera(part, element.id, robot, self._unused_part(part, taken)))
+            elif self._is(part, GRIPPER):
+                if gripper is not None:
+                    self._add_problem(
+                        part, f"it is left out: the arm {element.id} has the gripper {gripper.id} already"
+                    )
+                    continue
+                gripper = self._gripper(part, robot, taken)
+                for child in self._tree.children(part):
+                    if self._is(child, CAMERA):
+                        cameras.append(self._camera(child, part.id, robot, self._unused_part(child, taken)))
+        return [
+            ArmSpec(
+                element.id,
+                name,
+                model,
+                self._pose_on_robot(element),
+                gripper,
+                names.TRAJECTORY.of(element, robot, name),
+                names.CARTESIAN.of(element, robot, name),
+                names.WRENCH.of(element, robot, name),
+                names.STIFFNESS.of(element, robot, name),
+                names.POSITION_CONTROLLER.of(element, robot, name),
+                names.COMPLIANT_CONTROLLER.of(element, robot, name),
+            )
+        ]
+
+    def _gripper(self, element: Element, robot: str, taken: set[str]) -> GripperSpec:
+        name = self._unused_part(element, taken)
+        model = self._model(element)
+        pose = self._pose_on_robot(element) if model else IDENTITY
+        return GripperSpec(element.id, name, model, pose, names.GRIPPER.of(element, robot, name))
+
+    def _camera(self, element: Element, parent: str, robot: str, name: str) -> CameraSpec:
+        return CameraSpec(
+            element.id,
+            name,
+            parent,
+            self._pose_on_robot(element),
+            rgb_topic=names.COLOUR.of(element, robot, name),
+            depth_topic=names.DEPTH.of(element, robot, name),
+        )
+
+    def _unused_part(self, element: Element, taken: set[str]) -> str:
+        return self._unused(names.part_name(element), element, taken)
+
+    def _unused(self, name: str, element: Element, taken: set[str]) -> str:
+        """A name that nothing else has; the number of the element is added where it has to be."""
+        if name in taken:
+            other, name = name, f"{name}_{max(element.getIdNumber(), 0)}"
+            while name in taken:
+                name += "_"
+            self._add_problem(element, f"it is called {name}: something else is called {other}")
+        taken.add(name)
+        return name
+
+    # -- properties -------------------------------------------------------------------------------------------
+
+    def _pose_on_robot(self, element: Element) -> Pose:
+        """Of a part in the frame of what it is a part of; without one it is there."""
+        return spatial_data.pose_of(element) or IDENTITY
+
+    def _model(self, element: Element) -> str:
+        return spatial_data.text(element, _MODEL).strip()
+
+    def _size(self, element: Element) -> Vector | None:
+        given = spatial_data.numbers(element, spatial_data.SIZE)
+        if all(edge is None for edge in given):
+            return None
+        edges = [edge for edge in given if edge is not None and 0 < edge <= _LARGEST]
+        if len(edges) != 3:
+            self._add_problem(element, f"its size is not used: expected three edges of up to {_LARGEST} m, got {given}")
+            return None
+        return edges[0], edges[1], edges[2]
+
+    def _mass(self, element: Element) -> float | None:
+        (mass,) = spatial_data.numbers(element, (_MASS,))
+        if mass is not None and not 0 < mass <= _HEAVIEST:
+            self._add_problem(element, f"its weight is not used: expected up to {_HEAVIEST} kg, got {mass}")
+            return None
+        return mass if mass is None or math.isfinite(mass) else None

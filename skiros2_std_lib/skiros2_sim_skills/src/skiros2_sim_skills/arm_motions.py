@@ -1,0 +1,187 @@
+"""The arm, by control_msgs/FollowJointTrajectory and skiros2_sim_msgs/CartesianMotion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal, FollowJointTrajectoryResult
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.params import ParamTypes
+from skiros2_demo_skills.motions import TuckArm
+from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
+from skiros2_sim_skills.base_motion import stamped
+from skiros2_sim_skills.devices import cartesian_action, joint_action, posture, tool_frame
+from skiros2_sim_skills.drivers import DriverAction
+from skiros2_sim_skills.motions import LiftTool, MoveArmJoints, MoveToolToContainer, MoveToolToObject
+from skiros2_sim_skills.places import (
+    Box,
+    above,
+    box_of,
+    direction_between,
+    grasp_of,
+    holder_of,
+    pose_in_scene,
+    release_of,
+    size_of,
+)
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+
+#: With a motion until contact: how far below where the object is thought to stand it may go (m).
+_GIVE = 0.025
+
+_JOINT_CODES = {
+    FollowJointTrajectoryResult.INVALID_GOAL: "the arm refuses the posture",
+    FollowJointTrajectoryResult.INVALID_JOINTS: "the joints are not those of the arm",
+    FollowJointTrajectoryResult.OLD_HEADER_TIMESTAMP: "the goal came too late",
+    FollowJointTrajectoryResult.PATH_TOLERANCE_VIOLATED: "the arm was held up on its way",
+    FollowJointTrajectoryResult.GOAL_TOLERANCE_VIOLATED: "the arm did not get to the posture",
+}
+_CARTESIAN_CODES = {
+    CartesianMotionGoal.INVALID_GOAL: "the arm refuses the goal",
+    CartesianMotionGoal.UNREACHABLE: "out of reach of the arm",
+    CartesianMotionGoal.FORCE_LIMIT: "the tool has hit something",
+    CartesianMotionGoal.NO_CONTACT: "there is nothing to put it down on",
+    CartesianMotionGoal.TIMED_OUT: "it took too long",
+    CartesianMotionGoal.BLOCKED: "something is in the way of the arm",
+    CartesianMotionGoal.PREEMPTED: "stopped by another motion",
+}
+
+
+class move_arm_joints(DriverAction):
+    """Sends the posture as a trajectory of one point."""
+
+    def createDescription(self) -> None:
+        self.setDescription(MoveArmJoints(), self.__class__.__name__)
+
+    def address(self) -> tuple[str, Any]:
+        return joint_action(self.element("Robot"), self.element("Arm")), FollowJointTrajectoryAction
+
+    def doing(self) -> str:
+        return f"Moving the arm to posture {self.value('Posture')!r}"
+
+    def buildGoal(self) -> FollowJointTrajectoryGoal:
+        duration = self.value("Duration")
+        if not 0.0 < duration < 1e6:
+            raise WrongValue(f"the motion is to take {duration} s")
+        joints = posture(self.element("Arm"), self.value("Posture"))
+        goal = FollowJointTrajectoryGoal()
+        goal.trajectory.joint_names = list(joints)
+        goal.trajectory.points = [
+            JointTrajectoryPoint(positions=list(joints.values()), time_from_start=rospy.Duration.from_sec(duration))
+        ]
+        return goal
+
+    def onDone(self, status: int, msg: Any) -> State:
+        if status == GoalStatus.SUCCEEDED:
+            return self.success(f"{self.doing()}: there")
+        return self.failed(_reason(_JOINT_CODES, msg, self.get_result_msg()), status)
+
+
+class tuck_arm(move_arm_joints):
+    """The posture for driving and for looking, by its name."""
+
+    def createDescription(self) -> None:
+        self.setDescription(TuckArm(), self.__class__.__name__)
+        self.addParam("Posture", "home", ParamTypes.Optional, description="A name in demo:Postures of the arm")
+        self.addParam("Duration", 2.5, ParamTypes.Optional, description="How long the motion takes (s)")
+
+
+class _ToolMotion(DriverAction):
+    """Base of the straight motions of the tool."""
+
+    def address(self) -> tuple[str, Any]:
+        return cartesian_action(self.element("Robot"), self.element("Arm")), CartesianMotionAction
+
+    def ahead(self, target: Pose) -> Vector:
+        """The direction from the arm to where it reaches."""
+        return direction_between(pose_in_scene(self.wmi, self.element("Arm"))[1], target)
+
+    def onFeedback(self, msg: Any) -> State:
+        return self.step(f"{self.doing()}: {msg.distance:.2f} m to go")
+
+    def onDone(self, status: int, msg: Any) -> State:
+        if status == GoalStatus.SUCCEEDED:
+            return self.success(f"{self.doing()}: done")
+        return self.failed(_reason(_CARTESIAN_CODES, msg, self.get_result_msg()), status)
+
+
+class move_tool_to_object(_ToolMotion):
+    """Reaches for the object from above, the fingers across its narrower side."""
+
+    def createDescription(self) -> None:
+        self.setDescription(MoveToolToObject(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        return f"{'Moving above' if self.value('Height') > 0 else 'Reaching for'} {self.label_of('Object')}"
+
+    def buildGoal(self) -> CartesianMotionGoal:
+        thing = self.element("Object")
+        frame, pose = pose_in_scene(self.wmi, thing)
+        grasp = grasp_of(box_of(self.wmi, thing), self.ahead(pose))
+        return CartesianMotionGoal(
+            target=stamped(frame, above(grasp, self.value("Height"))),
+            speed=self.value("Speed"),
+            max_force=self.value("MaxForce"),
+        )
+
+
+class move_tool_to_container(_ToolMotion):
+    """Moves what the gripper holds to where it stands in the middle of the container, or straight above."""
+
+    def createDescription(self) -> None:
+        self.setDescription(MoveToolToContainer(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        what = "Putting it down in" if self.value("ContactForce") > 0 else "Moving above"
+        return f"{what} {self.label_of('Container')}"
+
+    def buildGoal(self) -> CartesianMotionGoal:
+        container, thing = self.element("Container"), self.element("Object")
+        frame, pose = pose_in_scene(self.wmi, container)
+        target = release_of(box_of(self.wmi, container), self._held(thing), self.ahead(pose))
+        until_contact = self.value("ContactForce") > 0
+        return CartesianMotionGoal(
+            target=stamped(frame, above(target, -_GIVE if until_contact else self.value("Height"))),
+            speed=self.value("Speed"),
+            max_force=self.value("MaxForce"),
+            contact_force=self.value("ContactForce"),
+        )
+
+    def _held(self, thing: Any) -> Box:
+        """Pose in the frame of the tool, and size.
+
+        :raises WrongValue: the gripper does not hold it.
+        """
+        holder, pose = holder_of(self.wmi, thing), space.pose_of(thing)
+        if holder is None or holder.id != self.element("Gripper").id or pose is None:
+            raise WrongValue(f"{thing.label!r} is not in {self.label_of('Gripper')!r}")
+        return Box(pose, size_of(thing))
+
+
+class lift_tool(_ToolMotion):
+    """Moves back along the axis of the tool."""
+
+    def createDescription(self) -> None:
+        self.setDescription(LiftTool(), self.__class__.__name__)
+
+    def doing(self) -> str:
+        return "Lifting the gripper"
+
+    def buildGoal(self) -> CartesianMotionGoal:
+        frame = tool_frame(self.element("Robot"), self.element("Arm"), self.element("Gripper"))
+        return CartesianMotionGoal(
+            target=stamped(frame, above(IDENTITY, -self.value("Height"))), speed=self.value("Speed")
+        )
+
+
+def _reason(codes: dict[int, str], result: Any, text: str) -> str:
+    """What a result says: its code in words, and the driver's own text."""
+    words = codes.get(getattr(result, "error_code", 0), "")
+    own = str(getattr(result, "error_string", "") or text)
+    return f"{words} ({own})" if words and own and own != words else words or own

@@ -1,0 +1,41 @@
+"""The controllers of an arm, by a service like that of controller_manager."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rospy
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_sim_msgs.srv import SwitchController as Switch
+from skiros2_sim_msgs.srv import SwitchControllerRequest
+from skiros2_sim_skills.devices import controllers, switch_service
+from skiros2_sim_skills.drivers import DriverService
+from skiros2_sim_skills.motions import SwitchController
+
+
+class switch_controller(DriverService):
+    """Starts the one controller of the arm and stops the other."""
+
+    def createDescription(self) -> None:
+        self.setDescription(SwitchController(), self.__class__.__name__)
+
+    def buildClient(self) -> rospy.ServiceProxy:
+        return rospy.ServiceProxy(switch_service(self.element("Robot")), Switch)
+
+    def buildRequest(self) -> SwitchControllerRequest:
+        on, off = self._controllers()
+        return SwitchControllerRequest(
+            start_controllers=[on], stop_controllers=[off], strictness=SwitchControllerRequest.BEST_EFFORT
+        )
+
+    def onDone(self, response: Any) -> State:
+        on, _ = self._controllers()
+        if not response.ok:
+            return self.fail(f"{self.label_of('Arm')} did not switch to the controller {on!r}", -1)
+        return self.success(f"Controller {on!r} is on")
+
+    def _controllers(self) -> tuple[str, str]:
+        """The one that is wanted, and the other."""
+        position, compliant = controllers(self.element("Arm"))
+        return (compliant, position) if self.value("Compliant") else (position, compliant)

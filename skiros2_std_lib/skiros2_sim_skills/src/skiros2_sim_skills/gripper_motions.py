@@ -1,0 +1,216 @@
+"""The gripper, by control_msgs/GripperCommand, in which the position is the width between the fingers (m)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from actionlib_msgs.msg import GoalStatus
+
+from control_msgs.msg import GripperCommandAction, GripperCommandGoal
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+from skiros2_demo_skills.motions import CloseGripper, OpenGripper
+from skiros2_sim_skills.devices import gripper_action
+from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
+from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
+from skiros2_sim_skills.places import (
+    SCENE,
+    box_of,
+    contents,
+    direction_between,
+    grasp_of,
+    holder_of,
+    in_grasp,
+    move_in_world_model,
+    pose_in_scene,
+    size_of,
+)
+from skiros2_std_skills.client_primitive import STOPPED
+from skiros2_std_skills.clock import Stopwatch
+
+#: Fingers nearer to each other hold nothing (m).
+_NOTHING_BETWEEN = 0.004
+#: By so much the width between the fingers may differ from the edges of what they hold (m).
+_FIT = 0.015
+
+#: Progress code: the gripper holds nothing, or something else.
+NOT_HELD = -111
+
+
+class _GripperMotion(DriverAction):
+    """Base of the motions of the gripper."""
+
+    def address(self) -> tuple[str, Any]:
+        return gripper_action(self.element("Robot"), self.element("Gripper")), GripperCommandAction
+
+    def command(self, width: float, effort: float) -> GripperCommandGoal:
+        """The goal: a width (m) and a force (N)."""
+        goal = GripperCommandGoal()
+        goal.command.position, goal.command.max_effort = width, effort
+        return goal
+
+    def grip(self) -> GripperCommandGoal:
+        """The goal that closes the fingers on what is between them."""
+        return self.command(0.0, self.value("Effort"))
+
+    def add_effort(self) -> None:
+        """Declares how strongly the gripper closes."""
+        self.addParam("Effort", 40.0, ParamTypes.Optional, description="How strongly it closes (N)")
+
+    def ended_well(self, status: int, msg: Any) -> bool:
+        """Whether the driver has done what it was told; fingers that something stops have, too."""
+        return status == GoalStatus.SUCCEEDED or bool(getattr(msg, "stalled", False))
+
+
+class open_gripper(_GripperMotion):
+    """Opens the gripper."""
+
+    def createDescription(self) -> None:
+        self.setDescription(OpenGripper(), self.__class__.__name__)
+        self.addParam("Width", 0.08, ParamTypes.Optional, description="Between the fingers (m)")
+
+    def doing(self) -> str:
+        return "Opening the gripper"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.command(self.value("Width"), 0.0)
+
+    def onDone(self, status: int, msg: Any) -> State:
+        if status == GoalStatus.SUCCEEDED and not msg.stalled:
+            return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm")
+        stuck = "the fingers are stuck" if getattr(msg, "stalled", False) else self.get_result_msg()
+        return self.failed(stuck, status)
+
+
+class close_gripper(_GripperMotion):
+    """Closes the gripper on an object, and fails when the fingers do not stop at it."""
+
+    def createDescription(self) -> None:
+        self.setDescription(CloseGripper(), self.__class__.__name__)
+        self.add_effort()
+
+    def doing(self) -> str:
+        return f"Grasping {self.label_of('Object')}"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.grip()
+
+    def onDone(self, status: int, msg: Any) -> State:
+        if not self.ended_well(status, msg):
+            return self.failed(self.get_result_msg(), status)
+        wrong = misfit(self.element("Object"), msg.position)
+        if wrong:
+            return self.fail(wrong, NOT_HELD)
+        return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm between the fingers")
+
+
+class check_grasp(_GripperMotion):
+    """Closes the gripper once more: fingers that hold something do not move."""
+
+    def createDescription(self) -> None:
+        self.setDescription(CheckGrasp(), self.__class__.__name__)
+        self.add_effort()
+
+    def doing(self) -> str:
+        return f"Checking the grip on {self.label_of('Object')}"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.grip()
+
+    def onDone(self, status: int, msg: Any) -> State:
+        if not self.ended_well(status, msg):
+            return self.failed(self.get_result_msg(), status)
+        thing = self.element("Object")
+        wrong = misfit(thing, msg.position)
+        if not wrong:
+            return self.success(f"{self.label_of('Object')} is held")
+        return self.fail(lost(self.wmi, self.element("Gripper"), thing, wrong), NOT_HELD)
+
+
+class watch_grasp(_GripperMotion):
+    """Closes the gripper again every `Period` seconds. Never succeeds: run it beside what it watches over."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WatchGrasp(), self.__class__.__name__)
+        self.add_effort()
+        self.addParam("Period", 1.0, ParamTypes.Optional, description="From one look to the next (s)")
+
+    def onStart(self) -> bool:
+        held = contents(self.wmi, self.element("Gripper"))
+        self._held = held[0] if held else None
+        self._rest: Stopwatch | None = None
+        return super().onStart() if held else True
+
+    def onPreempt(self) -> State:
+        return super().onPreempt() if self._held is not None else self.fail("Stopped", STOPPED)
+
+    def doing(self) -> str:
+        return "Watching the grip"
+
+    def buildGoal(self) -> GripperCommandGoal:
+        return self.grip()
+
+    def execute(self) -> State:
+        if self._held is None:
+            return self.step("The gripper is empty")
+        if self._rest is None:
+            return super().execute()
+        if self._rest.passed() < self.value("Period"):
+            return self.step(f"{self._held.label} is held")
+        self._rest = None
+        return self.restart(self.grip(), f"Checking the grip on {self._held.label}")
+
+    def onDone(self, status: int, msg: Any) -> State:
+        assert self._held is not None
+        if not self.ended_well(status, msg):
+            return self.failed(self.get_result_msg(), status)
+        wrong = misfit(self._held, msg.position)
+        if wrong:
+            return self.fail(lost(self.wmi, self.element("Gripper"), self._held, wrong), NOT_HELD)
+        self._rest = Stopwatch()
+        return self.step(f"{self._held.label} is held")
+
+
+class wm_grasped(PrimitiveBase):
+    """Moves the object into the gripper in the world model, where it is between the fingers."""
+
+    def createDescription(self) -> None:
+        self.setDescription(WmGrasped(), self.__class__.__name__)
+
+    def execute(self) -> State:
+        thing, gripper = self.params["Object"].value, self.params["Gripper"].value
+        try:
+            box = box_of(self.wmi, thing)
+            arm = pose_in_scene(self.wmi, self.params["Arm"].value)[1]
+            grasp = grasp_of(box, direction_between(arm, box.pose))
+            move_in_world_model(self.wmi, thing, gripper, in_grasp(box, grasp))
+        except SkirosError as error:
+            return self.fail(str(error), NOT_KNOWN)
+        return self.success(f"{gripper.label} holds {thing.label}")
+
+
+def misfit(thing: Element, width: float) -> str:
+    """Why a thing cannot be between fingers that are so far from each other (m); "" when it can.
+
+    :raises WrongValue: the thing has no size.
+    """
+    if not width > _NOTHING_BETWEEN:
+        return f"{thing.label} is not between the fingers: they have closed"
+    size = size_of(thing)
+    if any(abs(width - edge) <= _FIT for edge in size):
+        return ""
+    edges = " x ".join(f"{edge * 1000:.0f}" for edge in size)
+    return f"what is between the fingers is {width * 1000:.0f} mm wide, and {thing.label} is {edges} mm"
+
+
+def lost(wmi: Any, gripper: Element, thing: Element, why: str) -> str:
+    """Takes a thing out of the gripper that has lost it, in the world model: it is somewhere in the scene. Says so."""
+    holder = holder_of(wmi, wmi.get_element(thing.id))
+    if holder is None or holder.id != gripper.id:
+        return why
+    (scene,) = wmi.resolve_elements(Element(SCENE))
+    move_in_world_model(wmi, thing, scene, pose_in_scene(wmi, wmi.get_element(thing.id))[1])
+    return f"{why}; {gripper.label} has lost it"

@@ -1,0 +1,74 @@
+"""The camera, by a service that tells what it sees."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import rospy
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import SkirosError
+from skiros2_sim_msgs.srv import Detect, DetectRequest
+from skiros2_sim_skills.devices import detect_service
+from skiros2_sim_skills.drivers import NOT_KNOWN, DriverService
+from skiros2_sim_skills.motions import DetectObjects
+from skiros2_sim_skills.places import move_in_world_model, pose_in_scene
+from skiros2_sim_skills.sight import expected_at, findings
+from skiros2_std_reasoners.core.geometry import Pose, normalized
+
+
+class detect_objects(DriverService):
+    """Asks the camera, once more when something that is expected is not seen, and writes what has come out."""
+
+    def createDescription(self) -> None:
+        self.setDescription(DetectObjects(), self.__class__.__name__)
+
+    def onStart(self) -> bool:
+        self._may_ask_again = True
+        return super().onStart()
+
+    def buildClient(self) -> rospy.ServiceProxy:
+        return rospy.ServiceProxy(detect_service(self.element("Robot"), self.element("Camera")), Detect)
+
+    def buildRequest(self) -> DetectRequest:
+        frame, _ = pose_in_scene(self.wmi, self.element("Workstation"))
+        return DetectRequest(camera=self.element("Camera").id, frame=frame)
+
+    def onDone(self, response: Any) -> State:
+        if not response.ok:
+            return self.fail(f"{self.label_of('Camera')} sees nothing: {response.message}", -1)
+        seen = {d.id: _pose(d.pose.pose) for d in response.detections if _is_pose(d.pose.pose)}
+        try:
+            missing = [e.label for e in expected_at(self.wmi, self.element("Workstation")) if e.id not in seen]
+            if missing and self._may_ask_again:
+                self._may_ask_again = False
+                super().onStart()
+                return self.step(f"Not in view: {', '.join(missing)}; looking again")
+            return self.success(self._tell(seen))
+        except SkirosError as error:
+            return self.fail(f"{self.label_of('Camera')}: {error}", NOT_KNOWN)
+
+    def _tell(self, seen: dict[str, Pose]) -> str:
+        """Writes to the world model where things are, and says what is new.
+
+        :raises SkirosError: the world model refuses.
+        """
+        found = findings(self.wmi, self.element("Workstation"), seen)
+        for finding in found:
+            move_in_world_model(self.wmi, finding.thing, finding.holder, finding.pose)
+        news = [str(finding) for finding in found if finding.is_news]
+        return "; ".join(news) if news else f"As expected: {len(found)} objects in view"
+
+
+def _pose(message: Any) -> Pose:
+    position, orientation = message.position, message.orientation
+    return Pose(
+        (position.x, position.y, position.z), normalized((orientation.x, orientation.y, orientation.z, orientation.w))
+    )
+
+
+def _is_pose(message: Any) -> bool:
+    """Whether all numbers are finite: a driver may answer anything."""
+    p, q = message.position, message.orientation
+    return all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w)))

@@ -1,0 +1,76 @@
+"""What a mobile manipulator with a camera does with products: it drives, looks, picks and places.
+
+To the conditions of the pick-and-place demo without physics come two that the real world asks for: one robot at a time
+is at a place (`demo:Free`), and a robot works at a workstation that it has looked at (`demo:Observed`). Driving away
+undoes the look; a pick or a place that fails does, too, so that the next plan begins with another look.
+"""
+
+from __future__ import annotations
+
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.skill_description import ParamOptions
+from skiros2_common.core.world_element import Element
+from skiros2_demo_skills import transport_skills as timed
+from skiros2_sim_skills.motions import ArmAndGripper
+
+FREE = "demo:Free"
+OBSERVED = "demo:Observed"
+CONTAINER_STATE = timed.CONTAINER_STATE
+
+
+class Drive(timed.Drive):
+    """Drives the robot to a place where no other robot is, and with what the gripper holds."""
+
+    def createDescription(self) -> None:
+        super().createDescription()
+        self.set_duration(8.0)
+        self.addParam(
+            "TargetLocation", Element("skiros:Location"), ParamTypes.Required, ParamOptions.Lock, description="Where to"
+        )
+        self.addPreCondition(self.getPropCond("TargetFree", FREE, "TargetLocation", "=", True, True))
+        self.addPostCondition(self.getPropCond("TargetTaken", FREE, "TargetLocation", "=", True, False))
+        self.addPostCondition(self.getPropCond("StartFree", FREE, "StartLocation", "=", True, True))
+        self.addPostCondition(self.getPropCond("StartOutOfSight", OBSERVED, "StartLocation", "=", True, False))
+
+
+class Look(ArmAndGripper):
+    """Looks at the workstation in front of the robot, and tells the world model what lies there."""
+
+    def createDescription(self) -> None:
+        self.set_duration(4.0)
+        self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Required, description="What to look at")
+        self.add_arm_and_gripper()
+        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The arm's camera")
+        self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
+        at_workstation = self.getRelationCond("RobotAtWorkstation", "skiros:at", "Robot", "Workstation", True)
+        self.addPreCondition(at_workstation)
+        self.addHoldCondition(at_workstation)
+        self.addPostCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
+
+
+class Pick(timed.Pick):
+    """Takes an object from where it was seen on a workstation."""
+
+    def createDescription(self) -> None:
+        super().createDescription()
+        self.set_duration(12.0)
+        self.addPreCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
+        self.addPostCondition(self.getPropCond("StillObserved", OBSERVED, "Workstation", "=", True, True))
+        self.addPostCondition(self.getPropCond("ContainerEmpty", CONTAINER_STATE, "Container", "=", "Empty", True))
+        self.addPostCondition(self.getPropCond("ContainerNotFull", CONTAINER_STATE, "Container", "=", "Full", False))
+
+
+class Place(timed.Place):
+    """Puts the object in the gripper into an empty tray, and looks whether it is there."""
+
+    def createDescription(self) -> None:
+        super().createDescription()
+        self.set_duration(14.0)
+        self.addParam("Container", Element("demo:Tray"), ParamTypes.Required, description="Where to put it")
+        self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The arm's camera")
+        self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
+        self.addPreCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
+        self.addPreCondition(self.getPropCond("ContainerEmpty", CONTAINER_STATE, "Container", "=", "Empty", True))
+        self.addPostCondition(self.getPropCond("StillObserved", OBSERVED, "Workstation", "=", True, True))
+        self.addPostCondition(self.getPropCond("ContainerNotEmpty", CONTAINER_STATE, "Container", "=", "Empty", False))
+        self.addPostCondition(self.getPropCond("ContainerFull", CONTAINER_STATE, "Container", "=", "Full", True))

@@ -20,6 +20,7 @@ OUTSIDE = {
     "skiros2_std_reasoners": {"numpy"},
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
     "skiros2_sim": {"numpy", "pybullet", "pybullet_data", "PIL"},
+    "skiros2_sim_skills": set(),
 }
 #: Of lower packages, only the port.
 PORTS = {
@@ -32,6 +33,7 @@ PORTS = {
         "skiros2_std_reasoners.core",
     },
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
+    "skiros2_sim_skills": {"skiros2_std_reasoners.core"},
 }
 
 

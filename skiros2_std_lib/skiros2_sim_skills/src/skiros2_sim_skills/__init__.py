@@ -2,6 +2,6 @@
 
 `transport` says what a robot can do, `compounds` how. `motions` describes the motions that the pick-and-place demo
 without physics lacks; `base_motion`, `arm_motions`, `gripper_motions`, `controllers` and `look_around` have drivers do
-them. Which drivers, postures and sizes these are, the elements of the world model tell (`devices`, `places`): nothing
-here knows whether the robot is simulated.
+them. Which drivers, postures and sizes these are, the elements of the world model tell (`core`): nothing here
+knows whether the robot is simulated.
 """

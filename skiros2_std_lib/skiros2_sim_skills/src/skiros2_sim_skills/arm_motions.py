@@ -15,10 +15,8 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_demo_skills.motions import TuckArm
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.devices import cartesian_action, joint_action, posture, tool_frame
-from skiros2_sim_skills.drivers import DriverAction
-from skiros2_sim_skills.motions import LiftTool, MoveArmJoints, MoveToolToContainer, MoveToolToObject
-from skiros2_sim_skills.places import (
+from skiros2_sim_skills.core.devices import cartesian_action, joint_action, posture, tool_frame
+from skiros2_sim_skills.core.places import (
     Box,
     above,
     box_of,
@@ -29,6 +27,8 @@ from skiros2_sim_skills.places import (
     release_of,
     size_of,
 )
+from skiros2_sim_skills.drivers import DriverAction
+from skiros2_sim_skills.motions import LiftTool, MoveArmJoints, MoveToolToContainer, MoveToolToObject
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 

@@ -12,9 +12,9 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_demo_skills.motions import MoveBase
-from skiros2_sim_skills.devices import base_action
+from skiros2_sim_skills.core.devices import base_action
+from skiros2_sim_skills.core.places import approach_pose
 from skiros2_sim_skills.drivers import DriverAction
-from skiros2_sim_skills.places import approach_pose
 from skiros2_std_reasoners.core.geometry import Pose
 
 

@@ -9,7 +9,7 @@ import rospy
 from skiros2_common.core.abstract_skill import State
 from skiros2_sim_msgs.srv import SwitchController as Switch
 from skiros2_sim_msgs.srv import SwitchControllerRequest
-from skiros2_sim_skills.devices import controllers, switch_service
+from skiros2_sim_skills.core.devices import controllers, switch_service
 from skiros2_sim_skills.drivers import DriverService
 from skiros2_sim_skills.motions import SwitchController
 

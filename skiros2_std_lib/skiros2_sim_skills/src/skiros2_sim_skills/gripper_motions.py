@@ -13,10 +13,8 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, OpenGripper
-from skiros2_sim_skills.devices import gripper_action
-from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
-from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
-from skiros2_sim_skills.places import (
+from skiros2_sim_skills.core.devices import gripper_action
+from skiros2_sim_skills.core.places import (
     SCENE,
     box_of,
     contents,
@@ -28,6 +26,8 @@ from skiros2_sim_skills.places import (
     pose_in_scene,
     size_of,
 )
+from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
+from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
 from skiros2_std_skills.client_primitive import STOPPED
 from skiros2_std_skills.clock import Stopwatch
 

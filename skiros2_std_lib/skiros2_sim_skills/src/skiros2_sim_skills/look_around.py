@@ -10,11 +10,11 @@ import rospy
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
 from skiros2_sim_msgs.srv import Detect, DetectRequest
-from skiros2_sim_skills.devices import detect_service
+from skiros2_sim_skills.core.devices import detect_service
+from skiros2_sim_skills.core.places import move_in_world_model, pose_in_scene
+from skiros2_sim_skills.core.sight import expected_at, findings
 from skiros2_sim_skills.drivers import NOT_KNOWN, DriverService
 from skiros2_sim_skills.motions import DetectObjects
-from skiros2_sim_skills.places import move_in_world_model, pose_in_scene
-from skiros2_sim_skills.sight import expected_at, findings
 from skiros2_std_reasoners.core.geometry import Pose, normalized
 
 

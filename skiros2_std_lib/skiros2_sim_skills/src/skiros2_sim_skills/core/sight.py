@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from skiros2_common.core.world_element import Element
-from skiros2_sim_skills.places import (
+from skiros2_sim_skills.core.places import (
     SCENE,
     Box,
     box_of,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
@@ -87,7 +88,7 @@ def _named(element: Element, key: str, default: str) -> str:
     return str(element.value_of(key) or default)
 
 
-def _json(arm: Element, key: str, kind: type) -> list[object] | dict[str, object]:
+def _json(arm: Element, key: str, kind: type) -> Any:
     text = arm.value_of(key)
     try:
         value = json.loads(str(text))
@@ -95,7 +96,7 @@ def _json(arm: Element, key: str, kind: type) -> list[object] | dict[str, object
         value = None
     if not isinstance(value, kind) or not value:
         raise WrongValue(f"{arm!r}: {key} is {text!r}, expected a JSON {'list' if kind is list else 'object'}")
-    return value  # type: ignore[no-any-return]
+    return value
 
 
 def _is_number(value: object) -> bool:

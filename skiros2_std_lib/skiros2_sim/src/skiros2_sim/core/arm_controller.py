@@ -1,0 +1,182 @@
+"""What drives the joints of an arm: a position controller, or a compliant one, that can be switched while it moves.
+
+The compliant one is a Cartesian impedance with a posture kept in the nullspace (Khatib, A Unified Approach for Motion
+and Force Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots,
+2003):
+
+    torques = J' (K dx - D v) + bias + (I - J' J'+) (k (q0 - q) - d dq)
+
+with the tool's Jacobian J, its way dx to where it is drawn and its velocity v, stiffness K and damping D in the tool's
+frame, the bias of gravity and Coriolis forces, and the posture q0 that it is to keep as far as the tool leaves it free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_sim.core.arm import Arm
+from skiros2_sim.core.arm_kinematics import ArmKinematics, difference, matrix, measured
+from skiros2_sim.core.joint import finite
+from skiros2_sim.core.motion import Outcome
+from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
+
+Array = npt.NDArray[np.float64]
+
+#: Along and about the tool's axes (N/m, Nm/rad), where a goal does not say it.
+STIFFNESS = (600.0, 600.0, 600.0, 40.0, 40.0, 40.0)
+#: The stiffest that is stable with torques that change once a step.
+_STIFFEST = (3000.0, 3000.0, 3000.0, 80.0, 80.0, 80.0)
+#: The part of the critical damping that the tool gets.
+_DAMPING_RATIO = 0.7
+#: Keeps the inertia that the tool has finite where the arm is stretched out (1/kg, 1/(kg m2)).
+_SINGULAR = 1e-3
+#: Of the posture, in the nullspace: Nm/rad, Nm s/rad.
+_POSTURE_STIFFNESS, _POSTURE_DAMPING = 10.0, 2.0
+#: It never draws the tool with more than the force of this way (m, rad).
+_FARTHEST, _MOST_TURNED = 0.15, 0.5
+#: The heaviest thing (N) in the hand that is carried without sagging.
+_PAYLOAD = 30.0
+
+
+class ArmController:
+    """The controllers of one arm; there is one of these for each. The position controller is on at first."""
+
+    def __init__(self, world: World, robot: Robot, arm: Arm) -> None:
+        self.world = world
+        self.robot = robot
+        self.arm = arm
+        self.kinematics = _kinematics(world, robot, arm)
+        self.outcome: Outcome | None = None
+        self.compliant = False
+        self._stiffness = np.array(STIFFNESS)
+        self._drawn_to = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        self._posture = np.array(arm.rest)
+        self._carried = np.zeros(3)
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Of the position controller and the compliant one."""
+        return self.arm.spec.position_controller, self.arm.spec.compliant_controller
+
+    @property
+    def active(self) -> str:
+        """The name of the controller that is on."""
+        return self.names[int(self.compliant)]
+
+    @property
+    def stiffness(self) -> tuple[float, ...]:
+        """Of the compliant controller: N/m along and Nm/rad about the axes of the tool's frame."""
+        return tuple(float(value) for value in self._stiffness)
+
+    @stiffness.setter
+    def stiffness(self, values: Sequence[float]) -> None:
+        self._stiffness = np.array(checked_stiffness(values))
+
+    def switch(self, name: str) -> None:
+        """Turns a controller on and the other off; the arm stays where it is, and goes on holding what it holds.
+
+        :raises UnknownName: the arm has no controller of that name.
+        """
+        if name not in self.names:
+            raise UnknownName(f"arm {self.arm.name} has no controller {name!r}; it has {' and '.join(self.names)}")
+        if name == self.active:
+            return
+        self.compliant = not self.compliant
+        self.hold()
+        if self.compliant:
+            weight = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
+            # what hangs in the hand pulls down; what it is pressed on pushes up, and is let go
+            self._carried = np.array([0.0, 0.0, min(max(-weight, 0.0), _PAYLOAD)])
+            self.world.motions.append(self)
+        elif self in self.world.motions:
+            self.world.motions.remove(self)
+
+    def hold(self) -> None:
+        """The arm stays where it is now."""
+        positions = np.array(self.arm.positions())
+        if self.compliant:
+            self.draw(self.tool_pose(), positions)
+        else:
+            self.follow(positions, np.zeros(len(positions)))
+
+    def follow(self, positions: Array, velocities: Array) -> None:
+        """Where the position controller is to have the joints now."""
+        self.arm.drive(positions.tolist(), velocities.tolist())
+
+    def draw(self, tool: Pose, posture: Array) -> None:
+        """Where the compliant controller is to draw the tool to, in the robot's frame, in about that posture."""
+        self._drawn_to, self._posture = tool, posture
+
+    def tool_pose(self) -> Pose:
+        """Of the tool, in the robot's frame."""
+        return composed(inverted(self.robot.pose()), self.arm.tool_pose())
+
+    def update(self, dt: float) -> None:
+        """The compliant controller's torques for the next step."""
+        if not self.compliant:
+            return
+        q, dq = np.array(self.arm.positions()), np.array(self.arm.velocities())
+        masses, bias = map(np.array, self.arm.dynamics())
+        tool = self.kinematics.forward(q)
+        jacobian = self.kinematics.jacobian(q)
+        # all of it in the tool's frame, in which the stiffness is diagonal
+        into = np.zeros((6, 6))
+        into[:3, :3] = into[3:, 3:] = matrix(tool)[:3, :3].T
+        in_tool = into @ jacobian
+        way = _shortened(into @ difference(self._drawn_to, tool))
+        wrench = self._stiffness * way - _damping(self._stiffness, in_tool, masses) @ (in_tool @ dq)
+        wrench += into[:, :3] @ self._carried
+        posture = _POSTURE_STIFFNESS * (self._posture - q) - _POSTURE_DAMPING * dq
+        posture -= jacobian.T @ np.linalg.lstsq(jacobian.T, posture, rcond=None)[0]
+        self.arm.drive_torques((in_tool.T @ wrench + posture + bias).tolist())
+
+    def cancel(self) -> None:
+        """Back to the position controller."""
+        self.switch(self.names[0])
+
+
+def checked_stiffness(values: Sequence[float]) -> list[float]:
+    """Six stiffnesses. Raises WrongValue unless they are finite, not negative and no stiffer than what is stable."""
+    numbers = finite(values, 6, "stiffness along and about x, y, z")
+    for axis, value, most in zip(["x", "y", "z", "rx", "ry", "rz"], numbers, _STIFFEST, strict=True):
+        if not 0.0 <= value <= most:
+            raise WrongValue(f"stiffness {value} of {axis}: expected 0 to {most:g}")
+    return numbers
+
+
+def _damping(stiffness: Array, jacobian: Array, masses: Array) -> Array:
+    """D = z (A B + B A), where A A is the inertia that the tool has and B B the stiffness: the same part z of the
+    critical damping in all directions (the factorization design of Albu-Schaeffer et al., section 3)."""
+    mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
+    values, vectors = np.linalg.eigh(mobility)
+    root = vectors @ np.diag(values**-0.5) @ vectors.T
+    stiff = np.sqrt(stiffness)
+    return np.asarray(_DAMPING_RATIO * (root * stiff + stiff[:, None] * root))
+
+
+def _shortened(way: Array) -> Array:
+    """A way of at most that length and turn."""
+    result = way.copy()
+    for part, most in ((slice(0, 3), _FARTHEST), (slice(3, 6), _MOST_TURNED)):
+        length = float(np.linalg.norm(way[part]))
+        if length > most:
+            result[part] *= most / length
+    return result
+
+
+def _kinematics(world: World, robot: Robot, arm: Arm) -> ArmKinematics:
+    """The chain of the arm from the robot's frame on, measured on the model as it stands."""
+    bullet = world.bullet
+    joints = []
+    for joint, position in zip(arm.joints, arm.positions(), strict=True):
+        state = bullet.getLinkState(robot.body, joint.index, computeForwardKinematics=1)
+        axis = bullet.getJointInfo(robot.body, joint.index)[13]
+        lower, upper = max(joint.lower, -2 * np.pi), min(joint.upper, 2 * np.pi)
+        joints.append((position, Pose(state[4], state[5]), axis, joint.kind == "prismatic", lower, upper))
+    return measured(joints, robot.pose(), arm.tool_pose(), arm.rest)

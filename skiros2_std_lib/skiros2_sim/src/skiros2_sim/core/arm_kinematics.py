@@ -1,0 +1,260 @@
+"""Where an arm's tool is for given joint positions, and which joint positions put it somewhere.
+
+The kinematics are a chain of fixed transforms and joints, measured once on the loaded model; from then on nothing of
+the physics is touched. All poses are of the tool, in the frame that the arm is mounted in (it moves with a mobile
+base), unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_std_reasoners.core.geometry import Pose, angle_between, normalized, rotated
+
+Array = npt.NDArray[np.float64]
+
+#: How near the solver comes before it counts as there (m, rad).
+POSITION_ACCURACY = 1e-4
+ORIENTATION_ACCURACY = 1e-3
+#: From how many postures drawn by chance it begins once more, and how many steps it takes from each.
+_RESTARTS = 12
+_STEPS = 60
+#: The largest step of any joint (rad or m): the linear model holds no further.
+_LARGEST_STEP = 0.4
+#: Metres that count as much as a radian where both are weighed against each other.
+_METRES_PER_RADIAN = 0.3
+
+
+class Segment(NamedTuple):
+    """A joint of the chain: where its frame is in the one before at position 0, and about or along what it moves."""
+
+    fixed: Array  # 4 x 4
+    axis: Array  # of unit length, in the joint's frame
+    slides: bool  # along the axis; else it turns about it
+    lower: float
+    upper: float
+
+
+class Reached(NamedTuple):
+    """An answer of the solver: the joint positions, and how far the tool is off there (m, rad)."""
+
+    positions: Array
+    off: float
+    turned: float
+
+    @property
+    def there(self) -> bool:
+        """Whether this is a solution; else it is the nearest that was found."""
+        return self.off <= POSITION_ACCURACY and self.turned <= ORIENTATION_ACCURACY
+
+
+class ArmKinematics:
+    """A chain of joints with a tool at its end."""
+
+    def __init__(self, segments: Sequence[Segment], tool: Pose, rest: Sequence[float], seed: int = 0) -> None:
+        """`tool`: its pose in the last joint's frame. `rest`: the posture that is preferred. `seed`: of restarts."""
+        self.segments = tuple(segments)
+        self.lower = np.array([s.lower for s in segments])
+        self.upper = np.array([s.upper for s in segments])
+        self.rest = np.clip(np.array(rest, dtype=float), self.lower, self.upper)
+        self._fixed = np.array([s.fixed for s in segments])
+        self._tool = matrix(tool)
+        self._slides = np.array([s.slides for s in segments])
+        axes = np.array([s.axis for s in segments])
+        self._axes = axes
+        # Rodrigues: R(q) = I + sin q K + (1 - cos q) K K, with K the axis as a cross product
+        self._cross = np.array([_cross_matrix(axis) for axis in axes])
+        self._cross_squared = self._cross @ self._cross
+        self._seed = seed
+
+    def forward(self, positions: Sequence[float] | Array) -> Pose:
+        """The tool's pose."""
+        return pose_of(self._frames(np.asarray(positions, dtype=float))[-1] @ self._tool)
+
+    def jacobian(self, positions: Sequence[float] | Array) -> Array:
+        """How the tool moves with each joint: 6 x n, first the velocity (m), then the turn (rad)."""
+        return self._jacobian(self._frames(np.asarray(positions, dtype=float)))[0]
+
+    def inverse(self, target: Pose, start: Sequence[float] | Array, restarts: int = _RESTARTS) -> Reached:
+        """Joint positions within the limits for the tool's pose, from `start` if that leads there, else from the rest
+        posture, else from ones drawn by chance (the same ones each time). Where there are none: the nearest found."""
+        wanted = matrix(Pose(target.position, normalized(target.orientation)))
+        best: Reached | None = None
+        for posture in self._postures(np.asarray(start, dtype=float), restarts):
+            found = self._descended(wanted, posture)
+            if found.there:
+                return found
+            if best is None or _weighed(found) < _weighed(best):
+                best = found
+        assert best is not None  # there is always the start
+        return best
+
+    def _postures(self, start: Array, restarts: int) -> list[Array]:
+        draw = np.random.default_rng(self._seed)
+        drawn = self.lower + (self.upper - self.lower) * draw.random((restarts, len(self.segments)))
+        return [np.clip(start, self.lower, self.upper), *([self.rest] if restarts else []), *drawn]
+
+    def _descended(self, wanted: Array, start: Array) -> Reached:
+        """Damped least squares, with the freedom that is left used towards the rest posture (Nakamura and Hanafusa,
+        Inverse Kinematic Solutions with Singularity Robustness, 1986)."""
+        q = start.copy()
+        reached = Reached(q, np.inf, np.inf)
+        for step in range(_STEPS):
+            jacobian, tool = self._jacobian(self._frames(q))
+            error = _error(wanted, tool)
+            off, turned = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+            if off + turned < reached.off + reached.turned:
+                reached = Reached(q.copy(), off, turned)
+            if reached.there and step:
+                break
+            damping = 1e-5 + min(0.05, 0.1 * (off + _METRES_PER_RADIAN * turned)) ** 2
+            dq = self._step(jacobian, error, damping, q)
+            largest = float(np.max(np.abs(dq)))
+            q = np.clip(q + dq * min(1.0, _LARGEST_STEP / largest if largest else 1.0), self.lower, self.upper)
+        return reached
+
+    def _step(self, jacobian: Array, error: Array, damping: float, q: Array) -> Array:
+        """The joints' step against an error. Joints at a limit that would go beyond it are taken out once."""
+        free = np.ones(len(q), dtype=bool)
+        dq = np.zeros_like(q)
+        for _ in range(2):
+            j = jacobian[:, free]
+            turning_back = 0.05 * (self.rest - q)[free]
+            inner = np.linalg.solve(j @ j.T + damping * np.eye(6), error - j @ turning_back)
+            dq[:] = 0.0
+            dq[free] = turning_back + j.T @ inner
+            beyond = free & (((q <= self.lower) & (dq < 0)) | ((q >= self.upper) & (dq > 0)))
+            if not beyond.any() or beyond.sum() == free.sum():
+                break
+            free &= ~beyond
+        dq[~free] = 0.0
+        return dq
+
+    def _frames(self, q: Array) -> Array:
+        """The frames of all joints, moved: n x 4 x 4."""
+        moved = np.zeros_like(self._fixed)
+        angle = np.where(self._slides, 0.0, q)[:, None, None]
+        moved[:, :3, :3] = np.eye(3) + np.sin(angle) * self._cross + (1 - np.cos(angle)) * self._cross_squared
+        moved[:, :3, 3] = np.where(self._slides, q, 0.0)[:, None] * self._axes
+        moved[:, 3, 3] = 1.0
+        steps: Array = self._fixed @ moved
+        for i in range(1, len(steps)):
+            steps[i] = steps[i - 1] @ steps[i]
+        return steps
+
+    def _jacobian(self, frames: Array) -> tuple[Array, Array]:
+        """The Jacobian, and the tool's frame (4 x 4)."""
+        tool = frames[-1] @ self._tool
+        axes = np.einsum("nij,nj->ni", frames[:, :3, :3], self._axes)
+        arms = tool[:3, 3] - frames[:, :3, 3]
+        jacobian = np.empty((6, len(axes)))
+        jacobian[:3] = np.where(self._slides[:, None], axes, _crossed(axes, arms)).T
+        jacobian[3:] = np.where(self._slides[:, None], 0.0, axes).T
+        return jacobian, tool
+
+
+def measured(
+    joints: Sequence[tuple[float, Pose, Sequence[float], bool, float, float]],
+    root: Pose,
+    tool: Pose,
+    rest: Sequence[float],
+    seed: int = 0,
+) -> ArmKinematics:
+    """The chain of a model as it stands. For each joint: its position now, the pose of the link behind it, its axis in
+    that link's frame, whether it slides, its limits. `root`: the frame the chain is to be in; all poses in one frame.
+    """
+    segments = []
+    before = matrix(root)
+    for position, link, axis, slides, lower, upper in joints:
+        here = matrix(link)
+        segment = Segment(np.eye(4), np.asarray(axis, dtype=float), slides, lower, upper)
+        # the link's frame is the joint's frame moved by the joint, so its fixed part is what is left without that
+        back = np.eye(4)
+        if slides:
+            back[:3, 3] = -position * segment.axis
+        else:
+            k = _cross_matrix(segment.axis)
+            back[:3, :3] = np.eye(3) - np.sin(position) * k + (1 - np.cos(position)) * k @ k
+        segments.append(segment._replace(fixed=np.linalg.inv(before) @ here @ back))
+        before = here
+    return ArmKinematics(segments, pose_of(np.linalg.inv(before) @ matrix(tool)), rest, seed)
+
+
+def distances(a: Pose, b: Pose) -> tuple[float, float]:
+    """How far two poses are apart (m) and turned against each other (rad)."""
+    return float(np.linalg.norm(np.subtract(a.position, b.position))), angle_between(a.orientation, b.orientation)
+
+
+def difference(target: Pose, pose: Pose) -> Array:
+    """The way from one pose to the other in the common frame: a vector (m), and a turn as axis times angle (rad)."""
+    return _error(matrix(target), matrix(pose))
+
+
+def matrix(pose: Pose) -> Array:
+    """A pose as a 4 x 4 transform."""
+    result = np.eye(4)
+    for i, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
+        result[:3, i] = rotated(pose.orientation, axis)
+    result[:3, 3] = pose.position
+    return result
+
+
+def pose_of(transform: Array) -> Pose:
+    """A 4 x 4 transform as a pose."""
+    r = transform[:3, :3]
+    # the largest of the four components first (Shepperd, Quaternion from Rotation Matrix, 1978)
+    squares = [1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2]]
+    squares += [1 - r[0, 0] - r[1, 1] + r[2, 2], 1 + r[0, 0] + r[1, 1] + r[2, 2]]
+    x, y, z, w = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]
+    match int(np.argmax(squares)):
+        case 0:
+            x, y, z, w = squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], x
+        case 1:
+            x, y, z, w = r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], y
+        case 2:
+            x, y, z, w = r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], z
+    px, py, pz = (float(v) for v in transform[:3, 3])
+    return Pose((px, py, pz), normalized((float(x), float(y), float(z), float(w))))
+
+
+def _weighed(found: Reached) -> float:
+    return found.off + _METRES_PER_RADIAN * found.turned
+
+
+def _error(wanted: Array, tool: Array) -> Array:
+    error = np.empty(6)
+    error[:3] = wanted[:3, 3] - tool[:3, 3]
+    turn = np.eye(4)
+    turn[:3, :3] = wanted[:3, :3] @ tool[:3, :3].T
+    error[3:] = _rotation_vector(pose_of(turn).orientation)
+    return error
+
+
+def _rotation_vector(q: Sequence[float]) -> Array:
+    """Axis times angle (rad) of a turn, the shorter way round."""
+    vector = np.array(q[:3]) if q[3] >= 0 else -np.array(q[:3])
+    sine = float(np.linalg.norm(vector))
+    if sine < 1e-12:
+        return 2 * vector
+    return vector * (2 * math.atan2(sine, abs(q[3])) / sine)
+
+
+def _cross_matrix(v: Array) -> Array:
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _crossed(a: Array, b: Array) -> Array:
+    """Row by row; numpy's own takes several times as long for so few rows."""
+    return np.column_stack(
+        (
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        )
+    )

@@ -1,0 +1,245 @@
+"""The way of joints through the points of a trajectory: checked against what the joints can do, then looked up by time.
+
+Between two points runs a quintic polynomial where both give accelerations, else a cubic one. Points without velocities
+get the mean of the slopes on both sides, 0 where the joint turns round and at the ends, so that no joint overshoots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_sim.core.joint import Joint
+
+Array = npt.NDArray[np.float64]
+
+#: How far a limit may be overstepped before it counts (rad, m, or per second): what rounding leaves.
+_ROUNDING = 1e-3
+#: Where between two points positions and velocities are held against the limits (parts of the time between them).
+_SAMPLES = np.linspace(0.0, 1.0, 17)
+
+
+@dataclass(frozen=True)
+class JointPoint:
+    """Where the joints are to be, `time` seconds after the trajectory's start. All but positions may be empty."""
+
+    time: float
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...] = ()
+    accelerations: tuple[float, ...] = ()
+    efforts: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointTolerance:
+    """How far a joint may be off. As in control_msgs: 0 is the driver's own, below 0 is without limit."""
+
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointGoal:
+    """What control_msgs/FollowJointTrajectory asks for. `start`: the world's time (s) at which it begins; None: now."""
+
+    joints: tuple[str, ...]
+    points: tuple[JointPoint, ...]
+    start: float | None = None
+    path_tolerance: Mapping[str, JointTolerance] = field(default_factory=dict)
+    goal_tolerance: Mapping[str, JointTolerance] = field(default_factory=dict)
+    goal_time_tolerance: float = 0.0
+
+
+def order_of(goal: JointGoal, limits: Sequence[Joint]) -> list[int]:
+    """For each joint of the arm where the goal has it. Raises UnknownName unless the goal names each just once."""
+    own = [joint.name for joint in limits]
+    unknown = sorted(set(goal.joints).difference(own))
+    if unknown:
+        raise UnknownName(f"no joint {', '.join(map(repr, unknown))} in this arm; it has {', '.join(own)}")
+    doubled = sorted({name for name in goal.joints if goal.joints.count(name) > 1})
+    if doubled:
+        raise UnknownName(f"joint {', '.join(doubled)} is named more than once")
+    missing = [name for name in own if name not in goal.joints]
+    if missing:
+        raise UnknownName(f"joint {', '.join(missing)} is missing; all of this arm's are expected: {', '.join(own)}")
+    for kind, tolerances in (("path", goal.path_tolerance), ("goal", goal.goal_tolerance)):
+        strange = sorted(set(tolerances).difference(own))
+        if strange:
+            raise UnknownName(f"{kind} tolerance for {', '.join(map(repr, strange))}, which this arm does not have")
+    return [goal.joints.index(name) for name in own]
+
+
+class JointPath:
+    """A checked trajectory. What cannot be is told with joint, point and number.
+
+    :param positions: the arm's now, and `velocities`, from which it goes to the first point.
+    :raises UnknownName: the joints are not the arm's.
+    :raises WrongValue: anything else is wrong.
+    """
+
+    def __init__(self, goal: JointGoal, limits: Sequence[Joint], positions: Array, velocities: Array) -> None:
+        order = order_of(goal, limits)
+        self._limits = limits
+        times = _times(goal)
+        rows = [self._row(goal.points[i], i, order) for i in range(len(times))]
+        if times[0] > 0.0:
+            times.insert(0, 0.0)
+            rows.insert(0, (positions, velocities, None))
+            self._first = 0
+        else:
+            self._first = 1  # of the point that the first polynomial ends in, counted as the goal does
+        self._times = np.array(times)
+        self._q = np.array([row[0] for row in rows])
+        self._qd = self._velocities([row[1] for row in rows])
+        self._qdd = [row[2] for row in rows]
+        self._polynomials = np.array([self._polynomial(i) for i in range(len(times) - 1)])
+        self._check_between()
+
+    @property
+    def duration(self) -> float:
+        """Seconds from its start to its last point."""
+        return float(self._times[-1])
+
+    @property
+    def start(self) -> Array:
+        """The positions at its start."""
+        start: Array = self._q[0]
+        return start
+
+    @property
+    def end(self) -> Array:
+        """The positions of its last point."""
+        end: Array = self._q[-1]
+        return end
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Positions and velocities `time` seconds after its start; at rest before and after it."""
+        if time <= 0.0 or time >= self.duration:
+            return self._q[0 if time <= 0.0 else -1], np.zeros(len(self._limits))
+        i = int(np.searchsorted(self._times, time, side="right")) - 1
+        return _evaluated(self._polynomials[i], time - float(self._times[i]))
+
+    def _row(self, point: JointPoint, i: int, order: Sequence[int]) -> tuple[Array, Array | None, Array | None]:
+        """Positions, velocities and accelerations of a point in the arm's order, finite and within the limits."""
+        values: list[Array | None] = []
+        for kind in ("positions", "velocities", "accelerations", "efforts"):
+            given: tuple[float, ...] = getattr(point, kind)
+            if not given and kind != "positions":
+                values.append(None)
+                continue
+            if len(given) != len(order):
+                raise WrongValue(f"point {i} has {len(given)} {kind} for {len(order)} joints")
+            row = np.array([given[k] for k in order], dtype=float)
+            for limit, value in zip(self._limits, row, strict=True):
+                if not np.isfinite(value):
+                    raise WrongValue(f"point {i}: {kind} of {limit.name} is {value}, which is no number")
+            values.append(row)
+        positions, velocities, accelerations, efforts = values
+        assert positions is not None
+        for k, limit in enumerate(self._limits):
+            if not limit.lower - _ROUNDING <= positions[k] <= limit.upper + _ROUNDING:
+                raise WrongValue(
+                    f"point {i}: {limit.name} at {positions[k]:.4f} is beyond its limits "
+                    f"{limit.lower:.4f} to {limit.upper:.4f}"
+                )
+            if velocities is not None and abs(velocities[k]) > (limit.velocity or np.inf) + _ROUNDING:
+                raise WrongValue(
+                    f"point {i}: {limit.name} at {velocities[k]:.4f} per second is faster than its limit "
+                    f"{limit.velocity:.4f}"
+                )
+            if efforts is not None and abs(efforts[k]) > (limit.effort or np.inf) + _ROUNDING:
+                raise WrongValue(
+                    f"point {i}: effort {efforts[k]:.4f} of {limit.name} is above its limit {limit.effort:.4f}"
+                )
+        return positions, velocities, accelerations
+
+    def _velocities(self, given: Sequence[Array | None]) -> Array:
+        """The velocities at all points, those that are not given made up from the slopes."""
+        slopes = np.diff(self._q, axis=0) / np.diff(self._times)[:, None]
+        result = np.zeros_like(self._q)
+        for i, velocities in enumerate(given):
+            if velocities is not None:
+                result[i] = velocities
+            elif 0 < i < len(given) - 1:
+                before, after = slopes[i - 1], slopes[i]
+                # the mean, but at most three times the smaller slope: the cubic stays between its ends
+                # (Fritsch and Carlson, Monotone Piecewise Cubic Interpolation, 1980)
+                least = 3 * np.minimum(np.abs(before), np.abs(after))
+                result[i] = np.where(before * after > 0, np.clip((before + after) / 2, -least, least), 0.0)
+        return result
+
+    def _polynomial(self, i: int) -> Array:
+        """The six coefficients (rows, constant first) for each joint between point i and the next one."""
+        t = float(self._times[i + 1] - self._times[i])
+        q0, q1, v0, v1 = self._q[i], self._q[i + 1], self._qd[i], self._qd[i + 1]
+        a0, a1 = self._qdd[i], self._qdd[i + 1]
+        none = np.zeros_like(q0)
+        if a0 is None or a1 is None:
+            return np.array(
+                [
+                    q0,
+                    v0,
+                    (3 * (q1 - q0) / t - 2 * v0 - v1) / t,
+                    (v0 + v1 - 2 * (q1 - q0) / t) / t**2,
+                    none,
+                    none,
+                ]
+            )
+        d = (q1 - q0) / t
+        return np.array(
+            [
+                q0,
+                v0,
+                a0 / 2,
+                (20 * d - 8 * v1 - 12 * v0 - (3 * a0 - a1) * t) / (2 * t**2),
+                (-30 * d + 14 * v1 + 16 * v0 + (3 * a0 - 2 * a1) * t) / (2 * t**3),
+                (12 * d - 6 * v1 - 6 * v0 - (a0 - a1) * t) / (2 * t**4),
+            ]
+        )
+
+    def _check_between(self) -> None:
+        """Raises WrongValue where a joint leaves its limits between two points."""
+        for i, polynomial in enumerate(self._polynomials):
+            t = float(self._times[i + 1] - self._times[i])
+            q, qd = _evaluated(polynomial[:, None, :], (_SAMPLES * t)[:, None])
+            where = f"between points {i + self._first - 1} and {i + self._first}" if i + self._first else "to point 0"
+            for k, limit in enumerate(self._limits):
+                fastest = float(np.max(np.abs(qd[:, k])))
+                if not fastest <= (limit.velocity or np.inf) + _ROUNDING:
+                    raise WrongValue(
+                        f"{where}: {limit.name} would move at {fastest:.4f} per second, its limit is "
+                        f"{limit.velocity:.4f}; {t:.3f} s are too short for {self._q[i + 1, k] - self._q[i, k]:.4f}"
+                    )
+                lowest, highest = float(np.min(q[:, k])), float(np.max(q[:, k]))
+                # one that stands beyond a limit may come back from there
+                lower, upper = min(limit.lower, self._q[0, k]), max(limit.upper, self._q[0, k])
+                if lowest < lower - _ROUNDING or highest > upper + _ROUNDING:
+                    raise WrongValue(
+                        f"{where}: {limit.name} would go from {lowest:.4f} to {highest:.4f}, its limits are "
+                        f"{limit.lower:.4f} to {limit.upper:.4f}"
+                    )
+
+
+def _times(goal: JointGoal) -> list[float]:
+    """The times of the goal's points. Raises WrongValue unless there are some, and they are finite and increase."""
+    if not goal.points:
+        raise WrongValue("the trajectory has no points")
+    times = [point.time for point in goal.points]
+    for i, time in enumerate(times):
+        if not np.isfinite(time) or time < 0.0:
+            raise WrongValue(f"point {i}: time {time} is not a number of seconds from the start on")
+        if i and time <= times[i - 1]:
+            raise WrongValue(f"point {i}: time {time} does not come after the {times[i - 1]} of point {i - 1}")
+    return times
+
+
+def _evaluated(c: Array, t: Array | float) -> tuple[Array, Array]:
+    """Value and derivative of polynomials of degree 5, constant first."""
+    q = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))))
+    qd = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4] + t * 5 * c[5])))
+    return q, qd

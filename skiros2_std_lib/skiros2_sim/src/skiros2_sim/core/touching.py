@@ -1,0 +1,40 @@
+"""What a moving part of a robot touches, in words for the reason why it did not get on."""
+
+from __future__ import annotations
+
+from skiros2_sim.core.world import World
+
+#: Contacts with less force (N) are no reason.
+_LEAST = 0.5
+
+
+def touched(world: World, part: str) -> dict[str, float]:
+    """What the links whose names begin with `part` touch, and what things that they carry touch: the force (N) by name.
+
+    A robot's own links do not count, and neither does what a carried thing is carried by.
+    """
+    robot = part.partition("/")[0] + "/"
+    touching: dict[str, float] = {}
+    contacts = world.contacts()
+    for contact in contacts:
+        _count(touching, contact.first, contact.second, contact.force, part, robot)
+    carried = {name for name in touching if name in world.bodies and world.bodies[name].movable}
+    for contact in contacts:
+        for name in carried:
+            _count(touching, contact.first, contact.second, contact.force, name, robot)
+    return touching
+
+
+def because(world: World, part: str, before: dict[str, float]) -> str:
+    """ ", it touches ..." with what was not touched `before`, the strongest first; "" when there is nothing."""
+    now = touched(world, part)
+    new = sorted((name for name in now if name not in before and now[name] >= _LEAST), key=lambda name: -now[name])
+    if not new:
+        return ""
+    return ", it touches " + " and ".join(f"{name} ({now[name]:.0f} N)" for name in new)
+
+
+def _count(found: dict[str, float], first: str, second: str, force: float, part: str, robot: str) -> None:
+    for one, other in ((first, second), (second, first)):
+        if one.startswith(part) and not other.startswith(robot) and not other.startswith(part):
+            found[other] = found.get(other, 0.0) + force

@@ -93,8 +93,8 @@ class ArmController:
             weight = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
             # what hangs in the hand pulls down; what it is pressed on pushes up, and is let go
             self._carried = np.array([0.0, 0.0, min(max(-weight, 0.0), _PAYLOAD)])
-            self.world.motions.append(self)
-        elif self in self.world.motions:
+            self.world.motions.add(self)
+        else:
             self.world.motions.remove(self)
 
     def hold(self) -> None:

@@ -33,7 +33,7 @@ PORTS = {
         "skiros2_std_reasoners.core",
     },
     "skiros2_sim": {"skiros2_world_model.core", "skiros2_std_reasoners.core"},
-    "skiros2_sim_skills": {"skiros2_std_reasoners.core"},
+    "skiros2_sim_skills": {"skiros2_sim.core.names", "skiros2_std_reasoners.core"},
 }
 
 

@@ -13,9 +13,10 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.params import ParamTypes
 from skiros2_demo_skills.motions import TuckArm
+from skiros2_sim.core.names import CARTESIAN, TRAJECTORY, part_name, robot_name
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.core.devices import cartesian_action, joint_action, posture, tool_frame
+from skiros2_sim_skills.core.devices import TOOL_FRAME, name_of, posture
 from skiros2_sim_skills.core.places import (
     Box,
     above,
@@ -60,7 +61,7 @@ class move_arm_joints(DriverAction):
         self.setDescription(MoveArmJoints(), self.__class__.__name__)
 
     def address(self) -> tuple[str, Any]:
-        return joint_action(self.element("Robot"), self.element("Arm")), FollowJointTrajectoryAction
+        return name_of(TRAJECTORY, self.element("Robot"), self.element("Arm")), FollowJointTrajectoryAction
 
     def doing(self) -> str:
         return f"Moving the arm to posture {self.value('Posture')!r}"
@@ -96,7 +97,7 @@ class _ToolMotion(DriverAction):
     """Base of the straight motions of the tool."""
 
     def address(self) -> tuple[str, Any]:
-        return cartesian_action(self.element("Robot"), self.element("Arm")), CartesianMotionAction
+        return name_of(CARTESIAN, self.element("Robot"), self.element("Arm")), CartesianMotionAction
 
     def ahead(self, target: Pose) -> Vector:
         """The direction from the arm to where it reaches."""
@@ -174,7 +175,8 @@ class lift_tool(_ToolMotion):
         return "Lifting the gripper"
 
     def buildGoal(self) -> CartesianMotionGoal:
-        frame = tool_frame(self.element("Robot"), self.element("Arm"), self.element("Gripper"))
+        arm, gripper = self.element("Arm"), self.element("Gripper")
+        frame = TOOL_FRAME.of(gripper, robot_name(self.element("Robot")), part_name(arm))
         return CartesianMotionGoal(
             target=stamped(frame, above(IDENTITY, -self.value("Height"))), speed=self.value("Speed")
         )

@@ -12,7 +12,8 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_demo_skills.motions import MoveBase
-from skiros2_sim_skills.core.devices import base_action
+from skiros2_sim.core.names import MOVE
+from skiros2_sim_skills.core.devices import name_of
 from skiros2_sim_skills.core.places import approach_pose
 from skiros2_sim_skills.drivers import DriverAction
 from skiros2_std_reasoners.core.geometry import Pose
@@ -25,7 +26,7 @@ class move_base(DriverAction):
         self.setDescription(MoveBase(), self.__class__.__name__)
 
     def address(self) -> tuple[str, Any]:
-        return base_action(self.element("Robot")), MoveBaseAction
+        return name_of(MOVE, self.element("Robot")), MoveBaseAction
 
     def doing(self) -> str:
         return f"Driving to {self.label_of('TargetLocation')}"

@@ -7,9 +7,10 @@ from typing import Any
 import rospy
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_sim.core.names import COMPLIANT_CONTROLLER, POSITION_CONTROLLER, SWITCH_CONTROLLER, robot_name
 from skiros2_sim_msgs.srv import SwitchController as Switch
 from skiros2_sim_msgs.srv import SwitchControllerRequest
-from skiros2_sim_skills.core.devices import controllers, switch_service
+from skiros2_sim_skills.core.devices import name_of
 from skiros2_sim_skills.drivers import DriverService
 from skiros2_sim_skills.motions import SwitchController
 
@@ -21,7 +22,7 @@ class switch_controller(DriverService):
         self.setDescription(SwitchController(), self.__class__.__name__)
 
     def buildClient(self) -> rospy.ServiceProxy:
-        return rospy.ServiceProxy(switch_service(self.element("Robot")), Switch)
+        return rospy.ServiceProxy(SWITCH_CONTROLLER.format(robot=robot_name(self.element("Robot"))), Switch)
 
     def buildRequest(self) -> SwitchControllerRequest:
         on, off = self._controllers()
@@ -37,5 +38,6 @@ class switch_controller(DriverService):
 
     def _controllers(self) -> tuple[str, str]:
         """The one that is wanted, and the other."""
-        position, compliant = controllers(self.element("Arm"))
+        robot, arm = self.element("Robot"), self.element("Arm")
+        position, compliant = (name_of(address, robot, arm) for address in (POSITION_CONTROLLER, COMPLIANT_CONTROLLER))
         return (compliant, position) if self.value("Compliant") else (position, compliant)

@@ -13,7 +13,8 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, OpenGripper
-from skiros2_sim_skills.core.devices import gripper_action
+from skiros2_sim.core.names import GRIPPER
+from skiros2_sim_skills.core.devices import name_of
 from skiros2_sim_skills.core.places import (
     SCENE,
     box_of,
@@ -44,7 +45,7 @@ class _GripperMotion(DriverAction):
     """Base of the motions of the gripper."""
 
     def address(self) -> tuple[str, Any]:
-        return gripper_action(self.element("Robot"), self.element("Gripper")), GripperCommandAction
+        return name_of(GRIPPER, self.element("Robot"), self.element("Gripper")), GripperCommandAction
 
     def command(self, width: float, effort: float) -> GripperCommandGoal:
         """The goal: a width (m) and a force (N)."""

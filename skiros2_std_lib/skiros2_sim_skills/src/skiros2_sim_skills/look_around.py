@@ -10,7 +10,7 @@ import rospy
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import SkirosError
 from skiros2_sim_msgs.srv import Detect, DetectRequest
-from skiros2_sim_skills.core.devices import detect_service
+from skiros2_sim_skills.core.devices import DETECT, name_of
 from skiros2_sim_skills.core.places import move_in_world_model, pose_in_scene
 from skiros2_sim_skills.core.sight import expected_at, findings
 from skiros2_sim_skills.drivers import NOT_KNOWN, DriverService
@@ -29,7 +29,7 @@ class detect_objects(DriverService):
         return super().onStart()
 
     def buildClient(self) -> rospy.ServiceProxy:
-        return rospy.ServiceProxy(detect_service(self.element("Robot"), self.element("Camera")), Detect)
+        return rospy.ServiceProxy(name_of(DETECT, self.element("Robot"), self.element("Camera")), Detect)
 
     def buildRequest(self) -> DetectRequest:
         frame, _ = pose_in_scene(self.wmi, self.element("Workstation"))

@@ -1,0 +1,450 @@
+"""The simulated world: things fall and lie, robots drive, collide and hold what they grip; each run is the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from skiros2_common.core.errors import Refused, UnknownName, WrongType, WrongValue
+from skiros2_sim.core.scene_spec import SceneSpec
+from skiros2_sim.core.world import GROUND, Contact, World
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, rotated, to_euler
+from support.simulated_cell import (
+    ARM,
+    BASE,
+    EDGE,
+    GRIPPER,
+    PRODUCTS,
+    ROBOT,
+    TABLE_1,
+    TABLE_2,
+    TRAY_TOP,
+    TRAYS,
+    at,
+    bench,
+    cell,
+    product,
+)
+
+PRODUCT = PRODUCTS[0]
+DOWN = from_euler(math.pi, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[World]:
+    with World(cell()) as world:
+        yield world
+
+
+@pytest.fixture
+def world(shared: World) -> World:
+    shared.reset(seed=0)
+    return shared
+
+
+@pytest.fixture(scope="module")
+def shared_bench() -> Iterator[World]:
+    with World(bench()) as world:
+        yield world
+
+
+@pytest.fixture
+def panda(shared_bench: World) -> World:
+    shared_bench.reset()
+    return shared_bench
+
+
+def state_of(world: World) -> list[object]:
+    """Everything that moves, bit for bit."""
+    found: list[object] = [world.time, world.contacts()]
+    found += [(eid, body.pose(), body.velocity()) for eid, body in world.bodies.items()]
+    for robot in world.robots.values():
+        found += [robot.link_poses(), robot.velocity()]
+        found += [(arm.positions(), arm.velocities(), arm.efforts()) for arm in robot.arms.values()]
+    return found
+
+
+def reach(world: World, position: Vector, seconds: float = 1.0) -> None:
+    """Moves the tool of the Panda there, pointing down, in a straight line of its joints."""
+    arm = world.arms[ARM]
+    start = np.array(arm.positions())
+    found = world.bullet.calculateInverseKinematics(arm.body, arm.tool_link, position, DOWN, maxNumIterations=100)
+    goal = np.array(found[: len(start)])
+    steps = round(seconds / world.dt)
+    for step in range(1, steps + 1):
+        arm.drive(start + (goal - start) * step / steps, (goal - start) / seconds)
+        world.step()
+    arm.drive(goal)
+    world.step(60)
+
+
+def grip(world: World, lift: float = 0.2) -> None:
+    """Grips the product of the bench and lifts it."""
+    x, y, z = world.pose_of(PRODUCT).position
+    reach(world, (x, y, z + 0.15), 1.5)
+    reach(world, (x, y, z))
+    world.grippers[GRIPPER].drive(0.0)
+    world.step(120)
+    reach(world, (x, y, z + lift))
+
+
+# -- things -----------------------------------------------------------------------------------------------------------
+
+
+def test_products_lie_in_their_trays(world: World) -> None:
+    world.step(240)
+    for eid, tray in zip(PRODUCTS, (TRAYS[0], TRAYS[1], TRAYS[3]), strict=True):
+        start = next(body.pose for body in world.scene.bodies if body.id == eid)
+        assert world.pose_of(eid).position == pytest.approx(start.position, abs=1e-3)
+        (contact,) = world.contacts(eid)
+        assert (contact.first, contact.second) == (tray, eid)
+        assert contact.force == pytest.approx(0.2 * 9.81, rel=0.02)
+        assert contact.position[2] == pytest.approx(TRAY_TOP, abs=1e-3)
+    assert world.problems == []
+    assert world.time == pytest.approx(1.0)
+
+
+def test_a_thing_falls_where_it_was_put(world: World) -> None:
+    world.set_pose(PRODUCT, at(0.0, 3.0, 1.0))
+    assert world.pose_of(PRODUCT).position == pytest.approx((0.0, 3.0, 1.0))
+    world.step(24)
+    (_, _, speed), _ = world.velocity_of(PRODUCT)
+    assert speed == pytest.approx(-0.981, rel=0.02)
+    world.step(240)
+    assert world.pose_of(PRODUCT).position[2] == pytest.approx(EDGE / 2, abs=1e-3)
+    (contact,) = world.contacts(PRODUCT)
+    assert (contact.first, contact.second) == (GROUND, PRODUCT)
+
+
+def test_a_push_moves_a_thing_as_long_as_it_lasts(world: World) -> None:
+    world.set_pose(PRODUCT, at(0.0, 3.0, 5.0))
+    world.push(PRODUCT, (0.4, 0.0, 0.0), duration=0.1)
+    world.step(48)
+    (speed, _, _), _ = world.velocity_of(PRODUCT)
+    assert speed == pytest.approx(0.4 / 0.2 * 0.1, rel=0.02)
+
+
+def test_what_is_pushed_and_taken_away_is_forgotten(world: World) -> None:
+    world.add_body(product("skiros:Product-99", at(0.0, 3.0, 1.0)))
+    world.push("skiros:Product-99", (1.0, 0.0, 0.0), duration=10.0)
+    world.step(2)
+    world.remove_body("skiros:Product-99")
+    world.step(2)
+    with pytest.raises(UnknownName, match="Product-99"):
+        world.pose_of("skiros:Product-99")
+    with pytest.raises(UnknownName, match="Product-99"):
+        world.remove_body("skiros:Product-99")
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda w: w.pose_of("nobody"), UnknownName, "nobody"),
+        (lambda w: w.velocity_of(""), UnknownName, PRODUCT),
+        (lambda w: w.contacts("nobody"), UnknownName, "nobody"),
+        (lambda w: w.set_pose("nobody", IDENTITY), UnknownName, "nobody"),
+        (lambda w: w.set_pose(GRIPPER, IDENTITY), Refused, GRIPPER),
+        (lambda w: w.set_pose(PRODUCT, at(NAN, 0.0, 0.0)), WrongValue, PRODUCT),
+        (lambda w: w.set_pose(PRODUCT, at(1e30, 0.0, 0.0)), WrongValue, "1000"),
+        (lambda w: w.set_pose(PRODUCT, Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0))), WrongValue, "quaternion"),
+        (lambda w: w.set_pose(ROBOT, Pose((0.0, 0.0, 0.0), DOWN)), WrongValue, "upright"),
+        (lambda w: w.push(TABLE_1, (1.0, 0.0, 0.0)), Refused, TABLE_1),
+        (lambda w: w.push(PRODUCT, (NAN, 0.0, 0.0)), WrongValue, PRODUCT),
+        (lambda w: w.push(PRODUCT, (1e9, 0.0, 0.0)), WrongValue, PRODUCT),
+        (lambda w: w.push(PRODUCT, (1.0, 0.0, 0.0), duration=-1.0), WrongValue, PRODUCT),
+        (lambda w: w.robots[ROBOT].set_base_velocity(NAN), WrongValue, ROBOT),
+        (lambda w: w.arms[ARM].drive([0.0] * 6), WrongValue, ARM),
+        (lambda w: w.arms[ARM].drive([0.0] * 7, [NAN] * 7), WrongValue, ARM),
+        (lambda w: w.arms[ARM].drive_torques(["x"] * 7), WrongType, ARM),
+        (lambda w: w.grippers[GRIPPER].drive(NAN), WrongValue, GRIPPER),
+        (lambda w: w.grippers[GRIPPER].drive(0.0, -1.0), WrongValue, GRIPPER),
+    ],
+)
+def test_what_cannot_be_done_is_an_error_that_says_why(
+    shared: World, call: Callable[[World], object], error: type[Exception], text: str
+) -> None:
+    before = state_of(shared)
+    with pytest.raises(error) as caught:
+        call(shared)
+    assert text in str(caught.value)
+    assert state_of(shared) == before
+
+
+# -- runs -------------------------------------------------------------------------------------------------------------
+
+
+def eventful(world: World) -> list[object]:
+    """A run in which much happens."""
+    found = []
+    world.robots[ROBOT].set_base_velocity(0.5, 0.0, 0.3)
+    for _ in range(5):
+        world.set_pose(PRODUCT, at(1.9, float(world.random.uniform(1.2, 1.8)), 0.8))
+        world.push(PRODUCTS[1], (0.5, 0.2, 0.0), duration=0.2)
+        world.step(60)
+        found.append(state_of(world))
+    return found
+
+
+def test_the_same_seed_gives_the_same_run_after_a_reset_and_in_a_new_world(world: World) -> None:
+    start = state_of(world)
+    first = eventful(world)
+    world.reset()
+    assert state_of(world) == start
+    assert eventful(world) == first
+    world.reset(seed=1)
+    assert eventful(world) != first
+    with World(cell()) as other:
+        assert state_of(other) == start
+        assert eventful(other) == first
+
+
+def test_a_seed_places_things_a_little_elsewhere(world: World) -> None:
+    with World(cell(), seed=3, position_noise=0.01, yaw_noise=0.2) as noisy:
+        first = {eid: noisy.pose_of(eid) for eid in PRODUCTS}
+        noisy.reset()
+        assert {eid: noisy.pose_of(eid) for eid in PRODUCTS} == first
+        noisy.reset(seed=4)
+        second = {eid: noisy.pose_of(eid) for eid in PRODUCTS}
+        for eid in PRODUCTS:
+            assert first[eid] != second[eid]
+            for pose in (first[eid], second[eid]):
+                far = np.subtract(pose.position, world.pose_of(eid).position)
+                assert 0 < np.abs(far).max() <= 0.01
+                assert far[2] == pytest.approx(0.0, abs=1e-6)
+                assert abs(to_euler(pose.orientation)[2]) <= 0.2
+        assert noisy.pose_of(TABLE_1) == world.pose_of(TABLE_1)
+
+
+class Counting:
+    """A motion of three steps."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.times: list[float] = []
+        self.outcome: str | None = None
+        self.error = error
+
+    def update(self, dt: float) -> None:
+        self.times.append(dt)
+        if self.error is not None:
+            raise self.error
+        if len(self.times) == 3:
+            self.outcome = "done"
+
+
+def test_a_motion_is_updated_before_each_step_until_it_has_an_outcome(world: World) -> None:
+    motion = Counting()
+    world.motions.add(motion)
+    world.motions.add(motion)
+    world.step(10)
+    assert motion.times == [1 / 240] * 3
+    assert len(world.motions) == 0
+
+
+def test_an_error_of_a_motion_comes_out_and_ends_that_motion_alone(world: World) -> None:
+    broken, sound = Counting(WrongValue("broken")), Counting()
+    world.motions.add(sound)
+    world.motions.add(broken)
+    with pytest.raises(WrongValue, match="broken"):
+        world.step(10)
+    assert list(world.motions) == [sound]
+    world.step(2)
+    assert sound.outcome == "done"
+
+
+# -- robots -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_base_drives_as_it_is_told_in_its_own_frame(world: World) -> None:
+    robot = world.robots[ROBOT]
+    world.set_pose(ROBOT, Pose((-1.0, 0.0, 0.0), from_euler(0.0, 0.0, math.pi / 2)))
+    robot.set_base_velocity(0.5)
+    world.step(240)
+    assert robot.velocity() == pytest.approx((0.5, 0.0, 0.0), abs=0.01)
+    x, y, z = robot.pose().position
+    assert (x, z) == pytest.approx((-1.0, 0.0), abs=0.01)
+    assert y == pytest.approx(0.5, rel=0.1)
+    robot.set_base_velocity(0.0, 0.0, 0.4)
+    world.step(240)
+    assert robot.velocity() == pytest.approx((0.0, 0.0, 0.4), abs=0.01)
+    robot.set_base_velocity(0.0)
+    world.step(240)
+    assert robot.velocity() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    assert to_euler(robot.pose().orientation)[2] == pytest.approx(math.pi / 2 + 0.4, abs=0.05)
+
+
+def test_a_base_that_meets_a_table_stands(world: World) -> None:
+    robot = world.robots[ROBOT]
+    world.set_pose(ROBOT, at(0.6, 1.5, 0.0))
+    robot.set_base_velocity(0.5)
+    world.step(3 * 240)
+    x = robot.pose().position[0]
+    assert x + 0.45 < 1.65, "its bumper is before the table"
+    assert abs(robot.velocity()[0]) < 0.05
+    touched = {(c.first, c.second.partition("/")[0]) for c in world.contacts(ROBOT)}
+    assert touched == {(TABLE_1, "mobile_manipulator")}
+    assert sum(c.force for c in world.contacts(ROBOT)) > 100
+
+
+def test_the_arm_rides_on_the_base_and_holds_its_posture(world: World) -> None:
+    arm, robot = world.arms[ARM], world.robots[ROBOT]
+    robot.set_base_velocity(0.5, 0.0, 0.5)
+    world.step(240)
+    assert arm.positions() == pytest.approx(arm.rest, abs=0.02)
+    links = robot.link_poses()
+    assert links["arm/tool"] == world.pose_of(GRIPPER) == arm.tool_pose()
+    assert links["base_link"] == world.pose_of(ROBOT)
+    assert "drive_x" not in links
+    assert world.pose_of(ARM).position[2] == pytest.approx(0.39, abs=1e-4)
+    linear, angular = arm.tool_velocity()
+    assert angular == pytest.approx((0.0, 0.0, 0.5), abs=0.05)
+    assert math.hypot(*linear) > 0.5
+    assert set(robot.joints) == {f"arm/panda_joint{n}" for n in range(1, 8)} | {
+        "arm/panda_finger_joint1",
+        "arm/panda_finger_joint2",
+    }
+    assert {joint.velocity for joint in arm.joints} == {2.175, 2.61}
+    assert robot.radius == pytest.approx(0.6, abs=0.1)
+
+
+def test_gravity_is_what_the_motors_hold(world: World) -> None:
+    world.step(240)
+    arm = world.arms[ARM]
+    assert arm.gravity() == pytest.approx(arm.efforts(), abs=0.05)
+    arm.drive_torques(arm.gravity())
+    world.step(1)
+    for _ in range(120):
+        arm.drive_torques(arm.gravity())
+        world.step()
+    assert arm.positions() == pytest.approx(arm.rest, abs=0.02), "it floats"
+    world.step(60)
+    assert arm.positions() != pytest.approx(arm.rest, abs=0.02), "torques are for one step: it falls"
+
+
+def test_a_fixed_robot_does_not_drive(panda: World) -> None:
+    robot = panda.robots[ROBOT]
+    assert not robot.mobile
+    assert robot.velocity() == (0.0, 0.0, 0.0)
+    with pytest.raises(Refused, match="Robot-1"):
+        robot.set_base_velocity(0.1)
+    panda.set_pose(ROBOT, Pose((0.0, 0.0, 1.0), from_euler(0.0, 0.1, 0.0)))
+    assert panda.pose_of(ARM).position[2] == pytest.approx(1.3, abs=0.01)
+
+
+def test_a_gripped_thing_is_lifted_weighed_and_put_back(panda: World) -> None:
+    panda.step(60)
+    height = panda.pose_of(PRODUCT).position[2]
+    grip(panda)
+    gripper = panda.grippers[GRIPPER]
+    assert gripper.width() == pytest.approx(EDGE, abs=0.003)
+    assert gripper.force() == pytest.approx(20, rel=0.1)
+    assert panda.pose_of(PRODUCT).position[2] == pytest.approx(height + 0.2, abs=0.005)
+    assert {c.second for c in panda.contacts(PRODUCT)} == {
+        "stationary/arm/panda_leftfinger",
+        "stationary/arm/panda_rightfinger",
+    }
+    wrench = panda.arms[ARM].wrench()
+    assert rotated(panda.arms[ARM].tool_pose().orientation, wrench[:3]) == pytest.approx((0, 0, -1.962), abs=0.1)
+    reach(panda, (0.5, -0.1, height))
+    gripper.drive(gripper.max_width)
+    panda.step(120)
+    reach(panda, (0.5, -0.1, height + 0.2))
+    assert panda.pose_of(PRODUCT).position == pytest.approx((0.5, -0.1, height), abs=0.005)
+    assert panda.contacts(PRODUCT) == [
+        Contact(TRAYS[0], PRODUCT, panda.contacts(PRODUCT)[0].position, pytest.approx(1.962, rel=0.05))
+    ]
+
+
+def test_the_wrist_feels_what_the_fingers_press_on(panda: World) -> None:
+    arm = panda.arms[ARM]
+    assert arm.wrench() == (0.0,) * 6
+    reach(panda, (0.5, -0.1, 0.5))
+    assert arm.wrench() == (0.0,) * 6
+    reach(panda, (0.5, -0.1, 0.41))
+    force = rotated(arm.tool_pose().orientation, arm.wrench()[:3])
+    assert force[2] > 5
+    pressed = sum(c.force for c in panda.contacts(ROBOT))
+    assert force[2] == pytest.approx(pressed, rel=0.05)
+
+
+# -- faults -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_gripper_that_slips_loses_what_it_holds(panda: World) -> None:
+    grip(panda)
+    lifted = panda.pose_of(PRODUCT).position[2]
+    panda.faults.set("slipping_gripper", GRIPPER, duration=1.0)
+    assert [fault.target for fault in panda.faults.active] == [GRIPPER]
+    panda.step(240)
+    assert panda.pose_of(PRODUCT).position[2] < lifted - 0.1
+    assert panda.grippers[GRIPPER].width() == pytest.approx(0.0, abs=0.002)
+    panda.step()
+    assert panda.faults.active == []
+    panda.grippers[GRIPPER].drive(0.08)
+    panda.step(120)
+    grip(panda)
+    assert panda.pose_of(PRODUCT).position[2] == pytest.approx(lifted, abs=0.01), "the grip is back"
+
+
+def test_an_obstacle_stands_in_the_way_until_the_fault_is_over(world: World) -> None:
+    robot = world.robots[ROBOT]
+    robot.set_base_velocity(-0.5)
+    world.step(60)
+    world.faults.set("blocked_path", ROBOT, 1.2, duration=3.0)
+    ((eid, obstacle),) = [(eid, body) for eid, body in world.bodies.items() if "obstacle" in eid]
+    assert obstacle.pose().position[0] < robot.pose().position[0] - 1.0, "it is behind: there it drives"
+    world.step(int(2.9 * 240))
+    assert abs(robot.velocity()[0]) < 0.05
+    assert {c.first for c in world.contacts(ROBOT)} == {"mobile_manipulator/base/base_link"}
+    world.step(240)
+    assert eid not in world.bodies
+    assert robot.velocity()[0] == pytest.approx(-0.5, abs=0.01)
+
+
+def test_a_fault_may_be_changed_and_taken_away(world: World) -> None:
+    world.faults.set("late_sensor", ARM, 0.5)
+    world.faults.set("late_sensor", ARM, 0.2)
+    assert world.faults.lag(ARM) == 0.2
+    assert world.faults.lag(ROBOT) == 0.0
+    world.faults.clear("late_sensor", ARM)
+    world.faults.clear("late_sensor", ARM)
+    assert world.faults.lag(ARM) == 0.0
+    world.faults.set("blocked_path", ROBOT)
+    world.reset()
+    assert world.faults.active == []
+    assert not any("obstacle" in eid for eid in world.bodies)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "text"),
+    [
+        (("on_fire", ROBOT), UnknownName, "slipping_gripper, blocked_path, late_sensor"),
+        (("slipping_gripper", ARM), UnknownName, GRIPPER),
+        (("blocked_path", PRODUCT), UnknownName, ROBOT),
+        (("late_sensor", TABLE_2), UnknownName, BASE),
+        (("slipping_gripper", GRIPPER, 1.5), WrongValue, "0 to 1"),
+        (("slipping_gripper", GRIPPER, NAN), WrongValue, "nan"),
+        (("late_sensor", ARM, 0.1, -1.0), WrongValue, "duration"),
+        (("late_sensor", ARM, 1e9), WrongValue, "0 to 60"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_an_error_that_says_what_was_expected(
+    shared: World, arguments: tuple[object, ...], error: type[Exception], text: str
+) -> None:
+    before = shared.faults.active
+    with pytest.raises(error, match=text):
+        shared.faults.set(*arguments)  # type: ignore[arg-type]
+    assert shared.faults.active == before
+
+
+def test_an_empty_world_goes_on() -> None:
+    with World(SceneSpec()) as world:
+        world.step(3)
+        assert world.steps == 3
+        assert world.contacts() == []
+    world.close()

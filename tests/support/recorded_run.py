@@ -39,7 +39,7 @@ def element(eid: str, label: str, relations: list[tuple[str, str, str]] = (), **
         type=eid.partition("-")[0],
         label=label,
         properties=[
-            SimpleNamespace(key=f"skiros:{key}", dataValue=json.dumps(values), dataType="str")
+            SimpleNamespace(key=f"skiros:{key}", dataValue=json.dumps(values), dataType=type(values[0]).__name__)
             for key, values in properties.items()
         ],
         relations=[relation(*triple) for triple in relations],

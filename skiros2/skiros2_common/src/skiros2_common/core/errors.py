@@ -8,8 +8,9 @@
     │   └── Conflict                           a request on something that has been changed meanwhile
     ├── TimedOut            also TimeoutError  no answer within the time given
     ├── ConfigurationError  also ValueError    a mistake in parameters or files that no restart mends
-    └── WmException                            what the world model answers (skiros2_world_model)
-        └── WmConflict                         likewise, when it is a conflict
+    ├── WmException                            what the world model answers (skiros2_world_model)
+    │   └── WmConflict                         likewise, when it is a conflict
+    └── BagError                               a recorded run that cannot be read (skiros2_bags)
 
 The text of each names what was asked, where, and what was expected.
 """

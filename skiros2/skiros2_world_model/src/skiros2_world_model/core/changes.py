@@ -140,3 +140,9 @@ class Outcome:
 def relation_dict(src: str, pred: str, dst: str) -> dict[str, Any]:
     """A relation as libraries read it."""
     return {"src": src, "type": pred, "dst": dst, "state": True, "abstract": False}
+
+
+def snapshot_number(snapshot_id: str) -> int:
+    """The number of the change that led to a state; 0 when the name has none."""
+    number = snapshot_id.rpartition("-")[2]
+    return int(number) if number.isdecimal() else 0

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from skiros2_common.core.mutations import mutations
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, RESET, Change
+from skiros2_world_model.core.changes import RESET, Change
+from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Node, Provenance, Scene
 
 
@@ -125,7 +126,7 @@ class Replica:
             if change.action == RESET:
                 self._forget()
                 return
-            self._apply(change)
+            follow(self._scene, change)
             self._snapshot_id = change.snapshot_id
             self._number = change.number
             self._count()
@@ -164,39 +165,6 @@ class Replica:
             self._catch_up()
             if self._waiting:
                 self._forget()  # some were published before this client heard the server
-
-    def _apply(self, change: Change) -> None:
-        scene = self._scene
-        scene.begin()
-        if change.action in (REMOVE, REMOVE_RECURSIVE):
-            for element in change.elements:
-                if element.id in scene:
-                    scene.drop(element.id)
-        else:
-            for element in change.elements:
-                scene.put(Node(element.id, element.type, element.label, element._props))
-            for element in change.elements:
-                _set_relations(scene, element)
-        for relation in change.relations:
-            ends = relation["src"], relation["type"], relation["dst"]
-            if change.action == ADD:
-                scene.relate(*ends)
-            else:
-                scene.unrelate(*ends)
-        scene.commit(Provenance(change.number, change.stamp, change.author))
-
-
-def _set_relations(scene: Scene, element: Element) -> None:
-    """Gives an element exactly the relations that it has in a change."""
-    eid = element.id
-    wanted = dict.fromkeys(
-        (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"]) for r in element._rels
-    )
-    for relation in [*scene.relations(eid), *scene.relations(dst=eid)]:
-        if relation not in wanted:
-            scene.unrelate(*relation)
-    for relation in wanted:
-        scene.relate(*relation)
 
 
 def _session(change: Change) -> str:

@@ -23,6 +23,7 @@ from skiros2_world_model.core.changes import (
     Remove,
     Update,
     relation_dict,
+    snapshot_number,
 )
 
 _OP = msgs.WmOperation
@@ -62,12 +63,6 @@ def msg2given_element(msg: Any, version: int) -> Element:
     if not read.id:
         return read  # a template
     return Element.shared(read.type, read.label, read.id, read._props, read._rels, version)
-
-
-def snapshot_number(snapshot_id: str) -> int:
-    """The number of the change that led to a state; 0 when the name has none."""
-    number = snapshot_id.rpartition("-")[2]
-    return int(number) if number.isdecimal() else 0
 
 
 def operation2msg(operation: Operation) -> Any:

@@ -15,7 +15,7 @@ from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.changes import Change, Operation, Outcome, snapshot_number
 from skiros2_world_model.core.context_names import ONTOLOGY
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.present import Present
@@ -32,7 +32,7 @@ from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
 from skiros2_world_model.ros.will_messages import will_request
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg, snapshot_number
+from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
 

@@ -1,0 +1,129 @@
+"""Reading the messages of a bag, without ROS: the definitions of their types are in the bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+from skiros2_bags.core.contract_types import MD5_SUMS
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.message import Message
+from skiros2_bags.core.salvage import DAMAGE, SalvageReader
+
+
+class BagFile:
+    """A bag. Nothing of it is kept open between calls; one thread at a time.
+
+    A bag that was cut off is read as far as it goes; `damage` tells where it ends then.
+
+    :param path: the file.
+    :raises BagError: there is no such file, or it is no bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.damage = ""
+        self._decoders: dict[tuple[str, str, str], Any] = {}
+        with self._opened() as reader:
+            self.connections: list[Connection] = list(reader.connections)
+            self.start = reader.start_time / 1e9 if reader.chunk_infos else 0.0
+            self.end = (reader.end_time - 1) / 1e9 if reader.chunk_infos else 0.0
+            if isinstance(reader, SalvageReader):
+                self.damage = f"{path}: the bag is cut off {reader.ends}"
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The type of each topic."""
+        return {c.topic: plain_type(c.msgtype) for c in self.connections}
+
+    def messages(self, *wanted: str, until: float | None = None) -> Iterator[Message]:
+        """The messages of some topics (`/tf`) or types (`tf2_msgs/TFMessage`), oldest first; of none given, all.
+
+        :param until: only those recorded up to then (s).
+        :raises BagError: the bag cannot be read.
+        """
+        connections = [c for c in self.connections if not wanted or {c.topic, plain_type(c.msgtype)} & {*wanted}]
+        if not connections:
+            return
+        numbers = {c.id for c in connections}
+        stop = None if until is None else round(until * 1e9) + 1000  # as a float, a time is not exact
+        with self._opened() as reader:
+            chosen = [c for c in reader.connections if c.id in numbers]
+            known = {c.id: (c.topic, plain_type(c.msgtype), c.digest, _caller(c), c.msgdef.data) for c in chosen}
+            for connection, time, data in reader.messages(chosen, stop=stop):
+                yield Message(time / 1e9, *known[connection.id], data, self._decode)
+
+    def _decode(self, message: Message) -> Any:
+        key = (message.type, message.md5, message.definition)
+        decoder = self._decoders.get(key)
+        if decoder is None:
+            decoder = self._decoders[key] = self._decoder(message)
+        try:
+            return decoder(message.data)
+        except (SerdeError, *DAMAGE) as error:
+            raise BagError(
+                f"{self.path}: {message.topic} at {message.time:.3f} s is no {message.type}: "
+                f"{error or type(error).__name__}"
+            ) from error
+
+    def _decoder(self, message: Message) -> Any:
+        """What decodes the messages of a type, as the bag defines it.
+
+        :raises BagError: the definition makes no sense, or is another one than that of the contract.
+        """
+        place = f"{self.path}: {message.topic}: {message.type}"
+        expected = MD5_SUMS.get(message.type)
+        if expected is not None and message.md5 != expected:
+            raise BagError(f"{place} has the md5 sum {message.md5}, expected {expected}: recorded with another version")
+        name = message.type.replace("/", "/msg/")
+        store = get_typestore(Stores.ROS1_NOETIC)
+        try:
+            types = get_types_from_msg(message.definition, name)
+            for known in types:
+                if known in store.fielddefs and known != name and store.fielddefs[known] != types[known]:
+                    del store.fielddefs[known]
+            store.register({key: value for key, value in types.items() if key not in store.fielddefs})
+            found = store.generate_msgdef(name)[1]
+        except (TypesysError, *DAMAGE) as error:
+            raise BagError(f"{place}: its definition in the bag makes no sense: {error}") from error
+        if found != message.md5:
+            raise BagError(f"{place}: its definition in the bag has the md5 sum {found}, expected {message.md5}")
+        return lambda data: store.deserialize_ros1(data, name)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Reader]:
+        if not self.path.is_file():
+            raise BagError(f"{self.path}: there is no such file")
+        try:
+            with self._reader() as reader:
+                yield reader
+        except DAMAGE as error:
+            raise BagError(f"{self.path}: the bag cannot be read: {error or type(error).__name__}") from error
+
+    def _reader(self) -> Reader:
+        if self.damage:
+            return SalvageReader(self.path)
+        reader = Reader(self.path)
+        try:
+            reader.open()
+        except DAMAGE:
+            return SalvageReader(self.path)
+        reader.close()
+        return Reader(self.path)
+
+
+def plain_type(name: str) -> str:
+    """`std_msgs/msg/String` as `std_msgs/String`."""
+    package, _, rest = name.partition("/")
+    return f"{package}/{rest.rpartition('/')[2]}"
+
+
+def _caller(connection: Connection) -> str:
+    return getattr(connection.ext, "callerid", None) or ""

@@ -1,0 +1,127 @@
+"""Bags that were cut off: their index is missing, so it is made from the records that are whole.
+
+The format is described at http://wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import defaultdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1.reader import (
+    Chunk,
+    ChunkInfo,
+    Header,
+    IndexData,
+    RecordType,
+    decompressors,
+    read_bytes,
+    read_uint32,
+)
+
+#: What reading of a damaged file may raise.
+DAMAGE = (ReaderError, AssertionError, EOFError, IndexError, KeyError, OSError, RuntimeError, ValueError, struct.error)
+
+
+class SalvageReader(Reader):
+    """A reader of bags without index. Messages behind the first record that is damaged are lost.
+
+    :ivar ends: where the whole records end (bytes), and why.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.ends = ""
+
+    def open(self) -> None:
+        """Opens the bag and reads it once from start to end."""
+        self.bio = self.path.open("rb")
+        try:
+            if self.bio.readline() != b"#ROSBAG V2.0\n":
+                raise ReaderError("it does not begin as a bag of version 2.0 does")
+            self._index(self.path.stat().st_size)
+        except DAMAGE:
+            self.close()
+            raise
+
+    def _index(self, size: int) -> None:
+        bio = self.bio
+        assert bio is not None
+        connections: dict[int, Connection] = {}
+        indexes: dict[int, list[IndexData]] = defaultdict(list)
+        while (start := bio.tell()) < size:
+            try:
+                header = Header.read(bio)
+                operation = header.get_uint8("op")
+                length = read_uint32(bio)
+                data_start = bio.tell()
+                if operation == RecordType.CHUNK:
+                    self._read_chunk_at(start, header, min(length, size - data_start), connections, indexes)
+                bio.seek(data_start + length)
+                if data_start + length > size:
+                    raise ReaderError("the last record is cut off")
+            except DAMAGE as error:
+                self.ends = f"after {start} of {size} bytes: {error or type(error).__name__}"
+                break
+        else:
+            self.ends = f"after {size} bytes, without an index: its recorder was killed"
+        self.indexes = {number: sorted(indexes[number]) for number in connections}
+        self.connections = [
+            connection._replace(msgcount=len(self.indexes[number])) for number, connection in connections.items()
+        ]
+
+    def _read_chunk_at(
+        self,
+        position: int,
+        header: Header,
+        length: int,
+        connections: dict[int, Connection],
+        indexes: dict[int, list[IndexData]],
+    ) -> None:
+        """Enters the messages of a chunk; of one that is cut off and not compressed, those that are whole."""
+        assert self.bio is not None
+        data_start = self.bio.tell()
+        compression = header.get_string("compression")
+        if compression not in decompressors:
+            raise ReaderError(f"Compression {compression!r} is not supported.")
+        chunk = Chunk(length, data_start, decompressors[compression])
+        content = chunk.decompressor(read_bytes(self.bio, length))
+        times: list[int] = []
+        counts: dict[int, int] = defaultdict(int)
+        try:
+            for number, time, offset in self._messages_in(BytesIO(content), len(content), connections):
+                indexes[number].append(IndexData(time, position, offset))
+                times.append(time)
+                counts[number] += 1
+        finally:
+            self.chunks[position] = chunk
+            if times:
+                self.chunk_infos.append(ChunkInfo(position, min(times), max(times) + 1, dict(counts)))
+
+    def _messages_in(self, chunk: BinaryIO, size: int, connections: dict[int, Connection]) -> Any:
+        """(connection, time, offset) of each message of a chunk; the connections are entered."""
+        while (offset := chunk.tell()) < size:
+            header = Header.read(chunk)
+            if header.get_uint8("op") == RecordType.CONNECTION:
+                chunk.seek(offset)
+                connection = self._connection_from(chunk)
+                connections.setdefault(connection.id, connection)
+                continue
+            number, time = header.get_uint32("conn"), header.get_time("time")
+            read_bytes(chunk, read_uint32(chunk))
+            if number not in connections:
+                raise ReaderError(f"a message of connection {number}, which was not declared")
+            yield number, time, offset
+
+    def _connection_from(self, source: BinaryIO) -> Connection:
+        """The connection whose record is next in a source."""
+        file, self.bio = self.bio, source
+        try:
+            return self.read_connection()
+        finally:
+            self.bio = file

@@ -1,0 +1,108 @@
+"""Bags that are no bags, cut off, or of other types: what could be read, and what is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag1 import Writer
+
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.run import Run
+from support.recorded_run import good_run, write_bag
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "does not begin as a bag"),
+        (b"hello\nworld", "does not begin as a bag"),
+        (b"#ROSBAG V1.2\n", "version 2.0"),
+    ],
+)
+def test_a_file_that_is_no_bag(tmp_path: Path, content: bytes, said: str) -> None:
+    file = tmp_path / "x.bag"
+    file.write_bytes(content)
+    with pytest.raises(BagError, match=rf"x\.bag: the bag cannot be read: .*{said}"):
+        Run.open(file)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="none.bag: there is no such file"):
+        Run.open(tmp_path / "none.bag")
+
+
+def test_an_empty_bag(tmp_path: Path) -> None:
+    with Writer(tmp_path / "run.bag"):
+        pass
+    run = Run.open(tmp_path / "run.bag")
+    assert (run.start, run.end, run.topics, list(run.messages())) == (0.0, 0.0, {}, [])
+
+
+def test_a_bag_whose_recorder_was_killed_is_read_to_its_end(tmp_path: Path) -> None:
+    whole = Run.open(write_bag(tmp_path / "whole.bag", good_run()))
+    writer = Writer(tmp_path / "run.bag")
+    writer.open()
+    for connection in whole.bag.connections:
+        own = writer.add_connection(
+            connection.topic, connection.msgtype, msgdef=connection.msgdef.data, md5sum=connection.digest
+        )
+        for number, message in enumerate(whole.messages(connection.topic)):
+            writer.write(own, number, message.data)
+    writer.write_chunk(writer.chunks[-1])
+    writer.abort()
+    run = Run.open(tmp_path / "run.bag")
+    assert "without an index: its recorder was killed" in run.damage
+    assert len(list(run.messages())) == len(good_run())
+    assert run.goals()[0].state == "plan_found"
+
+
+@pytest.mark.parametrize("part", [0.99, 0.8, 0.6])
+def test_a_bag_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path: Path, part: float) -> None:
+    content = write_bag(tmp_path / "whole.bag", good_run()).read_bytes()
+    file = tmp_path / "run.bag"
+    begin = content.index(b"op=\x05")  # what is before the first chunk is of a fixed size
+    file.write_bytes(content[: begin + int((len(content) - begin) * part)])
+    run = Run.open(file)
+    assert "run.bag: the bag is cut off after" in run.damage
+    told = [(m.topic, m.data) for m in run.messages()]
+    everything = [(m.topic, m.data) for m in Run.open(tmp_path / "whole.bag").messages()]
+    assert told == everything[: len(told)]
+    assert told
+
+
+def test_an_unknown_compression(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "run.bag", good_run())
+    file.write_bytes(file.read_bytes().replace(b"compression=none", b"compression=zstd"))
+    run = Run.open(file)
+    assert "'zstd' is not supported" in run.damage
+    assert list(run.messages()) == []
+
+
+def test_types_with_another_md5_sum(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "run.bag", good_run())
+    known = b"ecc40ec88cb57baaf7cf8c07fd40a3c7"
+    file.write_bytes(file.read_bytes().replace(known, b"0" * 32))
+    run = Run.open(file)
+    with pytest.raises(
+        BagError, match=rf"/wm/monitor: skiros2_msgs/WmMonitor has the md5 sum 0*, expected {known.decode()}"
+    ):
+        run.changes()
+    assert run.tasks()
+
+
+def test_a_definition_that_does_not_fit_its_md5_sum(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "run.bag", good_run())
+    file.write_bytes(file.read_bytes().replace(b"string snapshot_id", b"string snapshot_iq"))
+    with pytest.raises(BagError, match="its definition in the bag has the md5 sum"):
+        Run.open(file).changes()
+
+
+def test_data_that_is_not_of_its_type(tmp_path: Path) -> None:
+    whole = Run.open(write_bag(tmp_path / "whole.bag", good_run()))
+    (monitor,) = [c for c in whole.bag.connections if c.topic == "/wm/monitor"]
+    with Writer(tmp_path / "run.bag") as writer:
+        own = writer.add_connection("/wm/monitor", monitor.msgtype, msgdef=monitor.msgdef.data, md5sum=monitor.digest)
+        writer.write(own, 2_000_000_000, b"\xff" * 40)
+    with pytest.raises(BagError, match="/wm/monitor at 2.000 s is no skiros2_msgs/WmMonitor"):
+        Run.open(tmp_path / "run.bag").changes()

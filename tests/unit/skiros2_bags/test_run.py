@@ -1,0 +1,191 @@
+"""Reading a recorded run: the world, the tasks, the skills, the actions, the goals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.run import Run
+from support.recorded_run import (
+    FAILURE,
+    GOAL,
+    IDLE,
+    PRODUCT,
+    RUNNING,
+    SUCCESS,
+    TRAY_A,
+    TRAY_B,
+    Monitor,
+    element,
+    good_run,
+    moved,
+    relation,
+    scene,
+    tree,
+    write_bag,
+)
+
+NS = 1e-9  #: the messages of `write_bag` are so many seconds apart
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    return Run.open(write_bag(tmp_path / "run.bag", good_run()))
+
+
+def test_the_world_at_the_end_is_what_all_changes_made(run: Run) -> None:
+    world = run.world()
+    assert world.related(TRAY_B, "skiros:contain", PRODUCT)
+    assert not world.related(TRAY_A, "skiros:contain", PRODUCT)
+    assert world.element(PRODUCT).getProperty("skiros:PositionX").value == 0.5
+
+
+def test_the_world_at_a_time_is_what_changes_up_to_then_made(run: Run) -> None:
+    change = run.changes()[-1]
+    before, after = run.world(change.time - NS), run.world(change.time)
+    assert before.related(TRAY_A, "skiros:contain", PRODUCT)
+    assert after.related(TRAY_B, "skiros:contain", PRODUCT)
+
+
+def test_each_world_is_the_callers_own(run: Run) -> None:
+    run.world().drop(PRODUCT)
+    assert PRODUCT in run.world()
+
+
+def test_before_the_first_change_no_world_is_known(run: Run) -> None:
+    with pytest.raises(BagError, match="no change of the world model until -1"):
+        run.world(-1.0)
+
+
+def test_removed_elements_and_relations_are_gone(tmp_path: Path) -> None:
+    monitor = Monitor()
+    tray = element(TRAY_A, "Tray A")
+    contains = relation(TRAY_A, "skiros:contain", PRODUCT)
+    run = Run.open(write_bag(tmp_path / "run.bag", [
+        ("change", monitor("reset", *scene())),
+        ("change", monitor("remove", relation=[contains])),
+        ("change", monitor("add", relation=[contains])),
+        ("change", monitor("remove_recursive", tray)),
+    ]))  # fmt: skip
+    times = [timed.time for timed in run.changes()]
+    assert [run.world(t).related(TRAY_A, "skiros:contain", PRODUCT) for t in times] == [True, False, True, False]
+    assert TRAY_A not in run.world()
+
+
+def test_changes_out_of_order_are_put_in_their_order(tmp_path: Path) -> None:
+    monitor = Monitor()
+    first, second, third = (monitor("reset", *scene()), monitor("update", *moved()), monitor("update", *scene()[2:]))
+    run = Run.open(write_bag(tmp_path / "run.bag", [("change", m) for m in (first, third, second)]))
+    assert [timed.change.snapshot_id for timed in run.changes()] == ["s1", "s2", "s3"]
+    assert not any(timed.gap for timed in run.changes())
+    assert run.world().related(TRAY_A, "skiros:contain", PRODUCT)
+
+
+def test_behind_a_gap_the_world_is_not_known(tmp_path: Path) -> None:
+    monitor = Monitor()
+    whole = monitor("reset", *scene())
+    monitor("update")  # is lost
+    run = Run.open(write_bag(tmp_path / "run.bag", [("change", whole), ("change", monitor("update", *moved()))]))
+    with pytest.raises(BagError, match="missing between 's1' and 's2', before the update 's3' of 'test'"):
+        run.world()
+    assert TRAY_A in run.world(0.0)
+    assert run.world(partial=True).related(TRAY_B, "skiros:contain", PRODUCT)
+
+
+def test_a_reset_behind_a_gap_makes_the_world_known_again(tmp_path: Path) -> None:
+    monitor = Monitor()
+    whole = monitor("reset", *scene())
+    monitor("update")
+    messages = [("change", m) for m in (whole, monitor("update", *moved()), monitor("reset", *scene()))]
+    assert Run.open(write_bag(tmp_path / "run.bag", messages)).world().related(TRAY_A, "skiros:contain", PRODUCT)
+
+
+def test_a_bag_that_begins_without_the_whole_scene_says_so(tmp_path: Path) -> None:
+    monitor = Monitor()
+    monitor("reset", *scene())  # before the recorder was there
+    run = Run.open(write_bag(tmp_path / "run.bag", [("change", monitor("update", *moved()))]))
+    with pytest.raises(BagError, match="does not begin with the whole scene"):
+        run.world()
+    assert PRODUCT in run.world(partial=True)
+
+
+def test_a_property_that_is_no_json_is_named(tmp_path: Path) -> None:
+    broken = element(PRODUCT, "Product A", Size=[1])
+    broken.properties[0].dataValue = "[1"
+    run = Run.open(write_bag(tmp_path / "run.bag", [("change", Monitor()("reset", broken))]))
+    with pytest.raises(
+        BagError, match=r"/wm/monitor at 0.000 s: change 's1' .* property 'skiros:Size': '\[1' is no JSON"
+    ):
+        run.changes()
+
+
+def test_tasks_have_the_states_of_each_node(run: Run) -> None:
+    (task,) = run.tasks()
+    assert (task.robot, task.id, task.has_ended, task.message) == ("/robot", 7, True, "Success")
+    assert {node.name: [s.state for s in node.states] for node in task.nodes.values()} == {
+        "root": [RUNNING, SUCCESS],
+        "pick": [RUNNING, SUCCESS],
+        "place": [IDLE, SUCCESS],
+    }
+    assert [node.depth for node in task.nodes.values()] == [0, 1, 1]
+
+
+def test_a_number_that_comes_again_after_the_end_is_another_task(tmp_path: Path) -> None:
+    progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)] * 2
+    run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
+    assert [task.has_ended for task in run.tasks()] == [True, True]
+
+
+def test_skills_have_their_times(tmp_path: Path) -> None:
+    progress = [
+        tree(RUNNING, IDLE, root=RUNNING, ended=False),
+        tree(SUCCESS, RUNNING, root=RUNNING, ended=False),
+        tree(SUCCESS, FAILURE, root=FAILURE),
+    ]
+    run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
+    assert [(s.label, round(s.start / NS), round(s.end / NS), s.state_name) for s in run.skills()] == [
+        ("pick", 0, 1, "Success"),
+        ("place", 1, 2, "Failure"),
+    ]
+
+
+def test_a_skill_that_is_repeated_has_several_times(tmp_path: Path) -> None:
+    states = [RUNNING, FAILURE, RUNNING, SUCCESS]
+    progress = [tree(state, IDLE, root=RUNNING, ended=False) for state in states]
+    run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
+    assert [(s.label, s.state) for s in run.skills()] == [("pick", FAILURE), ("pick", SUCCESS)]
+
+
+def test_a_skill_that_did_not_end_runs_until_the_last_word(tmp_path: Path) -> None:
+    progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False)] * 3
+    run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
+    (skill,) = run.skills()
+    assert (skill.state, round(skill.end / NS)) == (RUNNING, 2)
+
+
+def test_actions_and_goals_have_their_answers(run: Run) -> None:
+    (call,) = run.actions()
+    assert (call.name, call.type, call.goal_id, call.status_name) == (
+        "/tm/task_plan", "skiros2_msgs/AssignTask", "goal-1", "succeeded",
+    )  # fmt: skip
+    (goal,) = run.goals()
+    assert (goal.goals, goal.state) == (GOAL, "plan_found")
+    assert goal.end == call.end == call.result.time
+
+
+def test_a_goal_without_answer_is_unanswered(tmp_path: Path) -> None:
+    (goal,) = Run.open(write_bag(tmp_path / "run.bag", [("goal", ("goal-1", GOAL))])).goals()
+    assert (goal.state, goal.end, goal.call.status_name) == ("", None, "unanswered")
+
+
+def test_what_a_bag_does_not_have_is_said(tmp_path: Path) -> None:
+    run = Run.open(write_bag(tmp_path / "run.bag", [], without=("change", "progress")))
+    with pytest.raises(
+        BagError, match=r"run.bag: the bag holds no changes of the world model: .* skiros2_msgs/WmMonitor"
+    ):
+        run.world()
+    with pytest.raises(BagError, match="no progress of tasks"):
+        run.tasks()
+    assert run.actions() == []

@@ -87,11 +87,12 @@ def tree(label: str, state: int = SUCCESS, *, ended: bool = True, task: int | No
     """The nodes of a `TreeProgress` message of a step of the plan, each a task of its own: a root and its skill."""
     task = 7 + LABELS.index(label) if task is None else task
     code = {SUCCESS: 1, FAILURE: -1}.get(state, 0) if ended else 0
-    root = _node(task, task, -1, ":Root", "root", state, code, "Success" if state == SUCCESS else "Failure")
-    return [root, _node(task, 1, task, f"skiros:{label.title()}", label, state, 1, f"{label} says so")]
+    root = node(task, task, -1, ":Root", "root", state, code, "Success" if state == SUCCESS else "Failure")
+    return [root, node(task, 1, task, f"skiros:{label.title()}", label, state, 1, f"{label} says so")]
 
 
-def _node(task: int, nid: int, parent: int, ntype: str, label: str, state: int, code: int, message: str) -> Any:
+def node(task: int, nid: int, parent: int, ntype: str, label: str, state: int, code: int, message: str) -> Any:
+    """A `SkillProgress`."""
     return SimpleNamespace(
         robot="/robot", task_id=task, id=nid, parent_label="", parent_id=parent, type=ntype, label=label, params=[],
         processor="->*" if parent < 0 else "", state=state, progress_code=code, progress_period=0.0,

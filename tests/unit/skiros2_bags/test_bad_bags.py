@@ -28,7 +28,7 @@ def test_a_file_that_is_no_bag(tmp_path: Path, content: bytes, said: str) -> Non
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="none.bag: there is no such file"):
+    with pytest.raises(BagError, match=r"none\.bag: there is no such file"):
         Run.open(tmp_path / "none.bag")
 
 
@@ -54,7 +54,7 @@ def test_a_bag_whose_recorder_was_killed_is_read_to_its_end(tmp_path: Path) -> N
     run = Run.open(tmp_path / "run.bag")
     assert "without an index: its recorder was killed" in run.damage
     assert len(list(run.messages())) == len(good_run())
-    assert run.goals()[0].state == "plan_found"
+    assert run.goals()[0].state == "succeeded"
 
 
 @pytest.mark.parametrize("part", [0.99, 0.8, 0.6])
@@ -104,5 +104,5 @@ def test_data_that_is_not_of_its_type(tmp_path: Path) -> None:
     with Writer(tmp_path / "run.bag") as writer:
         own = writer.add_connection("/wm/monitor", monitor.msgtype, msgdef=monitor.msgdef.data, md5sum=monitor.digest)
         writer.write(own, 2_000_000_000, b"\xff" * 40)
-    with pytest.raises(BagError, match="/wm/monitor at 2.000 s is no skiros2_msgs/WmMonitor"):
+    with pytest.raises(BagError, match=r"/wm/monitor at 2\.000 s is no skiros2_msgs/WmMonitor"):
         Run.open(tmp_path / "run.bag").changes()

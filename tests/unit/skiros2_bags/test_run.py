@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,11 +22,24 @@ from support.recorded_run import (
     element,
     good_run,
     moved,
+    node,
     relation,
     scene,
-    tree,
     write_bag,
 )
+
+LABELS = ("pick", "place")
+
+
+def tree(*states: int, root: int = SUCCESS, ended: bool = True) -> Any:
+    """The progress of a task of two skills."""
+    code = {SUCCESS: 1, FAILURE: -1}.get(root, 0) if ended else 0
+    skills = [
+        node(7, number, 7, f"skiros:{label.title()}", label, state, 1, "says so")
+        for number, (label, state) in enumerate(zip(LABELS, states, strict=True), 1)
+    ]
+    return [node(7, 7, -1, ":Root", "root", root, code, "Success"), *skills]
+
 
 NS = 1e-9  #: the messages of `write_bag` are so many seconds apart
 
@@ -121,8 +135,9 @@ def test_a_property_that_is_no_json_is_named(tmp_path: Path) -> None:
         run.changes()
 
 
-def test_tasks_have_the_states_of_each_node(run: Run) -> None:
-    (task,) = run.tasks()
+def test_tasks_have_the_states_of_each_node(tmp_path: Path) -> None:
+    progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)]
+    (task,) = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress])).tasks()
     assert (task.robot, task.id, task.has_ended, task.message) == ("/robot", 7, True, "Success")
     assert {node.name: [s.state for s in node.states] for node in task.nodes.values()} == {
         "root": [RUNNING, SUCCESS],
@@ -168,10 +183,10 @@ def test_a_skill_that_did_not_end_runs_until_the_last_word(tmp_path: Path) -> No
 def test_actions_and_goals_have_their_answers(run: Run) -> None:
     (call,) = run.actions()
     assert (call.name, call.type, call.goal_id, call.status_name) == (
-        "/tm/task_plan", "skiros2_msgs/AssignTask", "goal-1", "succeeded",
+        "/tm/achieve", "skiros2_msgs/Achieve", "goal-1", "succeeded",
     )  # fmt: skip
     (goal,) = run.goals()
-    assert (goal.goals, goal.state) == (GOAL, "plan_found")
+    assert (goal.goals, goal.state) == (GOAL, "succeeded")
     assert goal.end == call.end == call.result.time
 
 

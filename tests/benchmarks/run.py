@@ -18,7 +18,7 @@ from benchmarks.measurement import Measurement, table  # noqa: E402 - after the 
 from support.ros import Ros, RosMaster  # noqa: E402
 
 PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
-PARTS += ("planning", "schedules", "replanning", "world_model", "journal")
+PARTS += ("planning", "schedules", "replanning", "world_model", "journal", "use_case")
 
 
 def main() -> int:
@@ -77,6 +77,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import world_model
 
         return world_model.measure(folder)
+    if part == "use_case":
+        from benchmarks import use_case
+
+        return use_case.measure(folder)
     if part == "tf":
         from benchmarks import tf
 

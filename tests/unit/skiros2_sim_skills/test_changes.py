@@ -1,16 +1,26 @@
 """What has changed in the world is told in words that need no ontology."""
 
+import json
+from typing import Any
+
+from skiros2_common.core.world_element import Element
 from skiros2_demo.changes import changes
 from skiros2_demo.world_state import WorldState
-from support.recorded_run import PRODUCT, TRAY_A, TRAY_B, Monitor, element, scene
+from support.recorded_run import PRODUCT, TRAY_A, TRAY_B, element, scene
 
 ROBOT, HERE, THERE = "cora:Robot-1", "skiros:Location-5", "skiros:Location-6"
 
 
-def world(*elements: object) -> WorldState:
-    state = WorldState()
-    state.apply(Monitor()("reset", *elements))
-    return state
+def world(*elements: Any) -> WorldState:
+    made = []
+    for message in elements:
+        thing = Element(message.type, message.label, message.id)
+        for told in message.properties:
+            thing.setProperty(told.key, json.loads(told.dataValue))
+        for told in message.relations:
+            thing.addRelation(told.subjectId, told.predicate, told.objectId)
+        made.append(thing)
+    return WorldState.of(made)
 
 
 def test_nothing_changed_is_no_line() -> None:

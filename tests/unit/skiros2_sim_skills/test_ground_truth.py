@@ -48,11 +48,17 @@ def test_a_tray_with_a_rim_has_its_floor_lower() -> None:
         (product(z=0.93), "stands on"),  # in the air
         (product(z=0.70), "stands on"),  # under it
         (product(roll=math.radians(20), z=0.85), "upright"),
-        (product(roll=math.pi), "upright"),  # on its head
+        (product(roll=math.pi / 2), "upright"),  # on its side
     ],
 )
 def test_one_that_is_elsewhere_or_otherwise_is_not(body: Body, words: str) -> None:
     assert any(words in text for text in wrong(body))
+
+
+def test_a_cube_stands_upright_on_any_of_its_sides() -> None:
+    for roll, pitch in ((math.pi / 2, 0.0), (0.0, -math.pi / 2), (math.pi, 0.0)):
+        cube = Body("Product A", Pose((2.0, -1.5, 0.815), from_euler(roll, pitch, 0.3)), (0.05, 0.05, 0.05))
+        assert wrong(cube) == []
 
 
 def test_one_that_moves_is_not_there_yet() -> None:

@@ -3,11 +3,8 @@
 import math
 from pathlib import Path
 
-import pytest
-
 from skiros2_common.core.errors import Refused
-from skiros2_demo.pictures import Pictures, camera_topic, view_of
-from skiros2_demo.world_state import Thing, WorldState
+from skiros2_demo.pictures import Pictures, view_of
 from skiros2_std_reasoners.core.geometry import Vector
 
 PLACES = [(0.0, 0.0, 0.0), (2.0, 1.5, 0.6), (2.0, -1.5, 0.6)]
@@ -50,23 +47,3 @@ def test_the_eye_looks_at_the_middle_of_all_from_above_and_away() -> None:
     assert all(math.dist(eye, place) > 1.0 for place in PLACES)
     wide, _ = view_of([(x * 2, y * 2, z) for x, y, z in PLACES])
     assert math.dist(wide, target) > math.dist(eye, target)
-
-
-@pytest.mark.parametrize(
-    ("properties", "topic"),
-    [
-        ({"skiros:RgbTopic": ["/eye/rgb"]}, "/eye/rgb"),
-        ({"skiros:RgbTopic": [""]}, "/robot/hand_camera/color/image_raw"),
-        ({}, "/robot/hand_camera/color/image_raw"),
-    ],
-)
-def test_the_cameras_topic_is_given_or_follows_from_its_name(properties: dict[str, list[str]], topic: str) -> None:
-    world = WorldState()
-    world.things["skiros:DepthCamera-2"] = Thing(
-        "skiros:DepthCamera-2", "skiros:DepthCamera", "Hand camera", properties
-    )
-    assert camera_topic(world, "/robot") == topic
-
-
-def test_without_a_camera_there_is_no_topic() -> None:
-    assert camera_topic(WorldState(), "/robot") == ""

@@ -1,21 +1,23 @@
 """A bag that was recorded once stays readable, and proves what happened then."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from skiros2_bags.core.task_trace import FAILURE
 from skiros2_demo.changes import changes
-from skiros2_demo.run_check import Run, check, read_run
+from skiros2_demo.run_check import Pursuit, check, read_run
 
 BAG = Path(__file__).parents[2] / "bags" / "pick_place.bag"
 
 
 @pytest.fixture
-def run() -> Run:
+def run() -> Pursuit:
     return read_run(BAG)
 
 
-def test_the_recorded_run_is_proven(run: Run) -> None:
+def test_the_recorded_run_is_proven(run: Pursuit) -> None:
     found = check(run)
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
@@ -25,20 +27,20 @@ def test_the_recorded_run_is_proven(run: Run) -> None:
     ]
 
 
-def test_the_world_before_and_after_is_known(run: Run) -> None:
+def test_the_world_before_and_after_is_known(run: Pursuit) -> None:
     told = changes(run.before, run.after)
     assert "Product A is in Tray B; it was in Tray A" in told
     assert "mobile_manipulator is at Workstation 2; it was at Charging station" in told
     assert {run.after.name(i) for i in run.after.things} >= {"Tray A", "Tray B", "Product B", "Product C", "Gripper"}
 
 
-def test_a_product_that_had_not_arrived_would_be_noticed(run: Run) -> None:
+def test_a_product_that_had_not_arrived_would_be_noticed(run: Pursuit) -> None:
     run.after.relations = run.before.relations
     assert [finding.text for finding in check(run) if not finding.holds] == ["at the end: Product A is in Tray B"]
 
 
-def test_a_skill_that_had_failed_would_be_noticed(run: Run) -> None:
-    last = list(run.trees.values())[-1]
-    last[0].state = last[0].FAILURE
+def test_a_skill_that_had_failed_would_be_noticed(run: Pursuit) -> None:
+    states = run.tasks[-1].root.states
+    states[-1] = replace(states[-1], state=FAILURE)
     told = "drive, pick, drive, place (failed); said is: drive, pick, drive, place"
     assert [finding.text for finding in check(run) if not finding.holds] == [f"/mobile_manipulator did: {told}"]

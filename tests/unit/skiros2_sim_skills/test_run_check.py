@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from skiros2_bags.core.errors import BagError
 from skiros2_demo.finding import Finding
-from skiros2_demo.run_check import BagError, check, read_run
+from skiros2_demo.run_check import check, read_run
 from support.recorded_run import (
     FAILURE,
     GOAL,
@@ -19,11 +20,8 @@ from support.recorded_run import (
     RUNNING,
     SUCCESS,
     TRAY_A,
-    Monitor,
     done,
     good_run,
-    moved,
-    scene,
     tree,
     write_bag,
 )
@@ -157,52 +155,17 @@ def test_a_goal_about_something_that_is_not_there_is_refused(tmp_path: Path) -> 
         findings(tmp_path, messages)
 
 
-def test_a_gap_in_the_changes_of_the_world_is_found(tmp_path: Path) -> None:
-    monitor = Monitor()
-    first, missing, last = monitor("reset", *scene()), monitor("update"), monitor("update", *moved())
-    messages = without("change")
-    with pytest.raises(BagError, match="a change of the world model is missing"):
-        read_run(write_bag(tmp_path / "gap.bag", [("change", first), *messages, ("change", last)]))
-    assert missing.snapshot_id == last.prev_snapshot_id
-
-
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        ("change", "no changes of the world model"),
-        ("goal", "no goals for the task manager"),
-        ("result", "no results of the task manager"),
-    ],
-)
-def test_a_bag_that_lacks_a_kind_of_message_is_refused(tmp_path: Path, kind: str, words: str) -> None:
-    messages = without(kind)
-    with pytest.raises(BagError, match=words):
-        read_run(write_bag(tmp_path / "run.bag", messages, without=(kind,)))
-
-
 def test_a_bag_without_a_goal_is_refused(tmp_path: Path) -> None:
     messages = without("goal")
-    with pytest.raises(BagError, match="no goal was given"):
+    with pytest.raises(BagError, match=r"run\.bag: no goal was given to a task manager to be achieved"):
         read_run(write_bag(tmp_path / "run.bag", messages))
 
 
-def test_a_missing_bag_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match=r"none\.bag: there is no such file"):
-        read_run(tmp_path / "none.bag")
-
-
-@pytest.mark.parametrize("size", [0, 10, 4000, -1])
-def test_a_truncated_bag_is_refused(tmp_path: Path, size: int) -> None:
+def test_a_bag_that_is_cut_off_is_no_proof(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "run.bag", good_run())
-    bag.write_bytes(bag.read_bytes()[:size])
-    with pytest.raises(BagError, match=r"run\.bag: the bag cannot be read"):
+    bag.write_bytes(bag.read_bytes()[:-1])
+    with pytest.raises(BagError, match=r"run\.bag"):
         read_run(bag)
-
-
-def test_a_file_that_is_no_bag_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "text.bag").write_text("no bag\n" * 100)
-    with pytest.raises(BagError, match="the bag cannot be read"):
-        read_run(tmp_path / "text.bag")
 
 
 @pytest.mark.parametrize("at", [2, -1], ids=["plan", "result"])

@@ -14,13 +14,14 @@ from typing import Any, NoReturn, TextIO
 import actionlib
 import rospy
 
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.world_element import Element
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.disturbances import Disturbance, Moved, Slip
 from skiros2_demo.finding import Finding
 from skiros2_demo.onlooker import Onlooker
-from skiros2_demo.pictures import Pictures, camera_topic
+from skiros2_demo.pictures import Pictures
 from skiros2_demo.plan_text import name_of
 from skiros2_demo.simulation import Simulation
 from skiros2_demo.story import Story
@@ -28,6 +29,9 @@ from skiros2_demo.system import END_SIGNALS, System, SystemDown
 from skiros2_demo.world_state import Thing, WorldState
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
 from skiros2_msgs.srv import ResourceGetDescriptions
+from skiros2_sim.core.names import COLOUR, part_name
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 ROBOT = "/mobile_manipulator"
 #: What the bag holds.
@@ -83,8 +87,11 @@ class Demo:
             finally:
                 rospy.signal_shutdown("the demo is over")
             bag = system.bag
-        proven = run_check.check(run_check.read_run(bag))
-        held = self._show(f"Proof from the bag alone ({bag})", proven)
+        pursuit = run_check.read_run(bag)
+        self._story.title("What changed in the world")
+        for line in changes(pursuit.before, pursuit.after) or ["nothing"]:
+            self._story.say(f"  {line}")
+        held = self._show(f"Proof from the bag alone ({bag})", run_check.check(pursuit))
         if in_truth:
             held &= self._show("Proof from the simulated world", in_truth)
         if self._options.disturb:
@@ -106,34 +113,32 @@ class Demo:
             f"World model, skill manager {ROBOT}{', simulator' if simulated else ''} and task manager are ready "
             f"({_since(began_at)})"
         )
-        before = self._world = onlooker.world()
-        product, tray = (_labelled(label, before) for label in (self._options.product, self._options.tray))
+        scene = WorldModelInterface(rospy.get_name()).get_branch(ROOT)
+        self._world = WorldState.of(scene)
+        product, tray = (self._world.labelled(label) for label in (self._options.product, self._options.tray))
         if simulation is not None:
-            self._prepare(simulation, product, tray)
+            self._prepare(simulation, scene, product, tray)
         self._take_pictures("before")
         self._achieve(system, onlooker, task_manager, f"(skiros:contain {tray.id} {product.id})")
         self._take_pictures("after")
         in_truth = simulation.judged(product, tray) if simulation is not None else []
-        self._story.title("What changed in the world")
-        for line in changes(before, onlooker.world()) or ["nothing"]:
-            self._story.say(f"  {line}")
         onlooker.close()
         system.stop_recording()
         return in_truth
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
-    def _prepare(self, simulation: Simulation, product: Thing, tray: Thing) -> None:
+    def _prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
         chance = Random(self._options.seed)
         if self._options.disturb == "moved":
             self._disturbance = Moved(simulation, self._world, product.id, tray.id, chance)
         elif self._options.disturb == "slip":
-            self._disturbance = Slip(simulation, _only("rparts:GripperEffector", self._world))
+            self._disturbance = Slip(simulation, self._world.only("rparts:GripperEffector"))
         if self._options.pictures:
-            places = [
-                simulation.pose_of(thing.id).position for thing in (product, tray, _only("cora:Robot", self._world))
-            ]
-            topic = camera_topic(self._world, ROBOT)
+            shown = [t for t in self._world.things.values() if all(t.size) or t.type == "cora:Robot"]
+            places = [simulation.pose_of(thing.id).position for thing in shown]
+            cameras = [element for element in scene if element.type == "skiros:DepthCamera"]
+            topic = COLOUR.of(cameras[0], ROBOT.strip("/"), part_name(cameras[0])) if cameras else ""
             self._pictures = Pictures(simulation, self._options.folder, places, topic, self._story.say)
 
     def _take_pictures(self, moment: str) -> None:
@@ -252,30 +257,6 @@ def _launch(options: argparse.Namespace) -> list[str]:
         return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
     simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
     return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *scene]
-
-
-def _labelled(label: str, world: WorldState) -> Thing:
-    """The element with that label.
-
-    :raises UnknownName: there is none, or there are several.
-    """
-    found = [thing for thing in world.things.values() if thing.label == label]
-    if len(found) != 1:
-        labels = ", ".join(sorted({t.label for t in world.things.values() if t.label})) or "none"
-        problem = "several elements are" if found else "no element is"
-        raise UnknownName(f"{problem} labelled {label!r} in the scene; labels there: {labels}")
-    return found[0]
-
-
-def _only(kind: str, world: WorldState) -> Thing:
-    """The element of a type.
-
-    :raises UnknownName: there is none, or there are several.
-    """
-    found = [thing for thing in world.things.values() if thing.type == kind]
-    if len(found) != 1:
-        raise UnknownName(f"{len(found)} elements are of type {kind} in the scene, expected one")
-    return found[0]
 
 
 def _wait_until_ready(system: System, simulation: Simulation | None) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from skiros2_demo.finding import Finding
-from skiros2_std_reasoners.core.geometry import Pose, Vector, composed, half_extents, inverted, rotated
+from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, half_extents, inverted, rotated
 
 #: How far the product's underside may be above the tray's top side, or its edges over the tray's (m).
 GAP = 0.01
@@ -45,7 +45,7 @@ def judged(
     x, y, z = composed(inverted(tray.pose), product.pose).position
     reach = half_extents(composed(inverted(tray.pose), product.pose).orientation, product.size)
     within = all(abs(at) + half <= edge / 2 + GAP for at, half, edge in zip((x, y), reach, tray.size, strict=False))
-    lean = _angle(rotated(product.pose.orientation, (0.0, 0.0, 1.0)), (0.0, 0.0, 1.0))
+    lean = min(_leaning(product.pose.orientation, axis) for axis in _upright_axes(product.size))
     gap = z - reach[2] - tray.size[2] / 2
     # On a tray that is a box it stands on top; in one with a rim it stands on the floor, somewhat lower.
     on_it = -tray.size[2] - GAP <= gap <= GAP
@@ -60,6 +60,13 @@ def judged(
     ]
 
 
-def _angle(a: Vector, b: Vector) -> float:
-    cosine = sum(p * q for p, q in zip(a, b, strict=True))
-    return math.acos(max(-1.0, min(1.0, cosine))) if math.isfinite(cosine) else math.nan
+def _upright_axes(size: Vector) -> list[Vector]:
+    """The axes of a box that may be upright: its z, and others with edges as long; nobody can tell these apart."""
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    return [axis for axis, edge in zip(axes, size, strict=True) if math.isclose(edge, size[2], rel_tol=0.01)]
+
+
+def _leaning(orientation: Quaternion, axis: Vector) -> float:
+    """The angle between an axis of a box and the vertical (rad); a box has no top."""
+    upward = abs(rotated(orientation, axis)[2])
+    return math.acos(min(1.0, upward)) if math.isfinite(upward) else math.nan

@@ -1,17 +1,14 @@
-"""What a node learns of a system by listening: the world, the trees of one robot, and how its goal goes on."""
+"""What happens to a goal, and to the trees of one robot, in the order in which it is heard of."""
 
 from __future__ import annotations
 
 import queue
-import threading
 from typing import Any
 
 import actionlib
 import rospy
 
-from skiros2_common.core.errors import SkirosError
-from skiros2_demo.world_state import WorldState
-from skiros2_msgs.msg import TreeProgress, WmMonitor
+from skiros2_msgs.msg import TreeProgress
 
 #: What has happened: a list of `SkillProgress` (a tree), an `AchieveFeedback`, or an `AchieveResult`.
 Event = Any
@@ -24,29 +21,12 @@ class Onlooker:
     """
 
     def __init__(self, robot: str) -> None:
-        self._lock = threading.Lock()
-        self._world = WorldState()
-        self._problem = ""
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._subscribers = [
-            rospy.Subscriber("wm/monitor", WmMonitor, self._take_change),
-            rospy.Subscriber(f"{robot}/monitor", TreeProgress, self._take_progress),
-        ]
+        self._subscriber = rospy.Subscriber(f"{robot}/monitor", TreeProgress, self._take_progress)
 
     def close(self) -> None:
         """Listens no more."""
-        for subscriber in self._subscribers:
-            subscriber.unregister()
-
-    def world(self) -> WorldState:
-        """The world now.
-
-        :raises SkirosError: a change could not be followed.
-        """
-        with self._lock:
-            if self._problem:
-                raise SkirosError(self._problem)
-            return self._world.copy()
+        self._subscriber.unregister()
 
     def take_feedback(self, handle: Any, feedback: Any) -> None:
         """Puts a goal's feedback among the events. Any thread."""
@@ -63,13 +43,6 @@ class Onlooker:
             return self._events.get(timeout=timeout)
         except queue.Empty:
             return None
-
-    def _take_change(self, message: Any) -> None:
-        with self._lock:
-            try:
-                self._world.apply(message)
-            except SkirosError as error:
-                self._problem = str(error)
 
     def _take_progress(self, message: Any) -> None:
         if message.progress:

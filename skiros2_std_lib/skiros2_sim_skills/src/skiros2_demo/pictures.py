@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_demo.world_state import Thing, WorldState
 from skiros2_std_reasoners.core.geometry import Vector
 
-CAMERA = "skiros:DepthCamera"
 #: From the middle of the cell to the eye, as parts of the cell's width.
-_DIRECTION = (-0.62, -0.42, 0.62)
+_DIRECTION = (-0.5, -0.26, 0.5)
 
 
 class Photographer(Protocol):
@@ -67,20 +65,3 @@ def view_of(places: Iterable[Vector]) -> tuple[Vector, Vector]:
     x, y, z = ((low + high) / 2 for low, high in sides)
     dx, dy, dz = (part * width for part in _DIRECTION)
     return (x + dx, y + dy, z + dz), (x, y, z)
-
-
-def camera_topic(world: WorldState, robot: str) -> str:
-    """The topic of the colour pictures of the first camera in a world; "" when there is none.
-
-    :param robot: the name of the robot that has it, with its leading slash.
-    """
-    cameras = sorted((thing for thing in world.things.values() if thing.type == CAMERA), key=_order)
-    if not cameras:
-        return ""
-    given = cameras[0].properties.get("skiros:RgbTopic", [])
-    name = cameras[0].name.lower().replace(" ", "_")
-    return str(given[0]) if given and given[0] else f"{robot}/{name}/color/image_raw"
-
-
-def _order(thing: Thing) -> str:
-    return thing.id

@@ -1,22 +1,19 @@
-"""The world as somebody sees it who only listens to `wm/monitor`, live or from a bag."""
+"""The scene at one time, as plain data."""
 
 from __future__ import annotations
 
-import copy
-import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.names import local_name
+from skiros2_common.core.world_element import Element
 
 #: A relation: subject, predicate, object.
 Triple = tuple[str, str, str]
 
 SELF = "-1"
-
-
-class MonitorGap(WrongValue):
-    """A change is missing between two messages: what follows cannot be trusted."""
 
 
 @dataclass
@@ -31,7 +28,7 @@ class Thing:
     @property
     def name(self) -> str:
         """What a person calls it: its label without prefix, or its id."""
-        return self.label.rpartition(":")[2] or self.id
+        return local_name(self.label) or self.id
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -40,43 +37,24 @@ class Thing:
         return x, y, z
 
 
+@dataclass
 class WorldState:
-    """The scene, kept up to date by `apply`. Has content from the first `reset` or `add` on."""
+    """The things in a scene, and how they are related."""
 
-    def __init__(self) -> None:
-        self.things: dict[str, Thing] = {}
-        self.relations: set[Triple] = set()
-        self.snapshot_id = ""
+    things: dict[str, Thing] = field(default_factory=dict)
+    relations: set[Triple] = field(default_factory=set)
 
-    def apply(self, message: Any) -> None:
-        """Takes over one `WmMonitor` message.
-
-        :raises MonitorGap: messages between the last one and this are missing.
-        :raises WrongValue: the message cannot be read.
-        """
-        if message.action == "reset":
-            self.things, self.relations = {}, set()
-        elif self.snapshot_id and message.prev_snapshot_id != self.snapshot_id:
-            raise MonitorGap(
-                f"a change of the world model is missing: {message.action!r} by {message.author!r} follows snapshot "
-                f"{message.prev_snapshot_id!r}, the last one seen is {self.snapshot_id!r}"
-            )
-        self.snapshot_id = message.snapshot_id
-        removes = message.action in ("remove", "remove_recursive")
-        for element in message.elements:
-            self._remove(element.id)
-        for element in [] if removes else message.elements:
-            self._put(element)
-        for relation in message.relation:
-            triple = (relation.subjectId, relation.predicate, relation.objectId)
-            if removes:
-                self.relations.discard(triple)
-            else:
-                self.relations.add(triple)
-
-    def copy(self) -> WorldState:
-        """The world as it is now."""
-        return copy.deepcopy(self)
+    @classmethod
+    def of(cls, elements: Iterable[Element]) -> WorldState:
+        """The state that elements tell of."""
+        state = cls()
+        for element in elements:
+            properties = {p.key: list(p.values) for p in element.properties}
+            state.things[element.id] = Thing(element.id, element.type, element.label, properties)
+            for relation in element.getRelations():
+                subject, other = (element.id if end == SELF else end for end in (relation["src"], relation["dst"]))
+                state.relations.add((subject, relation["type"], other))
+        return state
 
     def name(self, thing_id: str) -> str:
         """What a person calls a thing: its label without prefix, or its id."""
@@ -87,22 +65,24 @@ class WorldState:
         """The subjects of a relation to a thing."""
         return sorted(s for s, p, o in self.relations if p == predicate and o == thing_id)
 
-    def _put(self, element: Any) -> None:
-        try:
-            properties = {p.key: _values(p.dataValue) for p in element.properties}
-        except ValueError as error:
-            raise WrongValue(f"element {element.id}: a property is no JSON: {error}") from None
-        self.things[element.id] = Thing(element.id, element.type, element.label, properties)
-        for relation in element.relations:
-            subject = element.id if relation.subjectId == SELF else relation.subjectId
-            target = element.id if relation.objectId == SELF else relation.objectId
-            self.relations.add((subject, relation.predicate, target))
+    def labelled(self, label: str) -> Thing:
+        """The thing with that label.
 
-    def _remove(self, thing_id: str) -> None:
-        self.things.pop(thing_id, None)
-        self.relations = {t for t in self.relations if thing_id not in (t[0], t[2])}
+        :raises UnknownName: there is none, or there are several.
+        """
+        found = [thing for thing in self.things.values() if thing.label == label]
+        if len(found) != 1:
+            labels = ", ".join(sorted({t.label for t in self.things.values() if t.label})) or "none"
+            problem = "several elements are" if found else "no element is"
+            raise UnknownName(f"{problem} labelled {label!r} in the scene; labels there: {labels}")
+        return found[0]
 
+    def only(self, kind: str) -> Thing:
+        """The thing of a type.
 
-def _values(text: str) -> list[Any]:
-    decoded = json.loads(text)
-    return decoded if isinstance(decoded, list) else [decoded]
+        :raises UnknownName: there is none, or there are several.
+        """
+        found = [thing for thing in self.things.values() if thing.type == kind]
+        if len(found) != 1:
+            raise UnknownName(f"{len(found)} elements are of type {kind} in the scene, expected one")
+        return found[0]

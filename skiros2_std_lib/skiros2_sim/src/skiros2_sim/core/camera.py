@@ -179,15 +179,15 @@ def looking_at(eye: Sequence[float], target: Sequence[float]) -> Pose:
 
 def _segments(bodies: npt.NDArray[np.int32], world: World) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
     """The indices of elements instead of the numbers of PyBullet's bodies, and the elements' ids."""
-    seen, where = np.unique(bodies, return_inverse=True)
+    seen = np.flatnonzero(np.bincount(bodies.ravel() + 1)) - 1  # a background is -1
+    indices = np.full(seen[-1] + 2, NOTHING, np.int32)
     ids: list[str] = []
-    indices = np.full(len(seen), NOTHING, np.int32)
-    for n, body in enumerate(seen):
-        element = world.element_of(int(body)) if body >= 0 else None
+    for body in seen[seen >= 0]:
+        element = world.element_of(int(body))
         if element is not None:
-            indices[n] = len(ids)
+            indices[body + 1] = len(ids)
             ids.append(element)
-    return indices[where].reshape(bodies.shape), tuple(ids)
+    return indices[bodies + 1], tuple(ids)
 
 
 def save_png(picture: Picture, file: Path) -> None:

@@ -18,7 +18,7 @@ from skiros2_sim.core import urdf as models
 from skiros2_sim.core.model_files import find_model
 from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, Problem, RobotSpec
 from skiros2_sim.core.urdf import Urdf, read_urdf
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose
 
 BASE_LINK = "base_link"
 #: The motors of a mobile robot.
@@ -80,12 +80,13 @@ def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
     base = _base_model(spec, folders, made.problems)
     made.mobile = base is not None
     parts = _drives() if made.mobile else []
-    parts.append(models.link(BASE_LINK, size=None if base is not None else _box_of(spec)))
+    parts.append(models.link(BASE_LINK, size=spec.size if spec.base is None else None))
     made.base_links.append(BASE_LINK)
-    if base is not None and spec.base is not None:
-        parts += _fixed_wheels(base)
-        parts.append(models.joint(f"{spec.base.name}/mount", "fixed", BASE_LINK, base.root, spec.base.pose))
-        made.base_links += base.links
+    if spec.base is not None:
+        root = base.root if base is not None else spec.base.name
+        parts += _fixed_wheels(base) if base is not None else [models.link(root, size=spec.base.size or spec.size)]
+        parts.append(models.joint(f"{spec.base.name}/mount", "fixed", BASE_LINK, root, spec.base.pose))
+        made.base_links += base.links if base is not None else [root]
     for arm in spec.arms:
         try:
             parts += _add_arm(arm, folders, made)
@@ -104,10 +105,6 @@ def _base_model(spec: RobotSpec, folders: Sequence[str], problems: list[Problem]
     except ConfigurationError as error:
         problems.append(Problem(base.id, f"the robot is fixed in the map: {error}", base.model))
         return None
-
-
-def _box_of(spec: RobotSpec) -> Vector | None:
-    return spec.base.size if spec.base is not None and spec.base.size is not None else spec.size
 
 
 def _drives() -> list[Element]:

@@ -1,0 +1,126 @@
+"""The cell of three robots: its scene in the simulator, the plan for its goal, and the robot that stands still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_sim.core.scene_reader import load_scene
+from skiros2_sim.core.world import World
+from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.ros.registration import Registration
+from skiros2_skill.testing import SkillBench
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.planner import Limits
+from skiros2_task.core.portfolio import Portfolio, Wish, makespan
+from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+
+ROOT = Path(__file__).parents[3]
+OWL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
+SCENE = OWL / "three_robots_scene.ttl"
+GOAL = """(skiros:contain demo:Tray-34 skiros:Product-40), (skiros:contain demo:Tray-35 skiros:Product-41),
+    (skiros:contain demo:Tray-37 skiros:Product-42)"""
+DELIVERY = "demo:Workstation-22"
+ROBOTS = {"mobile_1": ["drive", "look", "pick", "place"], "mobile_2": ["drive", "look", "pick", "place"]}
+ROBOTS["stationary"] = ["look", "pick", "place"]
+
+
+@pytest.fixture(scope="module")
+def plan() -> Iterator[PlanningResult]:
+    model = WorldModel(ROOT / "ontologies", OWL)
+    model.load_initial(SCENE.name)
+    wmi = LocalWorldModel("test", model)
+    for robot, skills in ROBOTS.items():
+        library = SkillLibrary(wmi)
+        library.import_libraries(["skiros2_std_skills", "skiros2_sim_skills"])
+        library.load(skills)
+        registration = Registration(wmi, "demo", robot, f"/{robot}")
+        registration.register_robot()
+        registration.register_skills(library.implementations())
+    processes = EngineProcesses()
+    yield TaskPlanner(wmi, Portfolio(processes, Wish.BEST, makespan()), Limits(10.0)).plan(GOAL)
+    processes.close()
+
+
+def test_one_goal_takes_all_three_robots(plan: PlanningResult) -> None:
+    assert plan.verdict is Verdict.PLANNED, plan.message
+    assert {call.manager for call in plan.calls} == {"/mobile_1", "/mobile_2", "/stationary"}
+    placed = {call.manager: dict(call.arguments)["Object"].label for call in plan.calls if call.label == "place"}
+    assert placed["/stationary"] == "Product C"
+    assert {placed["/mobile_1"], placed["/mobile_2"]} == {"Product A", "Product B"}
+
+
+def test_only_one_robot_at_a_time_is_at_the_delivery(plan: PlanningResult) -> None:
+    assert plan.schedule is not None
+    stays = []
+    for robot in ("/mobile_1", "/mobile_2"):
+        times = [
+            (step.start, step.end, {key: element.id for key, element in call.arguments})
+            for call, step in zip(plan.calls, plan.schedule.steps, strict=True)
+            if call.manager == robot and call.label == "drive"
+        ]
+        comes = [start for start, _, arguments in times if arguments["TargetLocation"] == DELIVERY]
+        leaves = [end for _, end, arguments in times if arguments["StartLocation"] == DELIVERY]
+        stays += list(zip(sorted(comes), [*sorted(leaves), math.inf], strict=False))
+    assert len(stays) >= 2
+    assert all(left <= came for (_, left), (came, _) in pairwise(sorted(stays)))
+
+
+def test_the_robots_work_side_by_side(plan: PlanningResult) -> None:
+    assert plan.schedule is not None
+    assert plan.schedule.makespan < 0.7 * sum(step.end - step.start for step in plan.schedule.steps)
+
+
+def test_the_scene_is_simulated_as_it_is_written() -> None:
+    scene = load_scene(SCENE, OWL)
+    with World(scene) as world:
+        assert not world.problems
+        assert {robot.name: robot.mobile for robot in world.robots.values()} == {
+            "mobile_1": True,
+            "mobile_2": True,
+            "stationary": False,
+        }
+        world.step(240)
+        touching = {(contact.first, contact.second) for contact in world.contacts()}
+        assert touching == {
+            ("demo:Tray-32", "skiros:Product-40"),
+            ("demo:Tray-33", "skiros:Product-41"),
+            ("demo:Tray-36", "skiros:Product-42"),
+        }
+        # the pedestal is under the arm
+        pedestal = world.robots["cora:Robot-11"].link_pose("pedestal").position
+        mount = world.pose_of("rparts:ArmDevice-13").position
+        assert pedestal == pytest.approx((mount[0], mount[1], mount[2] / 2))
+
+
+def stand(place: str, **moved: float) -> tuple[State, str]:
+    bench = SkillBench(SCENE).import_libraries("skiros2_std_skills", "skiros2_sim_skills")
+    bench.robot = bench.element("demo:stationary")
+    for key, value in moved.items():
+        bench.robot.setProperty(f"skiros:{key}", value)
+    bench.wmi.update_element(bench.robot)
+    skill = bench.command("MoveBase", "stand_still", TargetLocation=bench.element(place)).run().skill
+    return skill.state, skill.progress_msg
+
+
+def test_a_robot_that_cannot_drive_is_where_it_stands() -> None:
+    assert stand("Packing table") == (State.Success, "At Packing table")
+
+
+def test_nowhere_else() -> None:
+    state, message = stand("Delivery")
+    assert state is State.Failure
+    assert message == "demo:stationary cannot drive, and Delivery is 4.12 m away"
+
+
+def test_nor_where_it_was_before_somebody_moved_it() -> None:
+    state, message = stand("Packing table", PositionX=-0.8)
+    assert state is State.Failure
+    assert "0.30 m away" in message

@@ -42,8 +42,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something on the floor: a rectangle around (x, y), turned by yaw; `half_y` 0 and `half_x` 0 with a `round` radius
-    makes a circle (another robot)."""
+    """Something on the floor: a rectangle around (x, y), turned by yaw; half its edges in m."""
 
     id: str
     x: float
@@ -51,7 +50,6 @@ class Obstacle:
     yaw: float
     half_x: float
     half_y: float
-    round: float = 0.0
 
     def distance(self, x: Array, y: Array) -> Array:
         """How far points are from its edge (m); 0 inside."""
@@ -59,7 +57,8 @@ class Obstacle:
         dx, dy = x - self.x, y - self.y
         outside_x = np.maximum(np.abs(c * dx + s * dy) - self.half_x, 0.0)
         outside_y = np.maximum(np.abs(c * dy - s * dx) - self.half_y, 0.0)
-        return np.maximum(np.hypot(outside_x, outside_y) - self.round, 0.0)
+        distance: Array = np.hypot(outside_x, outside_y)
+        return distance
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ class _Grid:
     def __init__(self, obstacles: Sequence[Obstacle], start: Place, goal: Place, radius: float) -> None:
         reach = _AROUND + radius
         near = [o for o in obstacles if _is_near(o, start, goal)]
-        spread = [max(math.hypot(o.half_x, o.half_y), o.round) for o in near]
+        spread = [math.hypot(o.half_x, o.half_y) for o in near]
         xs = [start.x, goal.x, *(o.x - r for o, r in zip(near, spread, strict=True))]
         xs += [o.x + r for o, r in zip(near, spread, strict=True)]
         ys = [start.y, goal.y, *(o.y - r for o, r in zip(near, spread, strict=True))]

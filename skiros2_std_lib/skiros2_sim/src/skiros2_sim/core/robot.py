@@ -13,7 +13,7 @@ from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.composing import BASE_LINK, DRIVES, RobotModel
 from skiros2_sim.core.joint import Joint, finite
 from skiros2_sim.core.scene_spec import RobotSpec
-from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, to_euler
 
 #: The base pushes with at most this much force (N), and torque (Nm): a person stops it.
 _DRIVE_FORCE = 600.0
@@ -67,8 +67,11 @@ class Robot:
             bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
         if self.mobile:
             self._start_drives()
+        #: Two corners of the box around the base, in the frame of `base_link` (m).
+        self.base_box = self._measured_base()
+        low, high = self.base_box
         #: m, of a circle about `base_link` that holds the base.
-        self.radius = self._radius()
+        self.radius = math.hypot(max(-low[0], high[0]), max(-low[1], high[1]))
 
     # -- pose -------------------------------------------------------------------------------------------------
 
@@ -155,14 +158,20 @@ class Robot:
             self._bullet.changeDynamics(self.body, index, jointDamping=0.0)
         self.before_step()
 
-    def _radius(self) -> float:
-        x, y, _ = self.pose().position
-        far = 0.0
-        for index in self.base_links:
-            if self._bullet.getCollisionShapeData(self.body, index):
-                low, high = self._bullet.getAABB(self.body, index)
-                far = max(far, *(math.hypot(cx - x, cy - y) for cx in (low[0], high[0]) for cy in (low[1], high[1])))
-        return far
+    def _measured_base(self) -> tuple[Vector, Vector]:
+        """Two corners of the box that holds the base's shapes; the robot is turned straight for it, and put back."""
+        pose = root_pose(self._bullet, self.body)
+        place_root(self._bullet, self.body, IDENTITY)
+        inner = self.pose().position
+        boxes = [
+            self._bullet.getAABB(self.body, index)
+            for index in self.base_links
+            if self._bullet.getCollisionShapeData(self.body, index)
+        ]
+        place_root(self._bullet, self.body, pose)
+        low = [min((box[0][i] for box in boxes), default=inner[i]) - inner[i] for i in range(3)]
+        high = [max((box[1][i] for box in boxes), default=inner[i]) - inner[i] for i in range(3)]
+        return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
 def root_pose(bullet: Bullet, body: int) -> Pose:

@@ -84,7 +84,11 @@ class Gripper:
         """How much of the friction of the fingers is there, 0 to 1."""
         for index in self._indices:
             self._bullet.changeDynamics(
-                self.body, index, lateralFriction=FRICTION * part, spinningFriction=_SPINNING * part, frictionAnchor=False
+                self.body,
+                index,
+                lateralFriction=FRICTION * part,
+                spinningFriction=_SPINNING * part,
+                frictionAnchor=False,
             )
 
     def _couple(self, one: int, other: int) -> None:

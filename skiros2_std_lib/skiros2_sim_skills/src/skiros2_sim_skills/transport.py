@@ -56,7 +56,6 @@ class Pick(timed.Pick):
         self.set_duration(12.0)
         self.addPreCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
         self.addPostCondition(self.getPropCond("StillObserved", OBSERVED, "Workstation", "=", True, True))
-        self.addPostCondition(self.getPropCond("ContainerEmpty", CONTAINER_STATE, "Container", "=", "Empty", True))
         self.addPostCondition(self.getPropCond("ContainerNotFull", CONTAINER_STATE, "Container", "=", "Full", False))
 
 
@@ -70,7 +69,6 @@ class Place(timed.Place):
         self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Inferred, description="The arm's camera")
         self.addPreCondition(self.getRelationCond("ArmHasCamera", "skiros:hasA", "Arm", "Camera", True))
         self.addPreCondition(self.getPropCond("WorkstationObserved", OBSERVED, "Workstation", "=", True, True))
-        self.addPreCondition(self.getPropCond("ContainerEmpty", CONTAINER_STATE, "Container", "=", "Empty", True))
+        self.addPreCondition(self.getPropCond("ContainerNotFull", CONTAINER_STATE, "Container", "=", "Full", False))
         self.addPostCondition(self.getPropCond("StillObserved", OBSERVED, "Workstation", "=", True, True))
-        self.addPostCondition(self.getPropCond("ContainerNotEmpty", CONTAINER_STATE, "Container", "=", "Empty", False))
         self.addPostCondition(self.getPropCond("ContainerFull", CONTAINER_STATE, "Container", "=", "Full", True))

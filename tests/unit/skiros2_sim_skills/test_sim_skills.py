@@ -1,0 +1,336 @@
+"""The skills of the simulated robot on drivers that stand in: what they ask, what they tell, why they fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from actionlib_msgs.msg import GoalStatus
+
+from control_msgs.msg import GripperCommandResult
+from skiros2_common.core.abstract_skill import State
+from skiros2_sim_msgs.msg import CartesianMotionGoal, CartesianMotionResult
+from skiros2_sim_msgs.srv import DetectResponse
+from skiros2_sim_skills.core.places import pose_in_scene
+from skiros2_skill.testing import FakeClock, SkillBench
+from skiros2_std_reasoners.core.geometry import Pose, rotated
+from support.stand_in_drivers import ABORTED, SUCCEEDED, StandInDrivers, install, pose_of, true_things
+
+SCENE = Path(__file__).parents[3] / "skiros2_std_lib" / "skiros2_sim_skills" / "owl" / "sim_scene.ttl"
+MOVE = "/mobile_manipulator/move_base"
+ARM = "/mobile_manipulator/arm/cartesian_motion"
+JOINTS = "/mobile_manipulator/arm/follow_joint_trajectory"
+GRIPPER = "/mobile_manipulator/gripper/gripper_action"
+DETECT = "/sim/detect"
+
+
+class Cell(SkillBench):
+    """The scene, and drivers that stand in."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        super().__init__(SCENE, clock=clock, period=0.1)
+        start = self.robot.getRelation("-1", "skiros:hasStartLocation")["dst"]
+        self.wmi.set_relation(self.robot.id, "skiros:at", start)
+        self.import_libraries("skiros2_std_skills", "skiros2_sim_skills")
+        things = true_things(self.wmi, self.element("Product A"), self.element("Product B"))
+        self.drivers = StandInDrivers(things)
+
+    def do(self, skill: str, **params: str) -> Any:
+        """Runs a skill, its parameters by label, and returns the task."""
+        return self.command(skill, **{key: self.element(label) for key, label in params.items()}).run()
+
+    def done(self, skill: str, **params: str) -> None:
+        task = self.do(skill, **params)
+        assert task.state is State.Success, task.why
+
+    def why(self, skill: str, **params: str) -> str:
+        """Why a skill fails."""
+        task = self.do(skill, **params)
+        assert task.state is State.Failure
+        return str(task.why)
+
+    def ready_to_pick(self) -> None:
+        self.done("Drive", TargetLocation="Workstation 1")
+        self.done("Look", Workstation="Workstation 1")
+
+    def place_in_map(self, label: str) -> tuple[float, ...]:
+        return pose_in_scene(self.wmi, self.element(label))[1].position
+
+    def is_observed(self, label: str) -> bool:
+        return bool(self.element(label).value_of("demo:Observed"))
+
+
+@pytest.fixture
+def cell(fake_clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> Cell:
+    cell = Cell(fake_clock)
+    install(monkeypatch, cell.drivers)
+    return cell
+
+
+def ends(status: int, result: Any, text: str = "") -> Any:
+    return lambda goal: (status, result, text)
+
+
+def gripped(width: float, stalled: bool = True) -> Any:
+    return ends(SUCCEEDED, GripperCommandResult(position=width, stalled=stalled))
+
+
+def test_a_product_is_brought_to_the_other_workstation(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    assert cell.holder("Product A") == "Gripper"
+    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Full"
+    assert cell.element("Tray A").value_of("skiros:ContainerState") == "Empty"
+    cell.done("Drive", TargetLocation="Workstation 2")
+    cell.done("Look", Workstation="Workstation 2")
+    cell.done("Place", Object="Product A", Container="Tray B")
+    assert cell.holder("Product A") == "Tray B"
+    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
+    assert cell.element("Tray B").value_of("skiros:ContainerState") == "Full"
+    assert cell.place_in_map("Product A")[:2] == pytest.approx((1.85, -1.25), abs=1e-6)
+
+
+def test_driving_frees_one_place_takes_the_other_and_forgets_what_was_seen(cell: Cell) -> None:
+    cell.ready_to_pick()
+    assert cell.is_observed("Workstation 1")
+    assert not cell.element("Workstation 1").value_of("demo:Free")
+    assert cell.element("Charging station").value_of("demo:Free")
+    cell.done("Drive", TargetLocation="Workstation 2")
+    assert not cell.is_observed("Workstation 1")
+    assert cell.element("Workstation 1").value_of("demo:Free")
+    goal = cell.drivers.sent_to(MOVE)[0].target_pose
+    assert goal.header.frame_id == "map"
+    assert pose_of(goal.pose).position == pytest.approx((1.0, 1.5, 0.0))
+
+
+def test_no_robot_drives_to_where_another_one_is(cell: Cell) -> None:
+    station = cell.element("Workstation 1")
+    station.setProperty("demo:Free", False)
+    cell.wmi.update_element_properties(station)
+    assert "TargetFree" in cell.why("Drive", TargetLocation="Workstation 1")
+
+
+def test_the_gripper_comes_from_above_opens_and_goes_down_slowly_with_a_limit_of_force(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    high, low, lift = cell.drivers.sent_to(ARM)
+    assert pose_of(high.target.pose).position == pytest.approx((1.85, 1.75, 0.545 + 0.12))
+    assert pose_of(low.target.pose).position == pytest.approx((1.85, 1.75, 0.545))
+    assert rotated(pose_of(low.target.pose).orientation, (0.0, 0.0, 1.0)) == pytest.approx((0.0, 0.0, -1.0))
+    assert low.speed < high.speed
+    assert low.max_force > 0
+    assert lift.target.header.frame_id == "mobile_manipulator/arm/tool"
+    assert pose_of(lift.target.pose).position == pytest.approx((0.0, 0.0, -0.12))
+    assert cell.drivers.sent_to(GRIPPER)[0].command.position == 0.08
+    switched = [r.start_controllers[0] for name, r in cell.drivers.goals if name.endswith("switch_controller")]
+    assert switched[-3:] == ["position", "compliant", "position"]
+
+
+def test_a_product_that_was_moved_is_found_where_it_is(cell: Cell) -> None:
+    product = cell.element("Product A").id
+    cell.drivers.things[product] = (Pose((1.87, 1.22, 0.545), (0.0, 0.0, 0.0, 1.0)), 0.05)
+    cell.ready_to_pick()
+    assert cell.holder("Product A") == "Tray C"
+    assert cell.element("Tray A").value_of("skiros:ContainerState") == "Empty"
+    assert cell.element("Tray C").value_of("skiros:ContainerState") == "Full"
+    assert cell.place_in_map("Product A") == pytest.approx((1.87, 1.22, 0.545))
+    why = cell.do("Pick", Object="Product A", Container="Tray A").why
+    assert "ObjectInContainer" in why
+
+
+def test_a_product_beside_the_trays_lies_on_the_table_and_can_be_picked_from_there(cell: Cell) -> None:
+    product = cell.element("Product A").id
+    cell.drivers.things[product] = (Pose((2.1, 1.6, 0.525), (0.0, 0.0, 0.38268343, 0.92387953)), 0.05)
+    cell.ready_to_pick()
+    assert cell.holder("Product A") == "Top of workstation 1"
+    cell.done("Pick", Object="Product A")
+    assert cell.holder("Product A") == "Gripper"
+
+
+def test_a_product_that_is_gone_is_taken_out_of_its_tray_after_a_second_look(cell: Cell) -> None:
+    cell.drivers.missing.add(cell.element("Product A").id)
+    cell.done("Drive", TargetLocation="Workstation 1")
+    task = cell.do("Look", Workstation="Workstation 1")
+    assert task.state is State.Success
+    assert len(cell.drivers.sent_to(DETECT)) == 2
+    assert cell.holder("Product A") == "Simulated cell"
+    assert cell.element("Tray A").value_of("skiros:ContainerState") == "Empty"
+    assert "Product A is not in Tray A any more" in task.node("detect_objects").progress_msg
+
+
+def test_what_is_on_the_floor_is_in_no_container(cell: Cell) -> None:
+    cell.drivers.things[cell.element("Product A").id] = (Pose((1.5, 1.5, 0.025), (0.0, 0.0, 0.0, 1.0)), 0.05)
+    cell.ready_to_pick()
+    assert cell.holder("Product A") == "Simulated cell"
+
+
+def test_a_pick_that_closes_on_nothing_fails_and_asks_for_another_look(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.drivers.answer(GRIPPER, None, gripped(0.0, stalled=False))
+    assert "Product A is not between the fingers: they have closed" in cell.why("Pick", Object="Product A")
+    assert cell.holder("Product A") == "Tray A"
+    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
+    assert not cell.is_observed("Workstation 1")
+    assert "WorkstationObserved" in cell.why("Pick", Object="Product A")
+
+
+def test_a_pick_that_closes_on_something_else_fails(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.drivers.answer(GRIPPER, None, gripped(0.075))
+    assert "75 mm wide, and Product A is 50 x 50 x 50 mm" in cell.why("Pick", Object="Product A")
+
+
+@pytest.mark.parametrize("check", [0, 1])
+def test_a_product_that_slips_is_not_in_the_gripper(cell: Cell, check: int) -> None:
+    cell.ready_to_pick()
+
+    def slips(goal: Any) -> Any:
+        cell.drivers.lose()
+        return gripped(0.0, stalled=False)(goal)
+
+    cell.drivers.answer(GRIPPER, None, None, *[None] * check, slips)
+    assert "they have closed" in cell.why("Pick", Object="Product A")
+    assert cell.holder("Product A") == "Tray A"
+    cell.done("Look", Workstation="Workstation 1")
+    cell.done("Pick", Object="Product A")
+
+
+def test_a_product_that_is_lost_on_the_way_stops_the_drive(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    cell.drivers.answer(MOVE, ends(GoalStatus.ACTIVE, None))
+    cell.drivers.answer(GRIPPER, None, gripped(0.0, stalled=False))
+    assert "Gripper has lost it" in cell.why("Drive", TargetLocation="Workstation 2")
+    assert cell.drivers.goals[-1] == (MOVE, "cancel") or (MOVE, "cancel") in cell.drivers.goals
+    assert cell.holder("Product A") == "Simulated cell"
+    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
+    assert cell.related("demo:mobile_manipulator", "skiros:at") == ["Workstation 1"]
+
+
+def test_what_the_gripper_holds_is_not_seen_as_lying_on_the_table(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    held = pose_in_scene(cell.wmi, cell.element("Product A"))[1]
+    cell.drivers.things[cell.element("Product A").id] = (held, 0.05)
+    cell.drivers.held = None
+    cell.done("Look", Workstation="Workstation 1")
+    assert cell.holder("Product A") == "Gripper"
+
+
+def test_what_has_fallen_from_the_gripper_is_seen_where_it_lies(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    cell.drivers.things[cell.element("Product A").id] = (Pose((1.85, 1.25, 0.545), (0.0, 0.0, 0.0, 1.0)), 0.05)
+    cell.drivers.held = None
+    cell.done("Look", Workstation="Workstation 1")
+    assert cell.holder("Product A") == "Tray C"
+    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
+
+
+def test_a_place_where_the_product_does_not_stay_fails(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    cell.done("Drive", TargetLocation="Workstation 2")
+    cell.done("Look", Workstation="Workstation 2")
+
+    def rolled_away(goal: Any) -> Any:
+        cell.drivers.things[cell.element("Product A").id] = (Pose((2.2, -1.0, 0.525), (0.0, 0.0, 0.0, 1.0)), 0.05)
+        return cell.drivers._detect()
+
+    cell.drivers.answer(DETECT, rolled_away)
+    assert "ObjectInContainer" in cell.why("Place", Object="Product A", Container="Tray B")
+    assert cell.holder("Product A") == "Top of workstation 2"
+    assert cell.element("Tray B").value_of("skiros:ContainerState") == "Empty"
+
+
+def test_nothing_is_placed_in_a_tray_that_is_full(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.done("Pick", Object="Product A")
+    cell.done("Drive", TargetLocation="Workstation 2")
+    cell.done("Look", Workstation="Workstation 2")
+    assert "ContainerNotFull" in cell.why("Place", Object="Product A", Container="Tray D")
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (CartesianMotionGoal.UNREACHABLE, "out of reach of the arm"),
+        (CartesianMotionGoal.FORCE_LIMIT, "the tool has hit something"),
+        (CartesianMotionGoal.BLOCKED, "something is in the way of the arm"),
+    ],
+)
+def test_a_motion_of_the_tool_that_fails_tells_why_in_words(cell: Cell, code: int, words: str) -> None:
+    cell.ready_to_pick()
+    result = CartesianMotionResult(error_code=code, error_string="the driver's own words")
+    cell.drivers.answer(ARM, ends(ABORTED, result))
+    why = cell.why("Pick", Object="Product A")
+    assert f"Moving above Product A failed: {words} (the driver's own words)" in why
+
+
+def test_a_base_that_does_not_get_there_tells_why(cell: Cell) -> None:
+    cell.drivers.answer(MOVE, ends(ABORTED, None, "blocked after 1.2 m"))
+    assert "Driving to Workstation 1 failed: blocked after 1.2 m" in cell.why("Drive", TargetLocation="Workstation 1")
+    assert cell.related("demo:mobile_manipulator", "skiros:at") == ["Charging station"]
+    cell.done("Drive", TargetLocation="Workstation 1")
+
+
+def test_a_camera_that_does_not_answer_tells_why(cell: Cell) -> None:
+    cell.done("Drive", TargetLocation="Workstation 1")
+    cell.drivers.answer(DETECT, lambda request: DetectResponse(ok=False, message="no picture yet"))
+    assert "Camera sees nothing: no picture yet" in cell.why("Look", Workstation="Workstation 1")
+    assert not cell.is_observed("Workstation 1")
+
+
+def test_detections_of_what_nobody_knows_or_nowhere_change_nothing(cell: Cell) -> None:
+    cell.done("Drive", TargetLocation="Workstation 1")
+
+    def odd(request: Any) -> Any:
+        response = cell.drivers._detect()
+        response.detections[0].id = "skiros:Product-999"
+        response.detections[1].pose.pose.position.x = float("nan")
+        return response
+
+    cell.drivers.answer(DETECT, odd, odd)
+    cell.done("Look", Workstation="Workstation 1")
+    assert cell.holder("Product B") == "Tray D"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("demo:Postures", '{"tucked": [0, 0, 0, 0, 0, 0, 0]}', "has no posture 'home'; it has: tucked"),
+        ("demo:Postures", '{"home": [0, 0]}', "expected 7 numbers"),
+        ("demo:Postures", '{"home": [0, 0, 0, 0, 0, 0, "NaN"]}', "expected 7 numbers"),
+        ("demo:JointNames", "[", "expected a JSON list"),
+    ],
+)
+def test_postures_that_are_none_are_told(cell: Cell, key: str, value: str, words: str) -> None:
+    arm = cell.element("Arm")
+    arm.setProperty(key, value)
+    cell.wmi.update_element_properties(arm)
+    cell.done("Drive", TargetLocation="Workstation 1")
+    why = cell.why("Look", Workstation="Workstation 1")
+    assert words in why
+    assert "Traceback" not in why
+    assert not cell.drivers.sent_to(JOINTS)
+
+
+def test_a_product_without_a_size_cannot_be_picked_and_the_reason_names_it(cell: Cell) -> None:
+    cell.ready_to_pick()
+    product = cell.element("Product A")
+    product.setProperty("skiros:SizeX", 0.0)
+    cell.wmi.update_element_properties(product)
+    assert "'Product A' has no size" in cell.why("Pick", Object="Product A")
+
+
+def test_a_stopped_pick_leaves_the_product_in_its_tray(cell: Cell) -> None:
+    cell.ready_to_pick()
+    cell.drivers.answer(ARM, None, ends(GoalStatus.ACTIVE, None))
+    task = cell.command("Pick", Object=cell.element("Product A"))
+    task.run(ticks=20)
+    task.preempt()
+    assert task.tick() is State.Failure
+    assert cell.drivers.goals[-1] == (ARM, "cancel")
+    assert cell.holder("Product A") == "Tray A"
+    assert not cell.is_observed("Workstation 1")

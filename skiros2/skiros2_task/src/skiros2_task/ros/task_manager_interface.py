@@ -10,6 +10,7 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import Refused, TimedOut
+from skiros2_common.ros.listeners import wait_for_listeners
 from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal
@@ -55,6 +56,7 @@ class TaskManagerInterface(PrettyObject):
         self._client = actionlib.ActionClient(ACTION, AssignTaskAction)
         self._achieve_client: Any = None
         self._request: _Request | None = None
+        self._heard: list[Any] = []  # clients whose first goal was sent
 
     def plan(
         self,
@@ -108,6 +110,9 @@ class TaskManagerInterface(PrettyObject):
     ) -> None:
         if not client.wait_for_server(rospy.Duration.from_sec(_CONNECT_SECONDS)):
             raise TimedOut(f"no task manager answers on {rospy.resolve_name(client.ns)}")
+        if client not in self._heard:
+            self._heard.append(client)
+            wait_for_listeners(client.pub_goal)
         request = _Request(client, done_cb)
         on_feedback = (lambda handle, feedback: feedback_cb(feedback)) if feedback_cb is not None else None
         request.handle = client.send_goal(goal, request.on_transition, on_feedback)

@@ -1,0 +1,197 @@
+"""Stand-ins for the clients of actions: what a server said is in the recording."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import genpy
+from actionlib import CommState
+from actionlib_msgs.msg import GoalStatus
+
+from skiros2_bags.testing.normal import Tolerance, same_text
+from skiros2_bags.testing.recording import Acted, Recording
+
+#: Fields of goals that are other ones at each run.
+_VOLATILE = frozenset({"header", "stamp", "goal_id", "seq"})
+
+
+class Actions:
+    """The actions of a recording, as the clients of a replay see them.
+
+    Goals are matched with the recorded ones of the same sender in their order; what was said of these is given to the
+    client when it is its turn (`tell`). To be used by one thread.
+
+    :param tolerance: of numbers in goals.
+    """
+
+    def __init__(self, recording: Recording, tolerance: Tolerance) -> None:
+        self._goals = [e for e in recording.acted if e.part == "goal"]
+        self._tolerance = tolerance
+        self._sent: dict[str, SimpleClient] = {}  # by the recorded goal's id
+        self._said: dict[str, list[Acted]] = {}  # of goals that are not sent yet
+        self._passed: set[int] = set()  # the orders of goals that were there
+        #: The manager that is being ticked.
+        self.sender = ""
+        #: What was wrong with the goals that were sent: what it is, as recorded, and now.
+        self.wrong: list[tuple[str, str, str]] = []
+
+    def client(self, name: str, kind: Any) -> SimpleClient:
+        """What `actionlib.SimpleActionClient(name, kind)` is meanwhile."""
+        return SimpleClient(self, name if name.startswith("/") else f"/{name}")
+
+    def tell(self, event: Acted) -> None:
+        """Plays a message of a server, or notes that a goal was there."""
+        if event.part == "goal":
+            self._passed.add(event.order)
+            return
+        client = self._sent.get(event.goal_id)
+        if client is None:
+            self._said.setdefault(event.goal_id, []).append(event)
+        else:
+            client.hear(event)
+
+    # -- for the clients ---------------------------------------------------------------------------------------------
+
+    def is_due(self, action: str) -> bool:
+        """Whether the recorded sender has sent its next goal to that action by now."""
+        return any(goal.order in self._passed for goal in self._waiting(action))
+
+    def send(self, client: SimpleClient, goal: Any) -> None:
+        """Matches a goal with the recorded one."""
+        expected = next(self._waiting(client.ns), None)
+        if expected is None:
+            self.wrong.append((f"a goal to {client.ns}", "no further goal", _shown(goal)))
+            return
+        differences = list(message_differences(expected.content, goal, self._tolerance))
+        if differences:
+            field, wanted, found = differences[0]
+            self.wrong.append((f"a goal to {client.ns}, field {field}", wanted, found))
+        self._sent[expected.goal_id] = client
+        for event in self._said.pop(expected.goal_id, []):
+            client.hear(event)
+
+    def _waiting(self, action: str) -> Iterator[Acted]:
+        """The recorded goals of the present sender that were not sent yet."""
+        return (
+            goal
+            for goal in self._goals
+            if goal.action == action and goal.caller == self.sender and goal.goal_id not in self._sent
+        )
+
+
+class SimpleClient:
+    """As an `actionlib.SimpleActionClient`, as far as skills use it without waiting."""
+
+    _instants = itertools.count()
+
+    def __init__(self, actions: Actions, name: str) -> None:
+        self.ns = name
+        self.action_client = self
+        self.gh: SimpleClient | None = None  # the goal's handle, which is the client itself
+        self._actions = actions
+        self._result: Acted | None = None
+        self._done_cb: Callable[[int, Any], None] | None = None
+        self._feedback_cb: Callable[[Any], None] | None = None
+
+    # -- what `ServerWatch` looks at ---------------------------------------------------------------------------------
+
+    @property
+    def last_status_msg(self) -> Any:
+        """Another one at each look once the server is there, so that it never counts as silent."""
+        return next(self._instants) + 1 if self.gh is not None or self.is_connected() else None
+
+    def is_connected(self) -> bool:
+        """Whether the recorded client could send its goal by now."""
+        return self.gh is not None or self._actions.is_due(self.ns)
+
+    def wait_for_server(self, timeout: Any = None) -> bool:
+        return self.is_connected()
+
+    # -- the goal ----------------------------------------------------------------------------------------------------
+
+    def send_goal(
+        self,
+        goal: Any,
+        done_cb: Callable[[int, Any], None] | None = None,
+        active_cb: Callable[[], None] | None = None,
+        feedback_cb: Callable[[Any], None] | None = None,
+    ) -> None:
+        self.gh, self._result = self, None
+        self._done_cb, self._feedback_cb = done_cb, feedback_cb
+        self._actions.send(self, goal)
+        if active_cb is not None:
+            active_cb()
+
+    def hear(self, event: Acted) -> None:
+        """Takes a message of the server."""
+        if self.gh is None:
+            return  # the goal is not followed any more
+        if event.part == "feedback" and self._feedback_cb is not None:
+            self._feedback_cb(event.content)
+        if event.part == "result":
+            self._result = event
+            if self._done_cb is not None:
+                self._done_cb(event.status, event.content)
+
+    def cancel_goal(self) -> None:
+        """What the server made of it is in the recording."""
+
+    cancel_all_goals = cancel_goal
+
+    def stop_tracking_goal(self) -> None:
+        self.gh = None
+
+    def stop(self) -> None:
+        """Nothing is connected."""
+
+    def get_state(self) -> int:
+        if self._result is not None:
+            return self._result.status
+        return int(GoalStatus.ACTIVE if self.gh is not None else GoalStatus.LOST)
+
+    get_terminal_state = get_state
+
+    def get_comm_state(self) -> int:
+        return int(CommState.DONE if self._result is not None else CommState.ACTIVE)
+
+    def get_result(self) -> Any:
+        return self._result.content if self._result is not None else None
+
+    def get_goal_status_text(self) -> str:
+        return self._result.text if self._result is not None else ""
+
+
+def message_differences(expected: Any, got: Any, tolerance: Tolerance, at: str = "") -> Iterator[tuple[str, str, str]]:
+    """Where two messages differ: the field, what it is in the first, and in the second."""
+    if isinstance(expected, genpy.Message) and isinstance(got, genpy.Message):
+        if expected._type != got._type:
+            yield at, expected._type, got._type
+            return
+        for name in expected.__slots__:
+            if name not in _VOLATILE:
+                path = f"{at}.{name}" if at else name
+                yield from message_differences(getattr(expected, name), getattr(got, name), tolerance, path)
+    elif isinstance(expected, list | tuple) and isinstance(got, list | tuple):
+        if len(expected) != len(got):
+            yield at, f"{len(expected)} values", f"{len(got)} values"
+        for index, (wanted, found) in enumerate(zip(expected, got, strict=False)):
+            yield from message_differences(wanted, found, tolerance, f"{at}[{index}]")
+    elif not _same(expected, got, tolerance):
+        yield at, _shown(expected), _shown(got)
+
+
+def _same(expected: Any, got: Any, tolerance: Tolerance) -> bool:
+    if isinstance(expected, genpy.TVal) and isinstance(got, genpy.TVal):
+        return tolerance.close(expected.to_sec(), got.to_sec())
+    if isinstance(expected, float) or isinstance(got, float):
+        return isinstance(got, int | float) and tolerance.close(float(expected), float(got))
+    if isinstance(expected, str) and isinstance(got, str):
+        return same_text(expected, got, tolerance)
+    return bool(expected == got)
+
+
+def _shown(value: Any) -> str:
+    text = " ".join(str(value).split())
+    return text if len(text) <= 200 else f"{text[:200]}..."

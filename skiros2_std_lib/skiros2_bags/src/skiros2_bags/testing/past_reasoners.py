@@ -1,0 +1,40 @@
+"""The reasoners of a world model that is replayed: they complete what is written, and write nothing by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.world_element import REASONER_PROPERTY
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.world_model import WorldModel
+
+#: As the launch files have it.
+PACKAGES = ("skiros2_std_reasoners",)
+
+
+def add_reasoners(model: WorldModel, packages: Sequence[str] = PACKAGES) -> None:
+    """Adds the reasoners that elements of the scene name, without their threads: what those wrote is recorded.
+
+    :param packages: where they are.
+    :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
+    """
+    scene = model.scene()
+    naming = (node.properties[REASONER_PROPERTY] for node in scene if REASONER_PROPERTY in node.properties)
+    named = {name for prop in naming for name in prop.values}
+    if not named:
+        return
+    loader = PluginLoader()
+    for package in packages:
+        loader.load(package, DiscreteReasoner)
+    if loader.failures:
+        module, cause = next(iter(loader.failures.items()))
+        raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
+    for reasoner in loader.create():
+        name = reasoner.__class__.__name__
+        if name in named:
+            reasoners.add(reasoner)
+            reasoner.init(LocalWorldModel(name, model))
+            model.add_reasoner(reasoner)

@@ -1,0 +1,114 @@
+"""The scene as it was at a point of a recording, and recorded changes as requests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from skiros2_bags.testing.recording import Changed, Recording, first_scene
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import (
+    ADD,
+    REMOVE,
+    REMOVE_RECURSIVE,
+    RESET,
+    Add,
+    Change,
+    Operation,
+    Relate,
+    Remove,
+    Update,
+)
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.replica import Replica, Snapshot
+from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.world_model import WorldModel
+
+#: What skills have.
+_MODULE = "skiros:PythonModule"
+
+#: Who makes the scene that a replay begins with.
+RECORDER = "recording"
+
+
+def scene_before(recording: Recording, order: int) -> Scene:
+    """The scene as it was when the bag's message of that number came; the first whole scene where that is later.
+
+    :raises ConfigurationError: the bag has no whole scene.
+    """
+    start = first_scene(recording)
+    whole = start.change
+
+    def fetch() -> Snapshot:
+        return Snapshot(whole.snapshot_id, whole.number, whole.elements)
+
+    replica = Replica(fetch, patience=0.0)
+    replica.refresh()
+    for event in recording.changes:
+        if start.order < event.order < order:
+            if event.change.action == RESET:
+                whole = event.change
+            replica.follow(event.change)
+            replica.refresh()
+    return replica.scene()
+
+
+def world_of(scene: Scene, workspace: Path | None) -> WorldModel:
+    """A world model of its own with that scene.
+
+    :param workspace: folder of further ontologies.
+    """
+    model = WorldModel(source_ontologies(), workspace)
+    declaring = LocalWorldModel(RECORDER, model)
+    for name in sorted({node.type for node in scene if _MODULE in node.properties}):
+        declaring.add_class(name, "skiros:Skill")  # as its manager has: no file has them
+    model.transact(_whole(scene, model.scene()), RECORDER)
+    model.scene().reserve(scene.next_number)
+    return model
+
+
+def operations_of(change: Change, scene: Scene) -> list[Operation]:
+    """What asks a world model for a change; for one of the ontologies, nothing.
+
+    :param scene: as it is before.
+    """
+    if change.action in (REMOVE, REMOVE_RECURSIVE):
+        removed = [Remove(e.id, recursive=False) for e in change.elements if e.id in scene]
+        return [*removed, *_relates(change.relations, False)]
+    written: list[Operation] = []
+    for element in change.elements:
+        given = _plain(element)
+        written.append(Update(given) if element.id in scene else Add(given))
+    return [*written, *_relates(change.relations, change.action == ADD)]
+
+
+def requests_of(events: Sequence[Changed]) -> list[list[Changed]]:
+    """The changes that came of one request together: those that follow each other with the same author and stamp."""
+    requests: list[list[Changed]] = []
+    for event in events:
+        last = requests[-1][-1].change if requests else None
+        if last is not None and (last.author, last.stamp) == (event.change.author, event.change.stamp):
+            requests[-1].append(event)
+        else:
+            requests.append([event])
+    return requests
+
+
+def _whole(scene: Scene, empty: Scene) -> list[Operation]:
+    """What makes a scene of one that has only a root."""
+    elements = [scene.element(node.id) for node in scene]
+    bare = [Element.shared(e.type, e.label, e.id, e._props, ()) for e in elements if e is not None]
+    made: list[Operation] = [Update(e.copy()) if e.id in empty else Add(e.copy()) for e in bare]
+    return [*made, *(Relate(*relation) for relation in scene.relations())]
+
+
+def _plain(element: Element) -> Element:
+    """An element of a change, to be written whole."""
+    made = Element(element.type, element.label, element.id)
+    made._props = dict(element._props)
+    made._rels = list(element._rels)
+    return made
+
+
+def _relates(relations: Iterable[RelationDict], value: bool) -> list[Operation]:
+    return [Relate(r["src"], r["type"], r["dst"], value) for r in relations]

@@ -1,0 +1,90 @@
+"""The pictures of the cameras of the simulated world as topics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rospy
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from skiros2_sim.core.camera import picture_of
+from skiros2_sim.core.scene_spec import CameraSpec
+from skiros2_sim.core.stepper import Stepper
+from skiros2_sim.core.world import RATE, World
+from skiros2_sim.ros.frames import Frames
+from skiros2_sim.ros.messages import camera_info, colour_image, depth_image
+from skiros2_sim.ros.telling import LateTopic, SimulatedClock
+
+
+class Cameras:
+    """Publishes what cameras see, in the thread that steps, while anybody looks.
+
+    :param rate: Hz of simulated time; 0: never.
+    """
+
+    def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames, rate: float) -> None:
+        self._world = world
+        self._stepper = stepper
+        self._clock = clock
+        self._frames = frames
+        self._period = max(1, round(RATE / rate)) if rate else 0
+        self._topics = {camera.id: _Topics(camera) for camera in world.cameras.values()} if rate else {}
+
+    def after_step(self) -> None:
+        """Tells what is due."""
+        if self._period and self._stepper.count % self._period == 0:
+            for camera, topics in self._topics.items():
+                if topics.are_listened_to:
+                    topics.put(self._world, self._messages(camera))
+                topics.send(self._world)
+
+    def forget(self) -> None:
+        """Pictures that are late are lost: the world was reset."""
+        for topics in self._topics.values():
+            topics.forget()
+
+    def _messages(self, camera: str) -> tuple[Any, Any, Any]:
+        picture = picture_of(self._world, camera)
+        header = Header(stamp=self._clock.now, frame_id=self._frames.camera(camera))
+        return colour_image(picture, header), depth_image(picture, header), camera_info(picture, header)
+
+
+class _Topics:
+    """Of one camera: colour, depth, and what its lens is beside each."""
+
+    def __init__(self, camera: CameraSpec) -> None:
+        # pictures are large: who is slow gets the newest
+        self._colour = LateTopic(camera.rgb_topic, Image, (camera.id,), queue_size=2)
+        self._depth = LateTopic(camera.depth_topic, Image, (camera.id,), queue_size=2)
+        self._infos = [
+            LateTopic(name, CameraInfo, (camera.id,), queue_size=2)
+            for name in sorted({_info(camera.rgb_topic), _info(camera.depth_topic)})
+        ]
+
+    @property
+    def are_listened_to(self) -> bool:
+        return any(topic.is_listened_to for topic in self._all())
+
+    def put(self, world: World, messages: tuple[Any, Any, Any]) -> None:
+        colour, depth, info = messages
+        self._colour.put(world, colour)
+        self._depth.put(world, depth)
+        for topic in self._infos:
+            topic.put(world, info)
+
+    def send(self, world: World) -> None:
+        for topic in self._all():
+            topic.send(world)
+
+    def forget(self) -> None:
+        for topic in self._all():
+            topic.forget()
+
+    def _all(self) -> list[LateTopic]:
+        return [self._colour, self._depth, *self._infos]
+
+
+def _info(topic: str) -> str:
+    """Where camera_info is expected: beside the image."""
+    return rospy.names.ns_join(topic.rpartition("/")[0] or "/", "camera_info")

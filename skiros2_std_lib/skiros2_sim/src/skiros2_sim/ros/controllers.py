@@ -1,0 +1,120 @@
+"""The controllers of the arms of a robot, switched as by ros_control's controller_manager."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import rospy
+from geometry_msgs.msg import Wrench
+
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_sim.core import names
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec
+from skiros2_sim.core.stepper import Stepper
+from skiros2_sim.core.world import World
+from skiros2_sim.ros.device_server import Device
+from skiros2_sim.ros.messages import vector_from
+from skiros2_sim_msgs.srv import SwitchController, SwitchControllerRequest, SwitchControllerResponse
+
+log = logging.getLogger(__name__)
+
+
+class Controllers:
+    """Those of one robot's arms: the service that switches them, and the topics that set their stiffness.
+
+    :param controllers: of all arms, by the id of the arm; others after each reset.
+    :param devices: what carries out goals, by the id of the arm.
+    """
+
+    def __init__(
+        self, robot: RobotSpec, stepper: Stepper, controllers: dict[str, ArmController], devices: dict[str, Device]
+    ) -> None:
+        self._robot = robot
+        self._stepper = stepper
+        self._controllers = controllers
+        self._devices = devices
+        self._arms = [arm for arm in robot.arms if arm.id in controllers]
+        self._service = rospy.Service(
+            names.SWITCH_CONTROLLER.format(robot=robot.name), SwitchController, self._on_switch
+        )
+        self._subscribers = [
+            rospy.Subscriber(arm.stiffness_topic, Wrench, self._on_stiffness, arm, queue_size=1) for arm in self._arms
+        ]
+
+    def close(self) -> None:
+        """Takes no more requests."""
+        self._service.shutdown()
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+
+    def _on_switch(self, request: Any) -> Any:
+        strict = request.strictness == SwitchControllerRequest.STRICT
+        try:
+            self._stepper.call(lambda _: self._switch(request.start_controllers, request.stop_controllers, strict))
+        except SkirosError as error:
+            log.warning("controllers of %s are not switched: %s", self._robot.name, error)
+            return SwitchControllerResponse(False)
+        return SwitchControllerResponse(True)
+
+    def _switch(self, start: list[str], stop: list[str], strict: bool) -> None:
+        """Switches all or none. In the thread that steps.
+
+        :param strict: what makes no difference, and unknown names, are refused; else they are passed over.
+        :raises UnknownName: there is no such controller.
+        :raises Refused: it cannot be.
+        """
+        starts: dict[str, str] = {}
+        stops: dict[str, str] = {}
+        for wanted, chosen, be_on in ((start, starts, False), (stop, stops, True)):
+            for name in wanted:
+                try:
+                    arm, controller = self._find(name)
+                    if strict and (self._controllers[arm.id].active == controller) is not be_on:
+                        raise Refused(f"{name} is {'off' if be_on else 'on'} already")
+                    if chosen.setdefault(arm.id, controller) != controller:
+                        raise Refused(f"both controllers of arm {arm.name} cannot be {'stopped' if be_on else 'on'}")
+                except UnknownName:
+                    if strict:
+                        raise
+        for arm in self._arms:
+            now = self._controllers[arm.id]
+            on = starts.get(arm.id, now.active)
+            if arm.id in stops and stops[arm.id] == on:
+                raise Refused(f"arm {arm.name} needs a controller: one is started in the place of {on}")
+            if on != now.active and self._devices[arm.id].running is not None:
+                raise Refused(f"arm {arm.name} carries out a goal: cancel that first")
+        for arm_id, controller in starts.items():
+            self._controllers[arm_id].switch(controller)
+
+    def _find(self, name: str) -> tuple[ArmSpec, str]:
+        """The arm and its controller: `NAME`, or `ARM/NAME` where several arms have one of that name.
+
+        :raises UnknownName: no arm has it, or several have.
+        """
+        found = [
+            (arm, controller)
+            for arm in self._arms
+            for controller in (arm.position_controller, arm.compliant_controller)
+            if name in (controller, f"{arm.name}/{controller}")
+        ]
+        if len(found) == 1:
+            return found[0]
+        known = [f"{a.name}/{c}" for a in self._arms for c in (a.position_controller, a.compliant_controller)]
+        what = "several arms have" if found else "no arm has"
+        raise UnknownName(f"{what} a controller {name!r}; expected one of: {', '.join(known) or 'none is there'}")
+
+    def _on_stiffness(self, message: Any, arm: ArmSpec) -> None:
+        try:
+            values = (
+                *vector_from(message.force, f"stiffness of {arm.name}, N/m"),
+                *vector_from(message.torque, f"stiffness of {arm.name}, Nm/rad"),
+            )
+
+            def put(_: World) -> None:
+                self._controllers[arm.id].stiffness = values
+
+            self._stepper.call(put)
+        except SkirosError as error:
+            log.warning("%s: %s", arm.stiffness_topic, error)

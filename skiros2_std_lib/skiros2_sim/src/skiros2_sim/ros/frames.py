@@ -1,0 +1,83 @@
+"""The frames of the simulated world on tf, and poses that are given in them or in any other frame of tf."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from skiros2_common.core.errors import UnknownName
+from skiros2_sim.core.composing import BASE_LINK
+from skiros2_sim.core.scene_spec import SceneSpec
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
+from skiros2_std_reasoners.ros.transforms import Transforms
+
+#: Where the pose of a frame in the map is found.
+Reference = Callable[[World], Pose]
+
+ODOM = "odom"
+
+
+class Frames:
+    """map -> ROBOT/odom -> ROBOT/base_link -> ROBOT/LINK and ROBOT/CAMERA; other cameras are under the map.
+
+    The robots of a scene have the same frames after each reset.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.map = world.scene.map_frame
+        self._cameras = dict(_cameras(world.scene))
+        self._robots = {robot.name: eid for eid, robot in world.robots.items()}
+        self._links = {eid: frozenset(robot.link_poses()) for eid, robot in world.robots.items()}
+        self._transforms = Transforms()
+
+    def camera(self, eid: str) -> str:
+        """The optical frame of a camera."""
+        return self._cameras[eid]
+
+    def reference(self, frame: str) -> Reference:
+        """How to find where a frame is: one of ours when it is asked for, another one now. It may wait a second for tf,
+        so it is not for the thread that steps.
+
+        :param frame: "" for the map.
+        :raises UnknownName: nobody tells of that frame.
+        """
+        name = frame.lstrip("/")
+        if not name or name == self.map:
+            return lambda world: IDENTITY
+        robot, _, link = name.partition("/")
+        if robot in self._robots:
+            eid = self._robots[robot]
+            if link == ODOM:
+                return lambda world: IDENTITY
+            if link in self._links[eid]:
+                return lambda world: world.robots[eid].link_pose(link)
+        for camera, its_frame in self._cameras.items():
+            if name == its_frame:
+                return lambda world: world.pose_of(camera)
+        pose = self._transforms.find(self.map, name)
+        if pose is None:
+            raise UnknownName(f"frame {frame!r} is neither in the simulated world nor on tf")
+        return lambda world: pose
+
+    def now(self, world: World) -> Iterator[tuple[str, str, Pose]]:
+        """All frames as they are: parent, name, pose in the parent. Called in the thread that steps."""
+        for robot in world.robots.values():
+            base = f"{robot.name}/{BASE_LINK}"
+            poses = robot.link_poses()
+            from_base = inverted(poses[BASE_LINK])
+            yield self.map, f"{robot.name}/{ODOM}", IDENTITY
+            yield f"{robot.name}/{ODOM}", base, poses[BASE_LINK]
+            for link, pose in poses.items():
+                if link != BASE_LINK:
+                    yield base, f"{robot.name}/{link}", composed(from_base, pose)
+            for camera in robot.spec.cameras:
+                yield base, self._cameras[camera.id], composed(from_base, world.pose_of(camera.id))
+        for camera in world.scene.cameras:
+            yield self.map, self._cameras[camera.id], world.pose_of(camera.id)
+
+
+def _cameras(scene: SceneSpec) -> Iterator[tuple[str, str]]:
+    for robot in scene.robots:
+        for camera in robot.cameras:
+            yield camera.id, f"{robot.name}/{camera.name}"
+    yield from ((camera.id, camera.name) for camera in scene.cameras)

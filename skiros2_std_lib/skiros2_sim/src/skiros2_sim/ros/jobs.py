@@ -1,0 +1,222 @@
+"""Goals of the actions of robots' drivers, as motions of the simulated world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from move_base_msgs.msg import MoveBaseFeedback, MoveBaseResult
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from control_msgs.msg import (
+    FollowJointTrajectoryFeedback,
+    FollowJointTrajectoryResult,
+    GripperCommandFeedback,
+    GripperCommandResult,
+)
+from skiros2_common.core.errors import WrongValue
+from skiros2_sim.core.arm_controller import ArmController
+from skiros2_sim.core.base_motion import BaseMotion
+from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
+from skiros2_sim.core.gripper_motion import GripperMotion
+from skiros2_sim.core.joint_motion import JointMotion, JointState
+from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
+from skiros2_sim.core.motion import Outcome
+from skiros2_sim.core.world import World
+from skiros2_sim.ros.frames import Frames
+from skiros2_sim.ros.messages import pose_from, pose_message, wrench_message
+from skiros2_sim.ros.telling import SimulatedClock
+from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionResult
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
+
+#: More points than that are no trajectory but an attack: checking them would hold up the world.
+_MOST_POINTS = 10_000
+
+
+class JointJob:
+    """Of control_msgs/FollowJointTrajectory.
+
+    :param controllers: those of the arms, by the id of the arm; others after each reset.
+    :raises WrongValue: the goal has absurdly many points.
+    """
+
+    def __init__(
+        self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock
+    ) -> None:
+        points = goal.trajectory.points
+        if len(points) > _MOST_POINTS:
+            raise WrongValue(f"the trajectory has {len(points)} points, expected up to {_MOST_POINTS}")
+        self._goal = goal
+        self._arm = arm
+        self._controllers = controllers
+        self._clock = clock
+
+    def begin(self, world: World) -> JointMotion:
+        goal = self._goal
+        stamp = goal.trajectory.header.stamp
+        self._motion = JointMotion(
+            self._controllers[self._arm],
+            JointGoal(
+                joints=tuple(goal.trajectory.joint_names),
+                points=tuple(map(_point, goal.trajectory.points)),
+                start=world.time + stamp.to_sec() - self._clock.seconds if stamp else None,
+                path_tolerance=_tolerances(goal.path_tolerance),
+                goal_tolerance=_tolerances(goal.goal_tolerance),
+                goal_time_tolerance=goal.goal_time_tolerance.to_sec(),
+            ),
+        )
+        return self._motion
+
+    def feedback(self) -> Any:
+        desired, actual, error = map(_state, self._motion.feedback())
+        header = Header(stamp=self._clock.now)
+        return FollowJointTrajectoryFeedback(header, list(self._motion.joint_names), desired, actual, error)
+
+    def result(self, outcome: Outcome) -> Any:
+        return FollowJointTrajectoryResult(outcome.code, outcome.text)
+
+
+def refused_trajectory(text: str) -> Any:
+    """The result of a goal that was not carried out."""
+    return FollowJointTrajectoryResult(FollowJointTrajectoryResult.INVALID_GOAL, text)
+
+
+class CartesianJob:
+    """Of skiros2_sim_msgs/CartesianMotion. Waits for tf where it does not know the frame of the target.
+
+    :raises WrongValue: the target is no pose.
+    :raises UnknownName: nobody knows its frame.
+    """
+
+    def __init__(
+        self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock, frames: Frames
+    ) -> None:
+        self._goal = goal
+        self._arm = arm
+        self._controllers = controllers
+        self._clock = clock
+        self._pose = pose_from(goal.target.pose, "target")
+        self._frame = goal.target.header.frame_id or frames.map
+        self._reference = frames.reference(self._frame)
+        self._origin = IDENTITY
+
+    def begin(self, world: World) -> CartesianMotion:
+        goal = self._goal
+        self._origin = self._reference(world)
+        self._motion = CartesianMotion(
+            self._controllers[self._arm],
+            CartesianGoal(
+                target=composed(self._origin, self._pose),
+                speed=goal.speed,
+                angular_speed=goal.angular_speed,
+                controller=goal.controller,
+                stiffness=tuple(goal.stiffness),
+                max_force=goal.max_force,
+                max_torque=goal.max_torque,
+                contact_force=goal.contact_force,
+                position_tolerance=goal.position_tolerance,
+                orientation_tolerance=goal.orientation_tolerance,
+                timeout=goal.timeout,
+            ),
+        )
+        return self._motion
+
+    def feedback(self) -> Any:
+        return CartesianMotionFeedback(*self._felt(), self._motion.feedback().distance)
+
+    def result(self, outcome: Outcome) -> Any:
+        return CartesianMotionResult(outcome.code, outcome.text, *self._felt())
+
+    def _felt(self) -> tuple[Any, Any]:
+        """Where the tool is in the frame of the target as it was at the beginning, and what it feels."""
+        feeling = self._motion.feedback()
+        controller = self._controllers[self._arm]
+        stamp = self._clock.now
+        tool = f"{controller.robot.name}/{controller.arm.name}/tool"
+        return (
+            PoseStamped(Header(stamp=stamp, frame_id=self._frame), _in(self._origin, feeling.pose)),
+            WrenchStamped(Header(stamp=stamp, frame_id=tool), wrench_message(feeling.wrench)),
+        )
+
+
+def refused_motion(text: str) -> Any:
+    """The result of a goal that was not carried out."""
+    result = CartesianMotionResult(error_code=CartesianMotionResult.INVALID_GOAL, error_string=text)
+    result.pose.pose = pose_message(IDENTITY)
+    return result
+
+
+class GripperJob:
+    """Of control_msgs/GripperCommand: `position` is the width between the fingers (m)."""
+
+    def __init__(self, goal: Any, gripper: str) -> None:
+        self._command = goal.command
+        self._gripper = gripper
+
+    def begin(self, world: World) -> GripperMotion:
+        self._motion = GripperMotion(
+            world, world.grippers[self._gripper], self._command.position, self._command.max_effort
+        )
+        return self._motion
+
+    def feedback(self) -> Any:
+        return self._told(GripperCommandFeedback)
+
+    def result(self, outcome: Outcome) -> Any:
+        return self._told(GripperCommandResult)
+
+    def _told(self, kind: Any) -> Any:
+        motion = self._motion
+        return kind(motion.width, motion.effort, motion.stalled, motion.reached_goal)
+
+
+class BaseJob:
+    """Of move_base_msgs/MoveBase. Waits for tf where it does not know the frame of the target.
+
+    :raises WrongValue: the target is no pose.
+    :raises UnknownName: nobody knows its frame.
+    """
+
+    def __init__(self, goal: Any, robot: str, clock: SimulatedClock, frames: Frames) -> None:
+        self._robot = robot
+        self._clock = clock
+        self._frames = frames
+        self._pose = pose_from(goal.target_pose.pose, "target")
+        self._reference = frames.reference(goal.target_pose.header.frame_id)
+
+    def begin(self, world: World) -> BaseMotion:
+        self._world = world
+        pose = composed(self._reference(world), self._pose)
+        return BaseMotion.to_pose(world, world.robots[self._robot], pose)
+
+    def feedback(self) -> Any:
+        pose = self._world.pose_of(self._robot)
+        header = Header(stamp=self._clock.now, frame_id=self._frames.map)
+        return MoveBaseFeedback(PoseStamped(header, pose_message(pose)))
+
+    def result(self, outcome: Outcome) -> Any:
+        return MoveBaseResult()
+
+
+def _point(message: Any) -> JointPoint:
+    return JointPoint(
+        message.time_from_start.to_sec(),
+        tuple(message.positions),
+        tuple(message.velocities),
+        tuple(message.accelerations),
+        tuple(message.effort),
+    )
+
+
+def _tolerances(messages: Sequence[Any]) -> dict[str, JointTolerance]:
+    return {m.name: JointTolerance(m.position, m.velocity, m.acceleration) for m in messages}
+
+
+def _state(state: JointState) -> Any:
+    return JointTrajectoryPoint(positions=state.positions.tolist(), velocities=state.velocities.tolist())
+
+
+def _in(frame: Pose, pose: Pose) -> Any:
+    return pose_message(composed(inverted(frame), pose))

@@ -1,0 +1,98 @@
+"""Poses, wrenches and pictures of the simulated world as messages, and numbers from messages checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Quaternion, Twist, Vector3, Wrench
+from geometry_msgs.msg import Pose as PoseMsg
+from sensor_msgs.msg import CameraInfo, Image
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_sim.core.camera import Picture
+from skiros2_std_reasoners.core.geometry import Pose, Vector, normalized
+
+#: m; farther away nothing is.
+_FARTHEST = 1e6
+
+
+def pose_message(pose: Pose) -> Any:
+    """A `Pose`."""
+    return PoseMsg(Point(*pose.position), Quaternion(*pose.orientation))
+
+
+def pose_from(message: Any, what: str) -> Pose:
+    """The pose that a `Pose` holds.
+
+    :param what: it is, for the text of the error.
+    :raises WrongValue: a number that is none or huge, or an orientation that is none.
+    """
+    position = vector_from(message.position, f"{what}: position")
+    q = message.orientation
+    x, y, z, w = (float(number) for number in (q.x, q.y, q.z, q.w))
+    if not 0.99 < math.hypot(x, y, z, w) < 1.01:
+        raise WrongValue(f"{what}: orientation {(x, y, z, w)}, expected a quaternion of length 1")
+    return Pose(position, normalized((x, y, z, w)))
+
+
+def vector_from(message: Any, what: str, most: float = _FARTHEST) -> Vector:
+    """The numbers of a `Point` or a `Vector3`.
+
+    :raises WrongValue: a number that is none or huge.
+    """
+    x, y, z = (float(number) for number in (message.x, message.y, message.z))
+    if not max(abs(x), abs(y), abs(z)) <= most or math.isnan(x + y + z):
+        raise WrongValue(f"{what} {(x, y, z)}: expected numbers up to {most:g}")
+    return x, y, z
+
+
+def wrench_message(values: Sequence[float]) -> Any:
+    """A `Wrench` from N along and Nm about x, y, z."""
+    return Wrench(Vector3(*values[:3]), Vector3(*values[3:]))
+
+
+def twist_message(linear: Sequence[float], angular: Sequence[float]) -> Any:
+    """A `Twist` in m/s and rad/s."""
+    return Twist(Vector3(*linear), Vector3(*angular))
+
+
+def colour_image(picture: Picture, header: Any) -> Any:
+    """An `Image`, rgb8."""
+    return _image(picture.rgb, "rgb8", header)
+
+
+def depth_image(picture: Picture, header: Any) -> Any:
+    """An `Image`, 32FC1, in m along the camera's axis; NaN where there is nothing."""
+    return _image(picture.depth, "32FC1", header)
+
+
+def camera_info(picture: Picture, header: Any) -> Any:
+    """A `CameraInfo` of a lens without distortion."""
+    lens = picture.lens
+    k = lens.matrix
+    return CameraInfo(
+        header=header,
+        width=lens.width,
+        height=lens.height,
+        distortion_model="plumb_bob",
+        D=(0.0,) * 5,
+        K=k,
+        R=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        P=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
+    )
+
+
+def _image(pixels: np.ndarray[Any, Any], encoding: str, header: Any) -> Any:
+    height, width = pixels.shape[:2]
+    return Image(
+        header=header,
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=pixels.strides[0],
+        data=pixels.tobytes(),
+    )

@@ -1,0 +1,251 @@
+"""The services of the simulator: looking into the world, and doing to it what a test wants."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, SetBoolResponse
+
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_sim.core.camera import Lens, looking_at, picture_from
+from skiros2_sim.core.perception import Detection, Noise, Source, detect, movable
+from skiros2_sim.core.scene_spec import BodySpec
+from skiros2_sim.core.stepper import Stepper
+from skiros2_sim.core.world import World
+from skiros2_sim.ros.frames import Frames
+from skiros2_sim.ros.messages import colour_image, pose_from, pose_message, twist_message, vector_from
+from skiros2_sim.ros.telling import SimulatedClock
+from skiros2_sim_msgs import msg as msgs
+from skiros2_sim_msgs import srv as srvs
+from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
+
+log = logging.getLogger(__name__)
+
+#: The picture that is taken where the request does not say.
+_WIDTH, _HEIGHT, _FIELD_OF_VIEW = 640, 480, 60.0
+#: How often it is looked whether a late picture has come (s).
+_POLL = 0.02
+
+
+class Services:
+    """Answers requests, in threads of ROS; the world is touched in the thread that steps.
+
+    A request that cannot be is answered with `ok` False and the reason.
+
+    :param types: whether a class of the ontology is another one or under it; raises UnknownName.
+    :param reset: resets the world, to another seed unless that is None; called in the thread that steps.
+    :param told: tells how the world is now; likewise.
+    """
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        clock: SimulatedClock,
+        frames: Frames,
+        types: Callable[[str, str], bool],
+        source: Source,
+        noise: Noise,
+        reset: Callable[[World, int | None], None],
+        told: Callable[[], None],
+    ) -> None:
+        self._stepper = stepper
+        self._clock = clock
+        self._frames = frames
+        self._types = types
+        self._source = source
+        self._noise = noise
+        self._reset = reset
+        self._told = told
+        self._services: list[Any] = []
+
+    def start(self) -> None:
+        """Takes requests from now on."""
+        self._services = [
+            rospy.Service("~reset", srvs.Reset, answered(srvs.ResetResponse, self._on_reset)),
+            rospy.Service("~pause", SetBool, self._on_pause),
+            rospy.Service("~step", srvs.Step, answered(srvs.StepResponse, self._on_step)),
+            rospy.Service("~set_rate", srvs.SetRate, answered(srvs.SetRateResponse, self._on_set_rate)),
+            rospy.Service("~get_pose", srvs.GetPose, answered(srvs.GetPoseResponse, self._on_get_pose)),
+            rospy.Service("~set_pose", srvs.SetPose, answered(srvs.SetPoseResponse, self._on_set_pose)),
+            rospy.Service("~push", srvs.Push, answered(srvs.PushResponse, self._on_push)),
+            rospy.Service("~set_fault", srvs.SetFault, answered(srvs.SetFaultResponse, self._on_set_fault)),
+            rospy.Service("~detect", srvs.Detect, answered(srvs.DetectResponse, self._on_detect)),
+            rospy.Service("~take_picture", srvs.TakePicture, answered(srvs.TakePictureResponse, self._on_take_picture)),
+        ]
+
+    def close(self) -> None:
+        """Takes no more requests."""
+        for service in self._services:
+            service.shutdown()
+
+    # -- time ----------------------------------------------------------------------------------------------------
+
+    def _on_reset(self, request: Any) -> Any:
+        seed = request.seed if request.seed >= 0 else None
+        self._stepper.call(lambda world: self._reset(world, seed), even_failed=True)
+        return srvs.ResetResponse(ok=True)
+
+    def _on_pause(self, request: Any) -> Any:
+        try:
+            self._stepper.pause(request.data)
+            if request.data:
+                self._stepper.call(lambda _: self._told(), even_failed=True)
+        except SkirosError as error:
+            return SetBoolResponse(False, str(error))
+        return SetBoolResponse(True, "paused" if request.data else "runs")
+
+    def _on_step(self, request: Any) -> Any:
+        self._stepper.step(request.steps)
+        return self._stepper.call(self._stepped)
+
+    def _stepped(self, _: World) -> Any:
+        self._told()
+        return srvs.StepResponse(ok=True, stamp=self._clock.now)
+
+    def _on_set_rate(self, request: Any) -> Any:
+        self._stepper.set_rate(request.factor)
+        return srvs.SetRateResponse(ok=True)
+
+    # -- where things are ----------------------------------------------------------------------------------------
+
+    def _on_get_pose(self, request: Any) -> Any:
+        reference = self._frames.reference(request.frame)
+
+        def get(world: World) -> Any:
+            pose = world.pose_of(request.element)
+            linear, angular = world.velocity_of(request.element)
+            frame = reference(world)
+            back = conjugated(frame.orientation)
+            return srvs.GetPoseResponse(
+                ok=True,
+                pose=PoseStamped(self._header(request.frame), pose_message(composed(inverted(frame), pose))),
+                twist=twist_message(rotated(back, linear), rotated(back, angular)),
+            )
+
+        return self._stepper.call(get, even_failed=True)
+
+    def _on_set_pose(self, request: Any) -> Any:
+        reference = self._frames.reference(request.pose.header.frame_id)
+        pose = pose_from(request.pose.pose, f"pose of {request.element!r}")
+
+        def put(world: World) -> None:
+            world.set_pose(request.element, composed(reference(world), pose))
+            if self._stepper.paused:
+                self._told()
+
+        self._stepper.call(put)
+        return srvs.SetPoseResponse(ok=True)
+
+    def _on_push(self, request: Any) -> Any:
+        force = vector_from(request.wrench.force, f"push of {request.element!r}: force")
+        torque = vector_from(request.wrench.torque, f"push of {request.element!r}: torque")
+        duration = request.duration.to_sec()
+        self._stepper.call(lambda world: world.push(request.element, force, torque, duration))
+        return srvs.PushResponse(ok=True)
+
+    def _on_set_fault(self, request: Any) -> Any:
+        def put(world: World) -> None:
+            if request.active:
+                world.faults.set(request.kind, request.target, request.value, request.duration)
+            else:
+                world.faults.clear(request.kind, request.target)
+
+        self._stepper.call(put)
+        log.info("fault %s of %s is %s", request.kind, request.target, "there" if request.active else "taken away")
+        return srvs.SetFaultResponse(ok=True)
+
+    # -- what is seen --------------------------------------------------------------------------------------------
+
+    def _on_detect(self, request: Any) -> Any:
+        reference = self._frames.reference(request.frame)
+        for kind in request.types:
+            self._types(kind, kind)  # unknown ones are refused
+
+        def wanted(body: BodySpec) -> bool:
+            if not request.types:
+                return movable(body)
+            return any(self._types(body.type, kind) for kind in request.types)
+
+        def look(world: World) -> tuple[Any, float]:
+            found = detect(world, request.camera, wanted, self._source, self._noise)
+            back, header = inverted(reference(world)), self._header(request.frame)
+            detections = [_detection(detection, back, header) for detection in found]
+            answer = srvs.DetectResponse(ok=True, stamp=header.stamp, detections=detections)
+            return answer, world.faults.lag(request.camera)
+
+        answer, lag = self._stepper.call(look)
+        if lag:
+            self._wait(lag)
+        return answer
+
+    def _on_take_picture(self, request: Any) -> Any:
+        pose = looking_at(vector_from(request.eye, "eye"), vector_from(request.target, "target"))
+        lens = Lens(
+            request.width or _WIDTH, request.height or _HEIGHT, math.radians(request.field_of_view or _FIELD_OF_VIEW)
+        )
+
+        def take(world: World) -> Any:
+            picture = picture_from(world, pose, lens, shadow=True)
+            return srvs.TakePictureResponse(ok=True, image=colour_image(picture, self._header("")))
+
+        return self._stepper.call(take, even_failed=True)
+
+    def _wait(self, seconds: float) -> None:
+        """Lets simulated time go on. One that stands still is not waited for."""
+        end = self._clock.seconds + seconds
+        while self._clock.seconds < end and not (self._stepper.paused or self._stepper.failure or rospy.is_shutdown()):
+            time.sleep(_POLL)
+
+    def _header(self, frame: str) -> Any:
+        return Header(stamp=self._clock.now, frame_id=frame or self._frames.map)
+
+
+def answered(response: Any, serve: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """What answers a request that is refused with `ok` False and the reason."""
+
+    @functools.wraps(serve)
+    def answer(request: Any) -> Any:
+        try:
+            return serve(request)
+        except SkirosError as error:
+            log.info("%s: %s", type(request).__name__, error)
+            return response(ok=False, message=str(error))
+
+    return answer
+
+
+def known_types(is_subclass: Callable[[str, str], bool], classes: Callable[[str], bool]) -> Callable[[str, str], bool]:
+    """
+    :param classes: whether the ontology has a class of that name.
+    :return: whether a class is another one or under it; raises UnknownName for one that is not known.
+    """
+
+    def check(child: str, parent: str) -> bool:
+        if not classes(parent):
+            raise UnknownName(f"there is no class {parent!r} in the ontology")
+        return is_subclass(child, parent)
+
+    return check
+
+
+def _detection(detection: Detection, back: Pose, header: Any) -> Any:
+    pose = PoseStamped(header, pose_message(composed(back, detection.pose)))
+    return msgs.Detection(detection.id, detection.type, detection.label, pose, detection.confidence)
+
+
+def checked_noise(value: Any, name: str) -> Noise:
+    """The noise of perception from one number: the standard deviation in m, and as many rad ten times over.
+
+    :raises WrongValue: it is no number of 0 to 1.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value <= 1:
+        raise WrongValue(f"{name} is {value!r}, expected metres, 0 to 1")
+    return Noise(depth=float(value), position=float(value), angle=10.0 * float(value))

@@ -1,0 +1,192 @@
+"""The thread that steps a simulated world."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from skiros2_common.core.errors import Refused, UnknownName, WrongValue
+from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
+from skiros2_sim.core.stepper import MOST_STEPS, Stepper
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose
+
+CUBE = BodySpec("cube", size=(0.1, 0.1, 0.1), pose=Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)), movable=True)
+
+Make = Callable[..., Stepper]
+
+
+@pytest.fixture
+def make() -> Iterator[Make]:
+    """Makes and starts steppers of a world with a cube that falls."""
+    made: list[tuple[Stepper, World]] = []
+
+    def start(hooks: tuple[Callable[[], None], ...] = (), **options: float) -> Stepper:
+        world = World(SceneSpec((CUBE,)))
+        stepper = Stepper(world, **options)
+        for hook in hooks:
+            stepper.add_hook(hook)
+        made.append((stepper, world))
+        stepper.start()
+        return stepper
+
+    yield start
+    for stepper, world in made:
+        stepper.close()
+        world.close()
+
+
+def reached(stepper: Stepper, count: int) -> threading.Event:
+    """Before the start: set when so many steps are done."""
+    event = threading.Event()
+    stepper.add_hook(lambda: event.set() if stepper.count >= count else None)
+    return event
+
+
+def test_a_paused_world_steps_when_asked_and_as_often_as_asked(make: Make) -> None:
+    stepper = make(paused=True)
+    stepper.step(7)
+    stepper.step(0)
+    stepper.step(5)
+    assert stepper.count == 12
+    assert stepper.call(lambda world: world.steps) == 12
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+def test_a_world_steps_by_itself_until_it_is_paused(rate: float) -> None:
+    with World(SceneSpec((CUBE,))) as world:
+        stepper = Stepper(world, rate)
+        event = reached(stepper, 24)
+        stepper.start()
+        assert event.wait(30)
+        stepper.pause(True)
+        count = stepper.count
+        assert stepper.call(lambda world: world.steps) == count
+        stepper.close()
+
+
+def test_steps_that_are_waited_for_come_in_the_order_they_were_asked_for(make: Make) -> None:
+    stepper = make(paused=True)
+    counts: list[int] = []
+
+    def ask(steps: int) -> None:
+        stepper.step(steps)
+        counts.append(steps)
+
+    threads = [threading.Thread(target=ask, args=(steps,)) for steps in (10, 20, 30)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    assert sorted(counts) == [10, 20, 30]
+    assert stepper.count == 60
+
+
+def test_calls_return_what_the_function_returns_and_raise_what_it_raises(make: Make) -> None:
+    stepper = make(paused=True)
+    assert stepper.call(lambda world: world.pose_of("cube").position) == (0.0, 0.0, 1.0)
+    with pytest.raises(UnknownName, match="nobody"):
+        stepper.call(lambda world: world.pose_of("nobody"))
+
+
+def test_hooks_are_called_after_each_step_in_the_thread_that_steps(make: Make) -> None:
+    threads: list[str] = []
+    stepper = make((lambda: threads.append(threading.current_thread().name),), paused=True)
+    stepper.step(3)
+    assert threads == ["stepper"] * 3
+
+
+@pytest.mark.parametrize("steps", [-1, MOST_STEPS + 1])
+def test_absurd_numbers_of_steps_are_refused(make: Make, steps: int) -> None:
+    with pytest.raises(WrongValue, match="expected 0 to 864000"):
+        make(paused=True).step(steps)
+
+
+@pytest.mark.parametrize("rate", [float("nan"), float("inf"), -1.0, 1e9])
+def test_absurd_rates_are_refused(make: Make, rate: float) -> None:
+    stepper = make(paused=True)
+    with pytest.raises(WrongValue, match="expected times real time"):
+        stepper.set_rate(rate)
+
+
+def test_a_world_that_is_not_paused_is_not_stepped_by_others(make: Make) -> None:
+    with pytest.raises(Refused, match="not paused"):
+        make().step(1)
+
+
+class _Bomb:
+    """A motion that fails."""
+
+    outcome = None
+
+    def update(self, dt: float) -> None:
+        raise ZeroDivisionError("in the middle of a step")
+
+
+def test_a_step_that_fails_stops_the_world_with_a_reason_until_it_is_reset() -> None:
+    with World(SceneSpec((CUBE,))) as world:
+        stepper = Stepper(world, paused=True)
+        told: list[str] = []
+        stepper.add_hook(lambda: None, told.append)
+        stepper.start()
+        stepper.call(lambda world: world.motions.add(_Bomb()))
+        with pytest.raises(Refused, match="ZeroDivisionError: in the middle of a step"):
+            stepper.step(10)
+        assert told == [stepper.failure]
+        with pytest.raises(Refused, match="reset it"):
+            stepper.call(lambda world: world.steps)
+        with pytest.raises(Refused, match="reset it"):
+            stepper.step(1)
+
+        def reset(world: World) -> None:
+            world.reset()
+            stepper.mend()
+
+        stepper.call(reset, even_failed=True)
+        stepper.step(10)
+        assert (stepper.count, stepper.failure) == (10, "")
+        stepper.close()
+
+
+def test_who_waits_for_steps_is_told_when_the_world_goes_on_or_ends(make: Make) -> None:
+    for end, reason in ((lambda s: s.pause(False), "resumed"), (lambda s: s.close(), "ended")):
+        inside = threading.Event()
+        stepper = make((inside.set,), paused=True)
+        refusals: list[str] = []
+
+        def wait(stepper: Stepper = stepper, refusals: list[str] = refusals) -> None:
+            try:
+                stepper.step(MOST_STEPS)
+            except Refused as error:
+                refusals.append(str(error))
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        assert inside.wait(30)
+        end(stepper)
+        thread.join(30)
+        assert len(refusals) == 1
+        assert reason in refusals[0]
+
+
+def test_a_world_that_has_ended_refuses_calls(make: Make) -> None:
+    stepper = make()
+    stepper.close()
+    with pytest.raises(Refused, match="ended"):
+        stepper.call(lambda world: world.steps)
+
+
+def test_a_world_that_cannot_keep_up_says_so_once_and_does_not_catch_up_in_a_burst(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with World(SceneSpec((CUBE,))) as world:
+        stepper = Stepper(world, 1000.0)
+        event = reached(stepper, 24_000)
+        stepper.start()
+        assert event.wait(60)
+        stepper.close()
+    assert [record.getMessage().partition(" (")[0] for record in caplog.records] == [
+        "the simulated world cannot keep up with 1000 x real time"
+    ]

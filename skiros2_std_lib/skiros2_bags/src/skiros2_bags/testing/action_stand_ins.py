@@ -10,7 +10,7 @@ import genpy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
-from skiros2_bags.testing.normal import Tolerance, same_text
+from skiros2_bags.core.normal import Tolerance, same_text
 from skiros2_bags.testing.recording import Acted, Recording
 
 #: Fields of goals that are other ones at each run.

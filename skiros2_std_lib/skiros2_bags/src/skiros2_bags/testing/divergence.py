@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from skiros2_bags.testing.normal import Tolerance, same_node
+from skiros2_bags.core.normal import Tolerance, same_text
 from skiros2_bags.testing.recording import Seen
 
 #: So many lines of what came before are shown.
@@ -60,6 +60,19 @@ def first_difference(expected: Sequence[Seen], got: Sequence[Seen], tolerance: T
             has_failed = other.state == "F" and one.state != "F"
             wrong.append((1 if has_failed else 3, -len(place), place))
     return min(wrong)[2] if wrong else None
+
+
+def same_node(one: Seen, other: Seen, tolerance: Tolerance, *, code: bool = True) -> bool:
+    """Whether two nodes were told in the same way.
+
+    :param code: whether their progress codes are compared too; those of steps count ticks.
+    """
+    return (
+        (one.place, one.type, one.label, one.processor, one.state)
+        == (other.place, other.type, other.label, other.processor, other.state)
+        and (not code or one.code == other.code)
+        and same_text(one.message, other.message, tolerance)
+    )
 
 
 def node_text(node: Seen | None) -> str:

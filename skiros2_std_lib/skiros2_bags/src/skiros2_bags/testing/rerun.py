@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from skiros2_bags.core.normal import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.normal import NARROW, Tolerance
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
 from skiros2_bags.testing.rerun_process import Rerun
 from skiros2_bags.testing.task_runs import TaskRun, task_runs

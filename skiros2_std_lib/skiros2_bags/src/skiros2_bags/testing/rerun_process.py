@@ -12,9 +12,9 @@ from types import TracebackType
 import actionlib
 import rospy
 
+from skiros2_bags.core.normal import Tolerance, change_differences, summary
 from skiros2_bags.testing.action_stand_ins import Actions
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.normal import Tolerance, change_differences, summary
 from skiros2_bags.testing.past_reasoners import add_reasoners
 from skiros2_bags.testing.past_world import operations_of, scene_before, world_of
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from skiros2_bags.core.normal import Tolerance
 from skiros2_bags.testing.divergence import CONTEXT, first_difference, node_text, path_of
-from skiros2_bags.testing.normal import Tolerance
 from skiros2_bags.testing.recording import Seen, Told
 from skiros2_bags.testing.task_runs import TaskRun
 from skiros2_common.core.abstract_skill import State

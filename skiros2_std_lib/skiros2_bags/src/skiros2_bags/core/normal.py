@@ -14,7 +14,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from skiros2_bags.testing.recording import Seen
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Change
 
@@ -54,19 +53,6 @@ def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
         return False
     pairs = zip(_MEASURED.finditer(one), _MEASURED.finditer(other), strict=True)
     return all(_same_number(a.group(), b.group(), tolerance) for a, b in pairs)
-
-
-def same_node(one: Seen, other: Seen, tolerance: Tolerance, *, code: bool = True) -> bool:
-    """Whether two nodes were told in the same way.
-
-    :param code: whether their progress codes are compared too; those of steps count ticks.
-    """
-    return (
-        (one.place, one.type, one.label, one.processor, one.state)
-        == (other.place, other.type, other.label, other.processor, other.state)
-        and (not code or one.code == other.code)
-        and same_text(one.message, other.message, tolerance)
-    )
 
 
 def same_values(one: Sequence[Any], other: Sequence[Any], tolerance: Tolerance) -> bool:

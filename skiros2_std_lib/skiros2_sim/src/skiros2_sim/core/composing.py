@@ -18,7 +18,7 @@ from skiros2_sim.core import urdf as models
 from skiros2_sim.core.model_files import find_model
 from skiros2_sim.core.scene_spec import ArmSpec, GripperSpec, Problem, RobotSpec
 from skiros2_sim.core.urdf import Urdf, read_urdf
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between, from_euler, to_euler
 
 BASE_LINK = "base_link"
 #: The motors of a mobile robot.
@@ -35,6 +35,9 @@ _TOOL_LINKS = ("grasptarget", "tool", "tcp")
 
 #: PyBullet's way to write that a sliding joint has no limits.
 _UNLIMITED = (0.0, -1.0)
+
+#: rad; a robot that drives and is tilted by no more is taken for upright.
+TILT = 0.01
 
 _MOVING = ("revolute", "continuous", "prismatic")
 
@@ -61,11 +64,13 @@ class ArmModel:
 class RobotModel:
     """The whole robot.
 
+    :param pose: of its `base_link` in the map at the start.
     :param base_links: links that are of its base, which stands on the ground.
     """
 
     urdf: str
     mobile: bool
+    pose: Pose
     arms: list[ArmModel] = field(default_factory=list)
     base_links: list[str] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
@@ -76,9 +81,13 @@ def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
 
     :param folders: where models are looked for.
     """
-    made = RobotModel("", False)
+    made = RobotModel("", False, spec.pose)
     base = _base_model(spec, folders, made.problems)
     made.mobile = base is not None
+    if made.mobile:
+        made.pose = upright(spec.pose)
+        if angle_between(made.pose.orientation, spec.pose.orientation) > TILT:
+            made.problems.append(Problem(spec.id, "a robot that drives stands upright; it is not tilted"))
     parts = _drives() if made.mobile else []
     parts.append(models.link(BASE_LINK, size=spec.size if spec.base is None else None))
     made.base_links.append(BASE_LINK)
@@ -94,6 +103,11 @@ def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
             made.problems.append(Problem(arm.id, f"the arm is left out: {error}", arm.model))
     made.urdf = models.as_text(spec.name, parts)
     return made
+
+
+def upright(pose: Pose) -> Pose:
+    """The pose, turned about z alone."""
+    return Pose(pose.position, from_euler(0.0, 0.0, to_euler(pose.orientation)[2]))
 
 
 def _base_model(spec: RobotSpec, folders: Sequence[str], problems: list[Problem]) -> Urdf | None:

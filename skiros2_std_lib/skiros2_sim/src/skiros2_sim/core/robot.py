@@ -10,10 +10,10 @@ from pathlib import Path
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.composing import BASE_LINK, DRIVES, RobotModel
+from skiros2_sim.core.composing import BASE_LINK, DRIVES, TILT, RobotModel, upright
 from skiros2_sim.core.joint import Joint, finite
 from skiros2_sim.core.scene_spec import RobotSpec
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, to_euler
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between
 
 #: The base pushes with at most this much force (N), and torque (Nm): a person stops it.
 _DRIVE_FORCE = 600.0
@@ -42,7 +42,7 @@ class Robot:
         self.spec = spec
         self.mobile = model.mobile
         self._bullet = bullet
-        self.body = _load(bullet, spec, model.urdf)
+        self.body = _load(bullet, spec, model)
         #: Index by name of link; the first one of the model is -1.
         self.links: dict[str, int] = {bullet.getBodyInfo(self.body)[0].decode(): -1}
         #: The joints that move, by name, without those that drive the base.
@@ -117,10 +117,9 @@ class Robot:
         :raises WrongValue: a mobile robot is to be tilted.
         """
         if self.mobile:
-            roll, pitch, yaw = to_euler(pose.orientation)
-            if max(abs(roll), abs(pitch)) > 0.01:
-                raise WrongValue(f"{self.id}: a mobile robot stands upright; expected a turn about z alone, got {pose}")
-            pose = Pose(pose.position, from_euler(0.0, 0.0, yaw))
+            if angle_between(pose.orientation, upright(pose).orientation) > TILT:
+                raise WrongValue(f"{self.id}: a robot that drives stands upright; expected a turn about z, got {pose}")
+            pose = upright(pose)
             self._drive = _Drive()
         place_root(self._bullet, self.body, pose)
         for index in self._drives:
@@ -210,8 +209,8 @@ def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
     return body
 
 
-def _load(bullet: Bullet, spec: RobotSpec, text: str) -> int:
+def _load(bullet: Bullet, spec: RobotSpec, model: RobotModel) -> int:
     try:
-        return load_urdf(bullet, text, spec.pose, True)
+        return load_urdf(bullet, model.urdf, model.pose, True)
     except ConfigurationError as error:
         raise ConfigurationError(f"{spec.id}: {error}") from None

@@ -1,0 +1,199 @@
+"""Models: where they are looked for, what is wrong with those that cannot be loaded, and how robots are made of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.composing import compose
+from skiros2_sim.core.model_files import find_model
+from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
+from skiros2_sim.core.urdf import read_urdf
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
+from support.simulated_cell import ARM, BASE, GRIPPER, PANDA, ROBOT, at, fixed_panda, mobile_manipulator
+
+TRIANGLE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
+LINK = '<link name="a"><collision><geometry><mesh filename="m.obj"/></geometry></collision></link>'
+
+
+def urdf(*parts: str) -> str:
+    return f'<robot name="r">{"".join(parts)}</robot>'
+
+
+def joint(name: str, parent: str, child: str, kind: str = "fixed", more: str = "") -> str:
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+
+
+def links(*names: str) -> str:
+    return "".join(f'<link name="{name}"/>' for name in names)
+
+
+def stl(*numbers: float, triangles: int = 1) -> bytes:
+    return b"\0" * 80 + struct.pack("<I", triangles) + struct.pack("<12fH", *(numbers or (0.0,) * 12), 0)
+
+
+def test_models_are_found_in_the_workspace_then_among_those_of_pybullet(tmp_path: Path) -> None:
+    own = tmp_path / "franka_panda" / "panda.urdf"
+    assert find_model(PANDA).name == "panda.urdf"
+    assert find_model(PANDA, (tmp_path,)) == find_model(PANDA)
+    own.parent.mkdir()
+    own.touch()
+    assert find_model(PANDA, (tmp_path,)) == own
+    assert find_model(str(own)) == own
+    assert find_model(f"file://{own}") == own
+    assert find_model("package://skiros2_sim/package.xml").parent.name == "skiros2_sim"
+
+
+@pytest.mark.parametrize("name", ["", "none.urdf", "package://nobody/x", "package://../x", "a\0b", "/none.urdf", "."])
+def test_a_model_that_is_not_there_is_told_with_its_name(name: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        find_model(name)
+    assert (name if "\0" not in name else "'a\\x00b'") in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "is no URDF"),
+        ("<robot", "is no URDF"),
+        ("<sdf/>", "expected <robot>"),
+        (urdf(), "expected links"),
+        (urdf("<link/>"), "no name"),
+        (urdf(links("a", "a")), "different names"),
+        (urdf(links("a", "b")), "roots ['a', 'b']"),
+        (urdf(links("a", "b"), joint("j", "a", "c")), "tree"),
+        (urdf(links("a", "b", "c"), joint("j", "b", "c"), joint("k", "c", "b")), "tree"),
+        (urdf(links("a", "b"), joint("j", "a", "b"), joint("k", "a", "b")), "tree"),
+        (urdf(links("a", "b"), joint("j", "a", "b", "elastic")), "'elastic'"),
+        (urdf(links("a", "b"), joint("j", "a", "b", more='<origin xyz="0 0 nan"/>')), "xyz"),
+        (urdf(links("a", "b"), joint("j", "a", "b", more='<origin xyz="0 0"/>')), "3 finite numbers"),
+        (urdf('<link name="a"><collision><geometry><box size="1 1 0"/></geometry></collision></link>'), "above 0"),
+        (urdf('<link name="a"><inertial><mass value="-1"/></inertial></link>'), "mass"),
+        (urdf('<link name="a"><inertial><mass value="inf"/></inertial></link>'), "mass"),
+        (urdf(LINK.replace("m.obj", "none.obj")), "none.obj is not there"),
+        (urdf(LINK.replace("m.obj", "package://nobody/none.obj")), "none.obj is not there"),
+        (urdf(LINK.replace("m.obj", "model.urdf")), ".obj"),
+    ],
+)
+def test_a_urdf_that_cannot_be_loaded_is_told_with_file_and_reason(tmp_path: Path, text: str, reason: str) -> None:
+    file = tmp_path / "model.urdf"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError) as caught:
+        read_urdf(file)
+    assert str(file) in str(caught.value)
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("m.obj", b"", "0 vertices"),
+        ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n", "line 3"),
+        ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "'4'"),
+        ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", "'-4'"),
+        ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x'"),
+        ("m.obj", bytes(range(256)) * 4, "vertices"),
+        ("m.stl", b"", "neither"),
+        ("m.stl", stl()[:-1], "neither"),
+        ("m.stl", stl(triangles=7), "neither"),
+        ("m.stl", stl(*(float("nan"),) * 12), "triangle 0"),
+        ("m.stl", b"\0" * 84, "no triangle"),
+        ("m.stl", b"solid x\nvertex 0 0 nan\nvertex 1 0 0\nvertex 0 1 0\n", "finite"),
+        ("m.dae", b"<COLLADA", "XML"),
+        ("m.png", b"", "expected one of"),
+    ],
+)
+def test_a_mesh_that_cannot_be_loaded_is_told_with_file_and_reason(
+    tmp_path: Path, name: str, content: bytes, reason: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    file = tmp_path / "model.urdf"
+    file.write_text(urdf(LINK.replace("m.obj", name)))
+    with pytest.raises(ConfigurationError) as caught:
+        read_urdf(file)
+    assert str(tmp_path / name) in str(caught.value)
+    assert reason in str(caught.value)
+
+
+def test_models_that_do_not_load_become_boxes_and_the_rest_is_there(tmp_path: Path) -> None:
+    (tmp_path / "broken.urdf").write_text("<robot")
+    (tmp_path / "broken.obj").write_text("v 0 0\n")
+    (tmp_path / "picture.png").touch()
+    (tmp_path / "good.obj").write_text(TRIANGLE)
+    (tmp_path / "good.stl").write_bytes(stl(*(0, 0, 1), *(0, 0, 0), *(1, 0, 0), *(0, 1, 0)))
+    (tmp_path / "good.urdf").write_text(urdf(LINK.replace("m.obj", "good.obj").replace("</l", _MASS + "</l")))
+    size = (0.1, 0.1, 0.1)
+    models = {"t:B-1": "broken.urdf", "t:B-2": "broken.obj", "t:B-3": "picture.png", "t:B-4": "none.urdf"}
+    models |= {"t:G-5": "good.obj", "t:G-6": "good.stl", "t:G-7": "good.urdf", "t:G-8": "duck.obj"}
+    bodies = [
+        BodySpec(eid, pose=at(0.0, float(n), 1.0), size=size, model=model, movable=True)
+        for n, (eid, model) in enumerate(models.items())
+    ]
+    bodies.append(BodySpec("t:B-9", model="broken.urdf"))
+    scene = SceneSpec(tuple(bodies), (), models=(str(tmp_path),))
+    with World(scene) as world:
+        assert {problem.element for problem in world.problems} == {"t:B-1", "t:B-2", "t:B-3", "t:B-4", "t:B-9"}
+        assert {problem.file for problem in world.problems} == {"broken.urdf", "broken.obj", "picture.png", "none.urdf"}
+        assert set(world.bodies) == set(models)
+        assert world.pose_of("t:G-7").position == pytest.approx((0.0, 6.0, 1.0)), "of its root, not its centre of mass"
+        world.step(240)
+        assert world.pose_of("t:B-1").position[2] == pytest.approx(0.05, abs=0.01), "it fell, as a box"
+        assert all(world.pose_of(eid).position[2] < 0.9 for eid in models)
+
+
+_MASS = '<inertial><origin xyz="0.02 0 0"/><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4"/></inertial>'
+
+
+@pytest.mark.parametrize(
+    ("model", "arms", "mobile", "problems"),
+    [
+        (mobile_manipulator(), 1, True, []),
+        (fixed_panda(), 1, False, []),
+        (RobotSpec(ROBOT, "r", base=BaseSpec(BASE, "base", "none.urdf", size=(0.5, 0.5, 0.2))), 0, False, [BASE]),
+        (RobotSpec(ROBOT, "r", arms=(ArmSpec(ARM, "arm", "none.urdf"),)), 0, False, [ARM]),
+        (RobotSpec(ROBOT, "r", arms=(ArmSpec(ARM, "arm", "cube.urdf"),)), 0, False, [ARM]),
+        (
+            dataclasses.replace(mobile_manipulator(), pose=Pose((0.0, 0.0, 0.0), from_euler(0.3, 0.0, 0.5))),
+            1,
+            True,
+            [ROBOT],
+        ),
+    ],
+)
+def test_a_robot_is_made_of_the_models_that_load(
+    model: RobotSpec, arms: int, mobile: bool, problems: list[str]
+) -> None:
+    composed = compose(model)
+    assert composed.mobile is mobile
+    assert [problem.element for problem in composed.problems] == problems
+    with World(SceneSpec((), (model,))) as world:
+        robot = world.robots[ROBOT]
+        assert len(robot.arms) == arms
+        assert [problem.element for problem in world.problems] == problems
+        world.step(10)
+        assert robot.pose().position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_an_iiwa_carries_a_gripper_of_its_own_model() -> None:
+    gripper = GripperSpec(GRIPPER, "hand", "package://skiros2_sim/models/parallel_gripper.urdf")
+    arm = ArmSpec(ARM, "iiwa", "kuka_iiwa/model.urdf", at(0.0, 0.0, 0.1), gripper)
+    panda = dataclasses.replace(fixed_panda().arms[0], id="rparts:ArmDevice-9", pose=at(0.0, 1.0, 0.0), gripper=None)
+    with World(SceneSpec((), (RobotSpec(ROBOT, "pair", IDENTITY, arms=(arm, panda)),))) as world:
+        assert world.problems == []
+        arms = world.robots[ROBOT].arms
+        assert [len(a.joints) for a in arms.values()] == [7, 7]
+        hand = arms[ARM].gripper
+        assert hand is not None
+        assert [j.name for j in hand.joints] == ["iiwa/hand/left_finger_joint", "iiwa/hand/right_finger_joint"]
+        assert arms["rparts:ArmDevice-9"].gripper is None
+        hand.drive(0.02)
+        world.step(240)
+        assert hand.width() == pytest.approx(0.02, abs=0.002)
+        assert world.pose_of(GRIPPER) == arms[ARM].tool_pose()
+        flange = world.robots[ROBOT].link_pose("iiwa/lbr_iiwa_link_7").position
+        assert sum((a - b) ** 2 for a, b in zip(flange, hand.tool_pose().position, strict=True)) ** 0.5 > 0.1

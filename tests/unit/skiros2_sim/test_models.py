@@ -1,4 +1,4 @@
-"""Models: where they are looked for, what is wrong with those that cannot be loaded, and how robots are made of them."""
+"""Models: where they are looked for, what is wrong with those that do not load, and how robots are made of them."""
 
 from __future__ import annotations
 

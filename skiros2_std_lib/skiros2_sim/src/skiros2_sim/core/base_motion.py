@@ -11,7 +11,7 @@ from enum import Enum, auto
 
 from skiros2_common.core.errors import Refused
 from skiros2_sim.core.drive_path import Floor, Leg, Place, heading, wrapped
-from skiros2_sim.core.floor_plan import footprint, obstacles, outside, place_of
+from skiros2_sim.core.floor_plan import fixed_obstacles, footprint, obstacles, outside, place_of, robots_to_come
 from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.touching import because, touched
@@ -126,10 +126,9 @@ class BaseMotion:
 
     def _can_ever(self, place: Place) -> bool:
         """Whether there is a way when all that moves is gone."""
-        bodies, robots = self._world.bodies, self._world.robots
-        fixed = [o for o in obstacles(self._world, self._robot) if o.id not in robots and not bodies[o.id].movable]
+        fixed = Floor(footprint(self._robot), fixed_obstacles(self._world, self._robot))
         try:
-            Floor(footprint(self._robot), fixed).way(place, self._goal)
+            fixed.way(place, self._goal)
         except Refused:
             return False
         return True
@@ -152,8 +151,8 @@ class BaseMotion:
             reason = because(self._world, self._robot.name + "/", self._touched).removeprefix(", it ")
             self._ending = Outcome(State.ABORTED, f"the robot {reason}")
         elif self._phase is _Phase.DRIVES:
-            floor = Floor(footprint(self._robot), obstacles(self._world, self._robot))
-            hit = floor.first_hit(place, self._legs, _AHEAD)
+            things = obstacles(self._world, self._robot) + robots_to_come(self._world, self._robot)
+            hit = Floor(footprint(self._robot), things).first_hit(place, self._legs, _AHEAD)
             if hit is not None:
                 goes_first = hit in self._world.robots and hit < self._robot.id
                 self._wait_for(f"{hit!r} is in the way", _GIVE_WAY if goes_first else 0.1)
@@ -221,9 +220,8 @@ class BaseMotion:
         beyond = outside(self._world, self._goal)
         if beyond:
             return beyond
-        bodies = self._world.bodies
-        fixed = [o for o in obstacles(self._world, self._robot) if o.id in bodies and not bodies[o.id].movable]
-        inside = Floor(footprint(self._robot), fixed).in_the_way(self._goal)
+        fixed = Floor(footprint(self._robot), fixed_obstacles(self._world, self._robot))
+        inside = fixed.in_the_way(self._goal)
         return f"the goal is inside {inside!r}" if inside else ""
 
 

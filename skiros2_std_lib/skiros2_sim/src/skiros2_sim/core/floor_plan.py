@@ -15,6 +15,10 @@ from skiros2_std_reasoners.core.geometry import Pose, rotated, to_euler
 _OVERHEAD, _FLAT = 1.2, 0.02
 #: How far from all things of the scene a base is sent (m).
 _AROUND = 10.0
+#: Other robots farther off than this (m) do not matter: they will be elsewhere by then.
+_NEAR = 4.0
+#: When a robot that moves is looked for (s from now), and the speed below which it stands (m/s).
+_SOON, _STANDS = (0.5, 1.0, 1.5, 2.0), 0.02
 #: Half the edge of what a robot without a base stands on (m).
 _POST = 0.15
 
@@ -31,7 +35,7 @@ def place_of(pose: Pose) -> Place:
 
 
 def obstacles(world: World, robot: Robot) -> list[Obstacle]:
-    """What a base may not drive into: things, but not those that it carries, and the other robots."""
+    """What a base may not drive into: things, but not those that it carries, and the other robots near it."""
     carried = touched(world, robot.name + "/")
     top = robot.base_box[1][2]
     found = []
@@ -42,9 +46,32 @@ def obstacles(world: World, robot: Robot) -> list[Obstacle]:
         if high[2] < _FLAT or low[2] > overhead or (body.movable and body.id in carried):
             continue
         found.append(_of_body(body, low, high))
+    here = robot.pose().position
     for other in world.robots.values():
-        if other is not robot:
-            found.append(_of_robot(other))
+        if other is not robot and (math.dist(other.pose().position, here) < _NEAR or not other.mobile):
+            found.append(_of_robot(other, other.pose()))
+    return found
+
+
+def fixed_obstacles(world: World, robot: Robot) -> list[Obstacle]:
+    """Those of them that will always be there."""
+    fixed = {body.id for body in world.bodies.values() if not body.movable}
+    fixed |= {other.id for other in world.robots.values() if not other.mobile}
+    return [obstacle for obstacle in obstacles(world, robot) if obstacle.id in fixed]
+
+
+def robots_to_come(world: World, robot: Robot) -> list[Obstacle]:
+    """Where the robots that this one gives way to will be soon, if they go on as they do: those with smaller ids, so
+    that of two one goes first."""
+    found = []
+    for other in world.robots.values():
+        vx, vy, _ = other.velocity()
+        if other.id >= robot.id or math.hypot(vx, vy) < _STANDS:
+            continue
+        pose = other.pose()
+        dx, dy, _ = rotated(pose.orientation, (vx, vy, 0.0))
+        x, y, z = pose.position
+        found += [_of_robot(other, Pose((x + t * dx, y + t * dy, z), pose.orientation)) for t in _SOON]
     return found
 
 
@@ -69,11 +96,11 @@ def _of_body(body: Body, low: tuple[float, float, float], high: tuple[float, flo
     return Obstacle(body.id, *place_of(pose), body.spec.size[0] / 2, body.spec.size[1] / 2)
 
 
-def _of_robot(robot: Robot) -> Obstacle:
+def _of_robot(robot: Robot, pose: Pose) -> Obstacle:
     low, high = robot.base_box
     if low[0] == high[0]:  # no base, only an arm
         low, high = (-_POST, -_POST, 0.0), (_POST, _POST, 0.0)
-    x, y, yaw = place_of(robot.pose())
+    x, y, yaw = place_of(pose)
     c, s = math.cos(yaw), math.sin(yaw)
     mx, my = (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
     half_x, half_y = (high[0] - low[0]) / 2, (high[1] - low[1]) / 2

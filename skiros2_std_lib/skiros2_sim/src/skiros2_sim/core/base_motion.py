@@ -14,7 +14,7 @@ from skiros2_sim.core.drive_path import Floor, Leg, Place, heading, wrapped
 from skiros2_sim.core.floor_plan import fixed_obstacles, footprint, obstacles, outside, place_of, robots_to_come
 from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.robot import Robot
-from skiros2_sim.core.touching import because, touched
+from skiros2_sim.core.touching import because, new_touches, touched
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, to_euler
 
@@ -146,10 +146,9 @@ class BaseMotion:
         if self._looked < _LOOK_EVERY or self._ending is not None:
             return
         self._looked = 0.0
-        now = touched(self._world, self._robot.name + "/")
-        if any(force > _BUMP for name, force in now.items() if name not in self._touched):
-            reason = because(self._world, self._robot.name + "/", self._touched).removeprefix(", it ")
-            self._ending = Outcome(State.ABORTED, f"the robot {reason}")
+        hits = new_touches(self._world, self._robot.name + "/", self._touched)
+        if any(force > _BUMP for force in hits.values()):
+            self._ending = Outcome(State.ABORTED, f"the robot has run into something{because(hits)}")
         elif self._phase is _Phase.DRIVES:
             things = obstacles(self._world, self._robot) + robots_to_come(self._world, self._robot)
             hit = Floor(footprint(self._robot), things).first_hit(place, self._legs, _AHEAD)

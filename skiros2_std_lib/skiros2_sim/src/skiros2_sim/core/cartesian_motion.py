@@ -15,7 +15,7 @@ from skiros2_sim.core.arm_controller import ArmController, checked_stiffness
 from skiros2_sim.core.arm_kinematics import distances
 from skiros2_sim.core.cartesian_path import CartesianPath, Moment
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.touching import because, touched
+from skiros2_sim.core.touching import because, new_touches, touched
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +29,7 @@ NO_CONTACT = -4
 TIMED_OUT = -5
 BLOCKED = -6
 PREEMPTED = -7
+_RAN_INTO = (FORCE_LIMIT, BLOCKED)
 
 #: The arm's own numbers, where a goal has 0: speeds (m/s, rad/s), the most it may feel (N, Nm).
 SPEED, ANGULAR_SPEED = 0.25, 1.0
@@ -46,6 +47,8 @@ _AT_REST, _NEARER = 0.02, 0.0005
 _FELT_OVER = 0.02
 #: How long braking takes when it is cancelled (s).
 _BRAKING = 0.2
+#: When it has run into something it goes back until that presses no more than this (N), at most so far in time (s).
+_PRESSED, _GOES_BACK = 5.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ class CartesianMotion:
         self._speed = 1.0  # at which time goes on along the path; less while it brakes
         self._ended: Outcome | None = None  # what comes out when it has braked
         self._nearest, self._since = math.inf, 0.0
+        self._back = 0.0  # s that it has gone back
         self._felt = np.array(self._arm.wrench())
         # what it carries pulls on it from the start on: contact is what it feels beyond that, in the map
         self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
@@ -121,18 +125,32 @@ class CartesianMotion:
         self._spent += dt
         if self._ended is None:
             self._ended = self._felt_too_much() or self._kept_from_it(dt)
-        if self._ended is not None and self._speed <= 0.0:
-            self.outcome = self._ended
-            return
-        if self._ended is not None:
+        if self._ended is None:
+            self._go_on(dt)
+        elif self._ended.state is State.PREEMPTED and self._speed > 0.0:
             self._speed = max(0.0, self._speed - dt / _BRAKING)
-        self._time += self._speed * dt
-        self._command(self._path.at(self._time, self._speed))
+            self._go_on(dt)
+        elif self._ended.code in _RAN_INTO and self._presses():
+            self._back += dt
+            self._time = max(0.0, self._time - dt)
+            self._command(self._path.at(self._time, 0.0))
+        else:
+            self.outcome = self._ended
 
     def cancel(self) -> None:
         """Brakes along the line."""
         if self._ended is None:
             self._ended = Outcome(State.PREEMPTED, "cancelled", PREEMPTED)
+
+    def _go_on(self, dt: float) -> None:
+        self._time += self._speed * dt
+        self._command(self._path.at(self._time, self._speed))
+
+    def _presses(self) -> bool:
+        """Whether it is to go back farther; a compliant arm has given way already."""
+        if self._controller.compliant or self._back >= _GOES_BACK or self._time <= 0.0:
+            return False
+        return sum(new_touches(self._world, self._part, self._touched).values()) > _PRESSED
 
     def _command(self, moment: Moment) -> None:
         if self._controller.compliant:
@@ -191,14 +209,13 @@ class CartesianMotion:
         return None
 
     def _stop(self, state: State, code: int, text: str) -> Outcome:
-        """Stands still: where it is when something holds it up, else at the end of its line."""
-        if code in (FORCE_LIMIT, BLOCKED, TIMED_OUT) or self._time < self._path.duration:
+        """Stands still where it is, or at the end of its line."""
+        if code in (*_RAN_INTO, TIMED_OUT) or self._time < self._path.duration:
             self._controller.hold()
-        self._speed = 0.0
         return Outcome(state, text, code)
 
     def _reason(self) -> str:
-        return because(self._world, self._part, self._touched)
+        return because(new_touches(self._world, self._part, self._touched))
 
     def _end(self, state: State, code: int, text: str) -> None:
         self.outcome = Outcome(state, text, code)

@@ -274,14 +274,17 @@ class _Grid:
                     across, along = abs(there[0] - last[0]), abs(there[1] - last[1])
                     estimate = max(across, along) + (math.sqrt(2) - 1) * min(across, along)
                     heapq.heappush(queue, (new + estimate, there))
-        raise Refused(f"no way there, {self._enclosing(done)} in the way")
+        raise Refused(f"no way there, {self._enclosing(done, self._point(last))} in the way")
 
-    def _enclosing(self, seen: set[tuple[int, int]]) -> str:
-        """The ids of what stands around the squares that can be reached."""
+    def _enclosing(self, seen: set[tuple[int, int]], goal: tuple[float, float]) -> str:
+        """The ids of what stands around the squares that can be reached, the nearest to the goal first."""
         points = np.array([self._point(square) for square in seen])
         reach = self._radius + 2 * self._cell
-        around = [repr(o.id) for o in self._obstacles if o.distance(points[:, 0], points[:, 1]).min() < reach]
-        return f"{', '.join(around)} {'is' if len(around) == 1 else 'are'}"
+        around = [o for o in self._obstacles if o.distance(points[:, 0], points[:, 1]).min() < reach]
+        at = np.array([goal[0]]), np.array([goal[1]])
+        names = [repr(o.id) for o in sorted(around, key=lambda o: float(o.distance(*at)[0]))]
+        rest = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        return f"{', '.join(names[:3])}{rest} {'is' if len(names) == 1 else 'are'}"
 
     def _cut(self, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
         """Only those corners that are needed: from each, on to the last one that is in sight."""

@@ -13,7 +13,7 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.joint_path import JointGoal, JointPath, JointTolerance
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.touching import because, touched
+from skiros2_sim.core.touching import because, new_touches, touched
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +30,8 @@ GOAL_TOLERANCE_VIOLATED = -5
 _PATH, _GOAL, _AT_REST, _GOAL_TIME = 0.1, 0.01, 0.05, 2.0
 #: How long braking takes when it is cancelled (s).
 _BRAKING = 0.25
+#: When it has run into something it goes back until that presses no more than this (N), at most so far in time (s).
+_PRESSED, _GOES_BACK = 5.0, 1.0
 
 
 class JointState(NamedTuple):
@@ -50,6 +52,8 @@ class JointMotion:
         self._goal = _with_full_names(goal, self._arm.name)
         self._speed = 1.0  # at which time goes on along the path; less while it brakes
         self._brakes = False
+        self._ending: Outcome | None = None  # what comes out when it has gone back
+        self._back = 0.0  # s that it has gone back
         self._touched: dict[str, float] = {}
         self._part = f"{controller.robot.name}/{self._arm.name}/"
         self._actual = self._state()
@@ -81,11 +85,11 @@ class JointMotion:
         self._actual = self._state()
         if self._controller.compliant:
             self._end(State.ABORTED, INVALID_GOAL, f"controller {self._controller.active!r} was switched on meanwhile")
+        elif self._ending is not None:
+            self._go_back(dt)
         elif self._time >= 0.0 and (reason := self._off_the_path()):
-            # it holds still where it is, rather than push on
             self._controller.hold()
-            because_of = because(self._controller.world, self._part, self._touched)
-            self._end(State.ABORTED, PATH_TOLERANCE_VIOLATED, reason + because_of)
+            self._ending = Outcome(State.ABORTED, reason + because(self._new_touches()), PATH_TOLERANCE_VIOLATED)
         elif self._brakes:
             self._brake(dt)
         elif self._time >= self._path.duration:
@@ -124,8 +128,20 @@ class JointMotion:
         if not off:
             self._end(State.SUCCEEDED, SUCCESSFUL, "")
         elif late > (self._goal.goal_time_tolerance or _GOAL_TIME):
-            off += because(self._controller.world, self._part, self._touched)
+            off += because(self._new_touches())
             self._end(State.ABORTED, GOAL_TOLERANCE_VIOLATED, f"{late:.2f} s after the trajectory's end: {off}")
+
+    def _go_back(self, dt: float) -> None:
+        """Back the way that it came, until it does not press on what it ran into; then it holds still."""
+        if self._back < _GOES_BACK and self._time > 0.0 and sum(self._new_touches().values()) > _PRESSED:
+            self._back += dt
+            self._time = max(0.0, self._time - dt)
+            self._controller.follow(self._desired().positions, np.zeros(len(self._arm.joints)))
+        else:
+            self.outcome = self._ending
+
+    def _new_touches(self) -> dict[str, float]:
+        return new_touches(self._controller.world, self._part, self._touched)
 
     def _off_the_path(self) -> str:
         """Which joint is farther from the path than it may be."""

@@ -25,13 +25,18 @@ def touched(world: World, part: str) -> dict[str, float]:
     return touching
 
 
-def because(world: World, part: str, before: dict[str, float]) -> str:
-    """ ", it touches ..." with what was not touched `before`, the strongest first; "" when there is nothing."""
+def new_touches(world: World, part: str, before: dict[str, float]) -> dict[str, float]:
+    """What is touched now and was not `before`: the force (N) by name, the strongest first."""
     now = touched(world, part)
-    new = sorted((name for name in now if name not in before and now[name] >= _LEAST), key=lambda name: -now[name])
+    new = [name for name in now if name not in before and now[name] >= _LEAST]
+    return {name: now[name] for name in sorted(new, key=lambda name: -now[name])}
+
+
+def because(new: dict[str, float]) -> str:
+    """", it touches ..." for such; "" when there are none."""
     if not new:
         return ""
-    return ", it touches " + " and ".join(f"{name} ({now[name]:.0f} N)" for name in new)
+    return ", it touches " + " and ".join(f"{name} ({force:.0f} N)" for name, force in new.items())
 
 
 def _count(found: dict[str, float], first: str, second: str, force: float, part: str, robot: str) -> None:

@@ -134,6 +134,16 @@ class _Client:
         return self._answer[0]
 
 
+class _Proxy:
+    """A service as `PrimitiveServiceClient` uses it."""
+
+    def __init__(self, drivers: StandInDrivers, name: str) -> None:
+        self._drivers, self.resolved_name = drivers, name
+
+    def __call__(self, request: Any) -> Any:
+        return self._drivers.take(self.resolved_name, request)
+
+
 class _Watch:
     """A server that is there."""
 
@@ -157,7 +167,7 @@ def install(monkeypatch: pytest.MonkeyPatch, drivers: StandInDrivers) -> None:
 
     monkeypatch.setattr(module.actionlib, "SimpleActionClient", lambda name, kind: _Client(drivers, name))
     monkeypatch.setattr(action_client_primitive, "ServerWatch", _Watch)
-    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, kind: lambda request: drivers.take(name, request))
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda name, kind: _Proxy(drivers, name))
 
 
 def pose_of(message: Any) -> Pose:

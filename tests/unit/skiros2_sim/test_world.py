@@ -315,11 +315,11 @@ def test_the_arm_rides_on_the_base_and_holds_its_posture(world: World) -> None:
 def test_gravity_is_what_the_motors_hold(world: World) -> None:
     world.step(240)
     arm = world.arms[ARM]
-    assert arm.dynamics()[1] == pytest.approx(arm.efforts(), abs=0.05)
-    arm.drive_torques(arm.dynamics()[1])
+    assert arm.bias() == pytest.approx(arm.efforts(), abs=0.05)
+    arm.drive_torques(arm.bias())
     world.step(1)
     for _ in range(120):
-        arm.drive_torques(arm.dynamics()[1])
+        arm.drive_torques(arm.bias())
         world.step()
     assert arm.positions() == pytest.approx(arm.rest, abs=0.02), "it floats"
     world.step(60)

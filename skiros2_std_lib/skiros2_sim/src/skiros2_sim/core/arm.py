@@ -136,15 +136,19 @@ class Arm:
             forces=[min(max(t, -e), e) for t, e in zip(wanted, self._efforts, strict=True)],
         )
 
-    def dynamics(self) -> tuple[list[list[float]], list[float]]:
-        """The mass matrix of the joints (kg m2, or kg), and the torques against gravity, Coriolis and centrifugal
-        forces (Nm, or N): what the arm's equation of motion has beside accelerations, as it moves now."""
+    def masses(self) -> list[list[float]]:
+        """The mass matrix of the joints (kg m2, or kg), as they stand now."""
+        positions = [state[0] for state in self._bullet.getJointStates(self.body, self._dofs)]
+        masses = self._bullet.calculateMassMatrix(self.body, positions)
+        return [[masses[row][column] for column in self._columns] for row in self._columns]
+
+    def bias(self) -> list[float]:
+        """The torques against gravity, Coriolis and centrifugal forces (Nm, or N), as the joints move now: what the
+        arm's equation of motion has beside accelerations."""
         states = self._bullet.getJointStates(self.body, self._dofs)
         q, dq = [state[0] for state in states], [state[1] for state in states]
-        masses = self._bullet.calculateMassMatrix(self.body, q)
         bias = self._bullet.calculateInverseDynamics(self.body, q, dq, [0.0] * len(self._dofs))
-        own = self._columns
-        return [[masses[row][column] for column in own] for row in own], [bias[column] for column in own]
+        return [bias[column] for column in self._columns]
 
     def _link_pose(self, index: int) -> Pose:
         state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)

@@ -36,6 +36,10 @@ _STIFFEST = (3000.0, 3000.0, 3000.0, 80.0, 80.0, 80.0)
 _DAMPING_RATIO = 0.7
 #: Keeps the inertia that the tool has finite where the arm is stretched out (1/kg, 1/(kg m2)).
 _SINGULAR = 1e-3
+#: Likewise of the posture's part that the tool's motion takes.
+_SINGULAR_POSTURE = 1e-6 * np.eye(6)
+#: The damping changes slowly with the arm's posture: it is found out anew after so many steps.
+_DAMPED_ANEW = 8
 #: Of the posture, in the nullspace: Nm/rad, Nm s/rad.
 _POSTURE_STIFFNESS, _POSTURE_DAMPING = 10.0, 2.0
 #: It never draws the tool with more than the force of this way (m, rad).
@@ -55,7 +59,9 @@ class ArmController:
         self.outcome: Outcome | None = None
         self.compliant = False
         self._stiffness = np.array(STIFFNESS)
-        self._drawn_to = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        self._drawn_to = np.eye(4)
+        self._damping = np.zeros((6, 6))
+        self._updates = 0
         self._posture = np.array(arm.rest)
         self._carried = np.zeros(3)
 
@@ -77,6 +83,7 @@ class ArmController:
     @stiffness.setter
     def stiffness(self, values: Sequence[float]) -> None:
         self._stiffness = np.array(checked_stiffness(values))
+        self._updates = 0
 
     def switch(self, name: str) -> None:
         """Turns a controller on and the other off; the arm stays where it is, and goes on holding what it holds.
@@ -88,6 +95,7 @@ class ArmController:
         if name == self.active:
             return
         self.compliant = not self.compliant
+        self._updates = 0
         self.hold()
         if self.compliant:
             weight = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
@@ -111,7 +119,7 @@ class ArmController:
 
     def draw(self, tool: Pose, posture: Array) -> None:
         """Where the compliant controller is to draw the tool to, in the robot's frame, in about that posture."""
-        self._drawn_to, self._posture = tool, posture
+        self._drawn_to, self._posture = matrix(tool), posture
 
     def tool_pose(self) -> Pose:
         """Of the tool, in the robot's frame."""
@@ -122,19 +130,19 @@ class ArmController:
         if not self.compliant:
             return
         q, dq = np.array(self.arm.positions()), np.array(self.arm.velocities())
-        masses, bias = map(np.array, self.arm.dynamics())
-        tool = self.kinematics.forward(q)
-        jacobian = self.kinematics.jacobian(q)
+        jacobian, tool = self.kinematics.jacobian_and_tool(q)
         # all of it in the tool's frame, in which the stiffness is diagonal
         into = np.zeros((6, 6))
-        into[:3, :3] = into[3:, 3:] = matrix(tool)[:3, :3].T
+        into[:3, :3] = into[3:, 3:] = tool[:3, :3].T
         in_tool = into @ jacobian
+        if self._updates % _DAMPED_ANEW == 0:
+            self._damping = _damping(self._stiffness, in_tool, np.array(self.arm.masses()))
+        self._updates += 1
         way = _shortened(into @ difference(self._drawn_to, tool))
-        wrench = self._stiffness * way - _damping(self._stiffness, in_tool, masses) @ (in_tool @ dq)
-        wrench += into[:, :3] @ self._carried
+        wrench = self._stiffness * way - self._damping @ (in_tool @ dq) + into[:, :3] @ self._carried
         posture = _POSTURE_STIFFNESS * (self._posture - q) - _POSTURE_DAMPING * dq
-        posture -= jacobian.T @ np.linalg.lstsq(jacobian.T, posture, rcond=None)[0]
-        self.arm.drive_torques((in_tool.T @ wrench + posture + bias).tolist())
+        posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
+        self.arm.drive_torques((in_tool.T @ wrench + posture + self.arm.bias()).tolist())
 
     def cancel(self) -> None:
         """Back to the position controller."""

@@ -78,7 +78,11 @@ class ArmKinematics:
 
     def jacobian(self, positions: Sequence[float] | Array) -> Array:
         """How the tool moves with each joint: 6 x n, first the velocity (m), then the turn (rad)."""
-        return self._jacobian(self._frames(np.asarray(positions, dtype=float)))[0]
+        return self.jacobian_and_tool(positions)[0]
+
+    def jacobian_and_tool(self, positions: Sequence[float] | Array) -> tuple[Array, Array]:
+        """The Jacobian, and the tool's frame as a transform (4 x 4)."""
+        return self._jacobian(self._frames(np.asarray(positions, dtype=float)))
 
     def inverse(self, target: Pose, start: Sequence[float] | Array, restarts: int = _RESTARTS) -> Reached:
         """Joint positions within the limits for the tool's pose, from `start` if that leads there, else from the rest
@@ -106,7 +110,7 @@ class ArmKinematics:
         reached = Reached(q, np.inf, np.inf)
         for step in range(_STEPS):
             jacobian, tool = self._jacobian(self._frames(q))
-            error = _error(wanted, tool)
+            error = difference(wanted, tool)
             off, turned = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off + turned < reached.off + reached.turned:
                 reached = Reached(q.copy(), off, turned)
@@ -190,9 +194,13 @@ def distances(a: Pose, b: Pose) -> tuple[float, float]:
     return float(np.linalg.norm(np.subtract(a.position, b.position))), angle_between(a.orientation, b.orientation)
 
 
-def difference(target: Pose, pose: Pose) -> Array:
-    """The way from one pose to the other in the common frame: a vector (m), and a turn as axis times angle (rad)."""
-    return _error(matrix(target), matrix(pose))
+def difference(target: Array, frame: Array) -> Array:
+    """The way from one frame to another (4 x 4 each) in the common one: a vector (m), and a turn as axis times angle
+    (rad)."""
+    way = np.empty(6)
+    way[:3] = target[:3, 3] - frame[:3, 3]
+    way[3:] = _rotation_vector(target[:3, :3] @ frame[:3, :3].T)
+    return way
 
 
 def matrix(pose: Pose) -> Array:
@@ -226,22 +234,18 @@ def _weighed(found: Reached) -> float:
     return found.off + _METRES_PER_RADIAN * found.turned
 
 
-def _error(wanted: Array, tool: Array) -> Array:
-    error = np.empty(6)
-    error[:3] = wanted[:3, 3] - tool[:3, 3]
-    turn = np.eye(4)
-    turn[:3, :3] = wanted[:3, :3] @ tool[:3, :3].T
-    error[3:] = _rotation_vector(pose_of(turn).orientation)
-    return error
-
-
-def _rotation_vector(q: Sequence[float]) -> Array:
-    """Axis times angle (rad) of a turn, the shorter way round."""
+def _rotation_vector(turn: Array) -> Array:
+    """Axis times angle (rad) of a rotation matrix, the shorter way round."""
+    x, y, z, cosine = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1], np.trace(turn) - 1
+    if cosine > -1.9:  # twice that of the angle, as x, y and z are twice the axis times its sine
+        sine = math.sqrt(x * x + y * y + z * z)
+        return np.array((x, y, z)) * (math.atan2(sine, cosine) / sine if sine > 1e-9 else 0.5)
+    # near half a turn these say little of the axis; the quaternion does
+    frame = np.eye(4)
+    frame[:3, :3] = turn
+    q = pose_of(frame).orientation
     vector = np.array(q[:3]) if q[3] >= 0 else -np.array(q[:3])
-    sine = float(np.linalg.norm(vector))
-    if sine < 1e-12:
-        return 2 * vector
-    return vector * (2 * math.atan2(sine, abs(q[3])) / sine)
+    return np.asarray(vector * (2 * math.atan2(float(np.linalg.norm(vector)), abs(q[3])) / np.linalg.norm(vector)))
 
 
 def _cross_matrix(v: Array) -> Array:

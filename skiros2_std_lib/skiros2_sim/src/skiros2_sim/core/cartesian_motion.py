@@ -177,11 +177,11 @@ class CartesianMotion:
     def _kept_from_it(self, dt: float) -> Outcome | None:
         """The end for where it is: there, or not getting there."""
         pose = self._controller.tool_pose()
-        wanted = self._path.at(self._time)
-        behind, turned_behind = distances(pose, wanted.tool)
-        if not self._controller.compliant and (behind > _BEHIND or turned_behind > _TURNED_BEHIND):
-            text = f"the tool is {behind:.3f} m and {turned_behind:.3f} rad behind{self._reason()}"
-            return self._stop(State.ABORTED, BLOCKED, text)
+        if not self._controller.compliant:
+            behind, turned_behind = distances(pose, self._path.at(self._time).tool)
+            if behind > _BEHIND or turned_behind > _TURNED_BEHIND:
+                text = f"the tool is {behind:.3f} m and {turned_behind:.3f} rad behind{self._reason()}"
+                return self._stop(State.ABORTED, BLOCKED, text)
         if self._spent > (self._goal.timeout or 2 * self._path.duration + 2.0):
             left = distances(pose, self._target)
             text = f"not there after {self._spent:.2f} s: {left[0]:.3f} m and {left[1]:.3f} rad to go{self._reason()}"

@@ -253,9 +253,7 @@ class Stepper:
         if not self._slow_told:
             self._slow_told = True
             reached = (self._count - count) / RATE / max(time.monotonic() - began, 1e-9)
-            log.warning(
-                "the simulated world cannot keep up with %g x real time (%.2g x at last)", self._rate, reached
-            )
+            log.warning("the simulated world cannot keep up with %g x real time (%.2g x at last)", self._rate, reached)
         self._restart_pace()
 
     def _restart_pace(self) -> None:

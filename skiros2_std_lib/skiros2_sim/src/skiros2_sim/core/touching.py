@@ -33,7 +33,7 @@ def new_touches(world: World, part: str, before: dict[str, float]) -> dict[str, 
 
 
 def because(new: dict[str, float]) -> str:
-    """", it touches ..." for such; "" when there are none."""
+    """ ", it touches ..." for such; "" when there are none."""
     if not new:
         return ""
     return ", it touches " + " and ".join(f"{name} ({force:.0f} N)" for name, force in new.items())

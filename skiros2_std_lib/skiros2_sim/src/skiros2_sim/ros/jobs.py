@@ -42,9 +42,7 @@ class JointJob:
     :raises WrongValue: the goal has absurdly many points.
     """
 
-    def __init__(
-        self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock
-    ) -> None:
+    def __init__(self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock) -> None:
         points = goal.trajectory.points
         if len(points) > _MOST_POINTS:
             raise WrongValue(f"the trajectory has {len(points)} points, expected up to {_MOST_POINTS}")

@@ -326,6 +326,18 @@ def test_gravity_is_what_the_motors_hold(world: World) -> None:
     assert arm.positions() != pytest.approx(arm.rest, abs=0.02), "torques are for one step: it falls"
 
 
+def test_an_arm_meets_the_base_that_it_stands_on(world: World) -> None:
+    arm = world.arms[ARM]
+    folded = (2.9, 1.3, 0.0, -1.7, 0.0, 3.0, 0.785)
+    for step in range(2 * 240):
+        arm.drive([a + (b - a) * min(1.0, step / 240) for a, b in zip(arm.rest, folded, strict=True)])
+        world.step()
+    touched = {(c.first, c.second) for c in world.contacts(ROBOT)}
+    assert any(name == "mobile_manipulator/base/base_link" for pair in touched for name in pair)
+    assert arm.positions() != pytest.approx(folded, abs=0.05)
+    assert all(name.startswith("mobile_manipulator/") for pair in touched for name in pair)
+
+
 def test_a_fixed_robot_does_not_drive(panda: World) -> None:
     robot = panda.robots[ROBOT]
     assert not robot.mobile

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.composing import ArmModel
@@ -86,15 +87,23 @@ class Arm:
         It is what a sensor at the wrist tells when the hand's own weight and inertia are taken off: the sum of all
         contacts of the last step, in which the two fingers that hold something cancel, but for its weight.
         """
+        # Contacts of two bodies have the one that is asked for first; those within the robot may have the hand second.
+        pressed = [
+            _exerted(contact, contact[3] in self._hand)
+            for contact in self._bullet.getContactPoints(bodyA=self.body)
+            if (contact[3] in self._hand) != (contact[2] == self.body and contact[4] in self._hand)
+        ]
+        if not pressed:
+            return (0.0,) * 6
+        tool = self.tool_pose()
         force, torque = [0.0] * 3, [0.0] * 3
-        contacts = [c for c in self._bullet.getContactPoints(bodyA=self.body) if c[3] in self._hand]
-        if contacts:
-            tool = self.tool_pose()
-            for contact in contacts:
-                self._add(contact, tool, force, torque)
-            back = conjugated(tool.orientation)
-            return (*rotated(back, force), *rotated(back, torque))
-        return (0.0,) * 6
+        for point, f in pressed:
+            x, y, z = (at - origin for at, origin in zip(point, tool.position, strict=True))
+            turning = (y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0])
+            force = [a + b for a, b in zip(force, f, strict=True)]
+            torque = [a + b for a, b in zip(torque, turning, strict=True)]
+        back = conjugated(tool.orientation)
+        return (*rotated(back, force), *rotated(back, torque))
 
     # -- motors -----------------------------------------------------------------------------------------------
 
@@ -154,21 +163,13 @@ class Arm:
         state = self._bullet.getLinkState(self.body, index, computeForwardKinematics=1)
         return Pose(state[4], state[5])
 
-    @staticmethod
-    def _add(contact: Sequence[Vector], tool: Pose, force: list[float], torque: list[float]) -> None:
-        """Adds what a contact of PyBullet exerts on its first body."""
-        on_hand, normal, pushed = contact[5], contact[7], contact[9]
-        one, along_one, other, along_other = contact[10], contact[11], contact[12], contact[13]
-        f = [
-            pushed * normal[i] + one * along_one[i] + other * along_other[i]  # type: ignore[operator]
-            for i in range(3)
-        ]
-        x, y, z = (on_hand[i] - tool.position[i] for i in range(3))
-        for i, (df, dt) in enumerate(
-            zip(f, (y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0]), strict=True)
-        ):
-            force[i] += df
-            torque[i] += dt
+
+def _exerted(contact: Sequence[Any], on_first: bool) -> tuple[Vector, Vector]:
+    """Where a contact of PyBullet is, and the force that it exerts: on its first body, or on the other."""
+    normal, pushed = contact[7], contact[9]
+    one, along_one, other, along_other = contact[10:14]
+    x, y, z = (pushed * normal[i] + one * along_one[i] + other * along_other[i] for i in range(3))
+    return (contact[5], (x, y, z)) if on_first else (contact[6], (-x, -y, -z))
 
 
 def _links_after(bullet: Bullet, body: int, link: int) -> list[int]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.composing import BASE_LINK, DRIVES, TILT, RobotModel, upright
+from skiros2_sim.core.composing import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.joint import Joint, finite
 from skiros2_sim.core.scene_spec import RobotSpec
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between
@@ -65,6 +67,7 @@ class Robot:
         for index in range(-1, len(names)):
             # The damping of the engine is not in what inverse dynamics computes.
             bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
+        self._let_neighbours_touch(model.arms)
         if self.mobile:
             self._start_drives()
         #: Two corners of the box around the base, in the frame of `base_link` (m).
@@ -152,6 +155,23 @@ class Robot:
             forces=[_DRIVE_FORCE, _DRIVE_FORCE, _DRIVE_TORQUE],
         )
 
+    def _let_neighbours_touch(self, arms: Iterable[ArmModel]) -> None:
+        """Links that are fixed to one another overlap, such as an arm's mount and the base; so may the next link of
+        an arm, and the two fingers of a gripper, which stop by their limits. They do not collide."""
+        fixed_to: dict[int, int] = {-1: -1}
+        for index in range(len(self._link_names) - 1):  # a link comes after the one that it hangs on
+            info = self._bullet.getJointInfo(self.body, index)
+            fixed_to[index] = index if Joint.of(info).moves else fixed_to[info[16]]
+        groups: dict[int, set[int]] = {}
+        for index, root in fixed_to.items():
+            groups.setdefault(root, set()).add(index)
+        for arm in arms:
+            groups[fixed_to[self.links[arm.mount]]].add(self.joints[arm.joints[0]].index)
+        fingers = [{self.joints[name].index for name in arm.fingers} for arm in arms]
+        for group in (*groups.values(), *fingers):
+            for one, other in itertools.combinations(sorted(group), 2):
+                self._bullet.setCollisionFilterPair(self.body, self.body, one, other, 0)
+
     def _start_drives(self) -> None:
         for index in self._drives:
             self._bullet.changeDynamics(self.body, index, jointDamping=0.0)
@@ -193,6 +213,8 @@ def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
 
     :raises ConfigurationError: PyBullet does not load it.
     """
+    # The links of one chain do not collide with each other, an arm does with the base and with another arm.
+    collisions = bullet.URDF_USE_SELF_COLLISION | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
     with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
         file = Path(folder, "model.urdf")
         file.write_text(text, encoding="utf-8")
@@ -202,7 +224,7 @@ def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
                 basePosition=pose.position,
                 baseOrientation=pose.orientation,
                 useFixedBase=fixed,
-                flags=bullet.URDF_MAINTAIN_LINK_ORDER | bullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES,
+                flags=bullet.URDF_MAINTAIN_LINK_ORDER | bullet.URDF_ENABLE_CACHED_GRAPHICS_SHAPES | collisions,
             )
         except bullet.error as error:
             raise ConfigurationError(f"PyBullet does not load the model: {error}") from None

@@ -146,7 +146,7 @@ def test_a_step_that_fails_stops_the_world_with_a_reason_until_it_is_reset() -> 
 
         stepper.call(reset, even_failed=True)
         stepper.step(10)
-        assert (stepper.count, stepper.failure) == (10, "")
+        assert (stepper.count, stepper.failure) == (11, "")
         stepper.close()
 
 

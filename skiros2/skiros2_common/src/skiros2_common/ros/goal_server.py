@@ -32,8 +32,8 @@ class GoalServer:
     """Takes goals and cancellations in their order. Subclasses say what becomes of them.
 
     actionlib calls with a lock held that other threads need to give feedback and results, so nothing is done in its
-    calls. Its status comes by the ROS clock; where that is simulated the thread tells it by the wall clock too, so that
-    clients do not take a server for lost while the world is paused.
+    calls. actionlib tells the status by the ROS clock; where that is simulated it is told by the wall clock here: clients
+    are not to take a server for lost when the world is paused or its clock begins anew.
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
@@ -44,6 +44,7 @@ class GoalServer:
         self._name = name
         self._most_results = most_results
         self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
         self._server = actionlib.ActionServer(
             name,
@@ -82,6 +83,9 @@ class GoalServer:
         """Takes goals from now on."""
         self._thread.start()
         self._server.start()
+        if not rospy.rostime.is_wallclock():
+            self._server.status_timer.shutdown()
+            threading.Thread(target=self._tell_status, name=f"{self._thread.name} status", daemon=True).start()
         # Before anybody is connected.
         self._server.result_pub.impl.set_queue_size(self._most_results)
         self._server.feedback_pub.impl.set_queue_size(_MOST_FEEDBACK)
@@ -103,20 +107,13 @@ class GoalServer:
             if act == self._take:
                 handle.set_rejected(result, message)
         self._flush()
+        self._closed.set()
         self._server.stop()
 
     # -- in the thread of the action -----------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        period = None if rospy.rostime.is_wallclock() else _STATUS_PERIOD
-        while True:
-            try:
-                request = self._requests.get(timeout=period)
-            except queue.Empty:
-                self._server.publish_status_async(None)
-                continue
-            if request is None:
-                return
+        while (request := self._requests.get()) is not None:
             act, handle = request
             try:
                 act(handle)
@@ -129,6 +126,10 @@ class GoalServer:
             handle.set_canceled(self._unserved(True, message), message)
         else:
             self._begin(handle)
+
+    def _tell_status(self) -> None:
+        while not self._closed.wait(_STATUS_PERIOD):
+            self._server.publish_status_async(None)
 
     # -- the end -------------------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from control_msgs.msg import (
 from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
-from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
+from skiros2_sim.core.cartesian_motion import INVALID_GOAL, CartesianGoal, CartesianMotion
 from skiros2_sim.core.gripper_motion import GripperMotion
 from skiros2_sim.core.joint_motion import JointMotion, JointState
 from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
@@ -78,7 +78,7 @@ class JointJob:
 
 def refused_trajectory(text: str) -> Any:
     """The result of a goal that was not carried out."""
-    return FollowJointTrajectoryResult(FollowJointTrajectoryResult.INVALID_GOAL, text)
+    return FollowJointTrajectoryResult(INVALID_GOAL, text)
 
 
 class CartesianJob:
@@ -141,7 +141,7 @@ class CartesianJob:
 
 def refused_motion(text: str) -> Any:
     """The result of a goal that was not carried out."""
-    result = CartesianMotionResult(error_code=CartesianMotionResult.INVALID_GOAL, error_string=text)
+    result = CartesianMotionResult(error_code=INVALID_GOAL, error_string=text)
     result.pose.pose = pose_message(IDENTITY)
     return result
 

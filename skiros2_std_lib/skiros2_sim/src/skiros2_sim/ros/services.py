@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, SetBoolResponse
 
-from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_sim.core.camera import Lens, looking_at, picture_from
 from skiros2_sim.core.perception import Detection, Noise, Source, detect, movable
 from skiros2_sim.core.scene_spec import BodySpec
@@ -26,6 +26,7 @@ from skiros2_sim.ros.telling import SimulatedClock
 from skiros2_sim_msgs import msg as msgs
 from skiros2_sim_msgs import srv as srvs
 from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
+from skiros2_world_model.core.ontology import Ontology
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ class Services:
 
     A request that cannot be is answered with `ok` False and the reason.
 
-    :param types: whether a class of the ontology is another one or under it; raises UnknownName.
+    :param ontology: knows the classes of things.
     :param reset: resets the world, to another seed unless that is None; called in the thread that steps.
     :param told: tells how the world is now; likewise.
     """
@@ -50,7 +51,7 @@ class Services:
         stepper: Stepper,
         clock: SimulatedClock,
         frames: Frames,
-        types: Callable[[str, str], bool],
+        ontology: Ontology,
         source: Source,
         noise: Noise,
         reset: Callable[[World, int | None], None],
@@ -59,7 +60,7 @@ class Services:
         self._stepper = stepper
         self._clock = clock
         self._frames = frames
-        self._types = types
+        self._ontology = ontology
         self._source = source
         self._noise = noise
         self._reset = reset
@@ -167,12 +168,13 @@ class Services:
     def _on_detect(self, request: Any) -> Any:
         reference = self._frames.reference(request.frame)
         for kind in request.types:
-            self._types(kind, kind)  # unknown ones are refused
+            if not self._ontology.has_class(kind):
+                raise UnknownName(f"there is no class {kind!r} in the ontology")
 
         def wanted(body: BodySpec) -> bool:
             if not request.types:
                 return movable(body)
-            return any(self._types(body.type, kind) for kind in request.types)
+            return any(self._ontology.is_subclass(body.type, kind) for kind in request.types)
 
         def look(world: World) -> tuple[Any, float]:
             found = detect(world, request.camera, wanted, self._source, self._noise)
@@ -222,30 +224,6 @@ def answered(response: Any, serve: Callable[[Any], Any]) -> Callable[[Any], Any]
     return answer
 
 
-def known_types(is_subclass: Callable[[str, str], bool], classes: Callable[[str], bool]) -> Callable[[str, str], bool]:
-    """
-    :param classes: whether the ontology has a class of that name.
-    :return: whether a class is another one or under it; raises UnknownName for one that is not known.
-    """
-
-    def check(child: str, parent: str) -> bool:
-        if not classes(parent):
-            raise UnknownName(f"there is no class {parent!r} in the ontology")
-        return is_subclass(child, parent)
-
-    return check
-
-
 def _detection(detection: Detection, back: Pose, header: Any) -> Any:
     pose = PoseStamped(header, pose_message(composed(back, detection.pose)))
     return msgs.Detection(detection.id, detection.type, detection.label, pose, detection.confidence)
-
-
-def checked_noise(value: Any, name: str) -> Noise:
-    """The noise of perception from one number: the standard deviation in m, and as many rad ten times over.
-
-    :raises WrongValue: it is no number of 0 to 1.
-    """
-    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value <= 1:
-        raise WrongValue(f"{name} is {value!r}, expected metres, 0 to 1")
-    return Noise(depth=float(value), position=float(value), angle=10.0 * float(value))

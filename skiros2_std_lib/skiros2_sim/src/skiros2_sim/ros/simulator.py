@@ -6,35 +6,31 @@ import logging
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import rospy
 from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
-from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
-from skiros2_sim.core.perception import Source
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
-from skiros2_sim.core.stepper import Stepper, checked_rate
+from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.cameras import Cameras
 from skiros2_sim.ros.controllers import Controllers
 from skiros2_sim.ros.device_server import Device, DeviceServer
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob, refused_motion, refused_trajectory
-from skiros2_sim.ros.services import Services, checked_noise, known_types
+from skiros2_sim.ros.options import Options, read_options
+from skiros2_sim.ros.services import Services
 from skiros2_sim.ros.telling import SimulatedClock, Telling
 from skiros2_sim_msgs.msg import CartesianMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
 from skiros2_world_model.ros.parameters import ontology_folder
 
 log = logging.getLogger(__name__)
-
-#: Pictures of each camera that somebody looks at, a second of simulated time.
-CAMERA_RATE = 5.0
 
 
 class Simulator:
@@ -42,20 +38,10 @@ class Simulator:
 
     :param world: it belongs to the simulator from now on.
     :param stepper: steps it; not started yet.
-    :param types: whether a class of the ontology is another one or under it; raises UnknownName.
-    :param source: what perception makes poses from.
-    :param camera_rate: Hz of simulated time; 0: no pictures on topics.
+    :param ontology: knows the classes of things.
     """
 
-    def __init__(
-        self,
-        world: World,
-        stepper: Stepper,
-        types: Any,
-        source: Source,
-        noise: Any,
-        camera_rate: float,
-    ) -> None:
+    def __init__(self, world: World, stepper: Stepper, ontology: Ontology, options: Options) -> None:
         self._world = world
         self._stepper = stepper
         self._clock = SimulatedClock(stepper)
@@ -68,11 +54,18 @@ class Simulator:
             Controllers(robot.spec, stepper, self._arms, self._devices) for robot in world.robots.values()
         ]
         self._telling = Telling(world, stepper, self._clock, self._frames)
-        self._cameras = Cameras(world, stepper, self._clock, self._frames, camera_rate)
+        self._cameras = Cameras(world, stepper, self._clock, self._frames, options.camera_rate)
         stepper.add_hook(self._telling.after_step)
         stepper.add_hook(self._cameras.after_step)
         self._services = Services(
-            stepper, self._clock, self._frames, types, source, noise, self._reset, self._telling.tell
+            stepper,
+            self._clock,
+            self._frames,
+            ontology,
+            options.detection,
+            options.noise,
+            self._reset,
+            self._telling.tell,
         )
 
     def start(self) -> None:
@@ -168,67 +161,28 @@ def main() -> None:
 
     :raises ConfigurationError: a parameter or the scene cannot be used.
     """
-    try:
-        rate = checked_rate(_number("~rate", 1.0))
-        noise = checked_noise(rospy.get_param("~noise", 0.0), rospy.resolve_name("~noise"))
-    except WrongValue as error:
-        raise ConfigurationError(f"{rospy.get_name()}: {error}") from None
-    camera_rate = _number("~camera_rate", CAMERA_RATE)
-    if not 0 <= camera_rate <= 240:
-        raise ConfigurationError(f"parameter {rospy.resolve_name('~camera_rate')} is {camera_rate}, expected 0 to 240")
-    seed = _number("~seed", 0)
-    if seed != int(seed) or seed < 0:
-        raise ConfigurationError(f"parameter {rospy.resolve_name('~seed')} is {seed}, expected 0 or a whole number")
-    kind = rospy.get_param("~detection", Source.CAMERA.value)
-    if kind not in [source.value for source in Source]:
-        raise ConfigurationError(f"parameter {rospy.resolve_name('~detection')} is {kind!r}, expected camera or truth")
-    types, world = _world(int(seed), _window())
+    options = read_options(rospy.get_param)
+    folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
+    initial = [("scene", options.scene)] if options.scene else []
+    model = WorldModel(ontology_folder(), folder, initial=initial)
+    elements = LocalWorldModel("simulator", model).get_scene()
+    scene = read_scene(elements, model.ontology.is_subclass, (folder,))
+    world = World(scene, options.seed, options.gui and _window_opens())
     for problem in world.problems:
         log.warning("%s", problem)
-    stepper = Stepper(world, rate, bool(rospy.get_param("~paused", False)))
-    simulator = Simulator(world, stepper, types, Source(kind), noise, camera_rate)
+    simulator = Simulator(world, Stepper(world, options.rate, options.paused), model.ontology, options)
     rospy.on_shutdown(simulator.close)
     simulator.start()
-    log.info(
-        "the simulated world is ready: %d things, robots: %s",
-        len(world.bodies),
-        ", ".join(robot.name for robot in world.robots.values()) or "none",
-    )
+    robots = ", ".join(robot.name for robot in world.robots.values()) or "none"
+    log.info("the simulated world is ready: %d things, robots: %s", len(world.bodies), robots)
     rospy.spin()
 
 
-def _world(seed: int, gui: bool) -> tuple[Any, World]:
-    """What knows the classes, and the world.
-
-    :raises ConfigurationError: the scene cannot be read.
-    """
-    text = str(rospy.get_param("~workspace", "")).strip()
-    folder = Path(text).expanduser() if text else ontology_folder()
-    scene = str(rospy.get_param("~scene", "")).strip()
-    initial = [("scene", scene)] if scene else []
-    model = LocalWorldModel("simulator", WorldModel(ontology_folder(), folder, initial=initial))
-    spec = read_scene(model.get_scene(), model.is_subclass, (folder,))
-    classes = frozenset(model.get_sub_classes("owl:Thing"))
-    return known_types(model.is_subclass, classes.__contains__), World(spec, seed, gui)
-
-
-def _window() -> bool:
-    """Whether PyBullet's window is wanted and can be opened. One that cannot ends the process: so it is tried out."""
-    if not rospy.get_param("~gui", False):
-        return False
+def _window_opens() -> bool:
+    """Whether PyBullet can open its window; says so when it cannot. It would end the process: another one tries."""
     program = "import pybullet; print('opened' if pybullet.connect(pybullet.GUI) >= 0 else 'refused')"
     tried = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
     if tried.stdout.rstrip().endswith("opened"):
         return True
     log.warning("PyBullet cannot open its window (is there a display?): the simulator goes on without")
     return False
-
-
-def _number(name: str, default: float) -> float:
-    """
-    :raises ConfigurationError: the parameter is no number.
-    """
-    value = rospy.get_param(name, default)
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        raise ConfigurationError(f"parameter {rospy.resolve_name(name)} is {value!r}, expected a number")
-    return float(value)

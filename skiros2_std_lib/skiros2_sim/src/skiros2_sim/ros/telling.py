@@ -93,13 +93,10 @@ class Telling:
         self._contacts = rospy.Publisher("~contacts", Contacts, queue_size=10, latch=True)
         self._pairs: list[tuple[str, str]] = []
         self._contacts_told = 0
+        self._state_told = -1
         self._sensors: list[tuple[LateTopic, Callable[[], Any]]] = []
         for robot in world.robots.values():
             self._add_sensors(robot)
-
-    def start(self) -> None:
-        """Tells how things are before the first step."""
-        self.tell()
 
     def after_step(self) -> None:
         """Tells what is due."""
@@ -136,6 +133,9 @@ class Telling:
         self._sensors.append((topic, lambda: message(eid)))
 
     def _tell_state(self) -> None:
+        if self._state_told == self._stepper.count:
+            return  # tf takes no other transform of the same time
+        self._state_told = self._stepper.count
         now = self._clock.now
         for parent, name, pose in self._frames.now(self._world):
             self._packed.put(name, parent, name, pose)

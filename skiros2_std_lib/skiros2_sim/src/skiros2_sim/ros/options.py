@@ -1,0 +1,75 @@
+"""The private parameters of the simulator's node."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.perception import EXACT, Noise, Source
+from skiros2_sim.core.stepper import FASTEST
+from skiros2_sim.core.world import RATE
+
+#: Pictures of each camera that somebody looks at, a second of simulated time.
+CAMERA_RATE = 5.0
+_HIGHEST_SEED = 2**53
+
+
+@dataclass(frozen=True)
+class Options:
+    """
+    :param scene: file in the workspace; "": an empty world.
+    :param workspace: folder of the user's ontologies, scenes and models; "": that of the platform's ontologies.
+    :param seed: of all that is random.
+    :param rate: times real time; 0: as fast as it can.
+    :param paused: time stands still at first.
+    :param gui: PyBullet's window.
+    :param camera_rate: Hz of simulated time; 0: no pictures on topics.
+    :param detection: what perception makes poses from.
+    :param noise: of perception.
+    """
+
+    scene: str = ""
+    workspace: str = ""
+    seed: int = 0
+    rate: float = 1.0
+    paused: bool = False
+    gui: bool = False
+    camera_rate: float = CAMERA_RATE
+    detection: Source = Source.CAMERA
+    noise: Noise = EXACT
+
+
+def read_options(get: Callable[[str, Any], Any]) -> Options:
+    """
+    :param get: gives a parameter, or the default when it is not set, as `rospy.get_param`.
+    :raises ConfigurationError: one cannot be used.
+    """
+    seed = _number(get, "~seed", 0, _HIGHEST_SEED)
+    if seed != int(seed):
+        raise ConfigurationError(f"parameter ~seed is {seed}, expected a whole number")
+    kinds = [source.value for source in Source]
+    detection = get("~detection", Source.CAMERA.value)
+    if detection not in kinds:
+        raise ConfigurationError(f"parameter ~detection is {detection!r}, expected {' or '.join(kinds)}")
+    metres = _number(get, "~noise", 0.0, 1.0)
+    return Options(
+        scene=str(get("~scene", "")).strip(),
+        workspace=str(get("~workspace", "")).strip(),
+        seed=int(seed),
+        rate=_number(get, "~rate", 1.0, FASTEST),
+        paused=bool(get("~paused", False)),
+        gui=bool(get("~gui", False)),
+        camera_rate=_number(get, "~camera_rate", CAMERA_RATE, RATE),
+        detection=Source(detection),
+        noise=Noise(depth=metres, position=metres, angle=10 * metres),
+    )
+
+
+def _number(get: Callable[[str, Any], Any], name: str, default: float, most: float) -> float:
+    value = get(name, default)
+    if not isinstance(value, int | float) or isinstance(value, bool) or math.isnan(value) or not 0 <= value <= most:
+        raise ConfigurationError(f"parameter {name} is {value!s:.40}, expected a number, 0 to {most:g}")
+    return float(value)

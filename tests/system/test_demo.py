@@ -1,4 +1,4 @@
-"""The demo, as `make demo` runs it: from nothing to a proven pick-and-place, with nothing left behind."""
+"""The demo with motions that only take time: from nothing to a proven pick-and-place, with nothing left behind."""
 
 from __future__ import annotations
 
@@ -11,61 +11,20 @@ from pathlib import Path
 import pytest
 
 from skiros2_demo.run_check import check, read_run
-from support.programs import ProcessId, Program, descendants
-from support.ros import install_environment, wait_until
-
-
-class Run:
-    """One run of the demo with folders of its own."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.temporary = folder / "tmp"
-        self.temporary.mkdir()
-        self.env = {**install_environment(), "TMPDIR": str(self.temporary), "HOME": str(folder)}
-        self.env.pop("ROS_MASTER_URI", None)
-        self.program: Program | None = None
-        self.family: list[ProcessId] = []
-
-    @property
-    def bag(self) -> Path:
-        return self.folder / "demo" / "run.bag"
-
-    def start(self, *arguments: str) -> Program:
-        command = [
-            "rosrun",
-            "skiros2_sim_skills",
-            "pick_place_demo",
-            "--folder",
-            str(self.folder / "demo"),
-            "--timed",
-            *arguments,
-        ]
-        self.program = Program(command, self.env, cwd=self.folder)
-        return self.program
-
-    def end(self, *arguments: str, timeout: float = 60.0) -> tuple[int, str]:
-        """Runs it to its end; gives status and output."""
-        program = self.start(*arguments)
-        return program.wait(timeout), program.output
-
-    def check_run(self, bag: Path) -> tuple[int, str]:
-        checker = Program(["rosrun", "skiros2_sim_skills", "check_run", str(bag)], self.env)
-        return checker.wait(), checker.output
-
-    def nothing_left(self) -> bool:
-        return not any(process.running for process in self.family) and list(self.temporary.iterdir()) == []
+from support.demo_run import DemoRun
+from support.programs import descendants
+from support.ros import wait_until
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[Run]:
-    run = Run(tmp_path)
+def run(tmp_path: Path) -> Iterator[DemoRun]:
+    run = DemoRun(tmp_path, "--timed")
     yield run
     if run.program is not None:
         run.program.stop()
 
 
-def test_product_a_gets_into_tray_b_as_the_bag_alone_proves(run: Run) -> None:
+def test_product_a_gets_into_tray_b_as_the_bag_alone_proves(run: DemoRun) -> None:
     program = run.start()
     program.wait_for_line("The tree as it runs")
     run.family = descendants(program.pid)
@@ -88,14 +47,14 @@ def test_product_a_gets_into_tray_b_as_the_bag_alone_proves(run: Run) -> None:
     assert all(finding.holds for finding in check(recorded))
 
 
-def test_a_goal_that_is_reached_already_runs_nothing(run: Run) -> None:
+def test_a_goal_that_is_reached_already_runs_nothing(run: DemoRun) -> None:
     status, shown = run.end("--product", "Product A", "--tray", "Tray A")
     assert status == 0, shown
     assert "  nothing to do" in shown
     assert "The tree as it runs" not in shown
 
 
-def test_ctrl_c_in_the_middle_ends_everything(run: Run) -> None:
+def test_ctrl_c_in_the_middle_ends_everything(run: DemoRun) -> None:
     program = run.start()
     program.wait_for_line("▶ move_base_timed")
     run.family = descendants(program.pid)
@@ -108,7 +67,7 @@ def test_ctrl_c_in_the_middle_ends_everything(run: Run) -> None:
 
 
 @pytest.mark.parametrize("line", ["Starting a system", "are ready"])
-def test_a_request_to_terminate_does_so_at_any_time(run: Run, line: str) -> None:
+def test_a_request_to_terminate_does_so_at_any_time(run: DemoRun, line: str) -> None:
     program = run.start()
     program.wait_for_line(line)
     run.family = descendants(program.pid)
@@ -117,7 +76,7 @@ def test_a_request_to_terminate_does_so_at_any_time(run: Run, line: str) -> None
     wait_until(run.nothing_left, 5)
 
 
-def test_a_port_in_use_is_named(run: Run) -> None:
+def test_a_port_in_use_is_named(run: DemoRun) -> None:
     with socket.create_server(("localhost", 0)) as taken:
         port = taken.getsockname()[1]
         status, shown = run.end("--port", str(port))
@@ -132,7 +91,7 @@ def test_a_port_in_use_is_named(run: Run) -> None:
         (["--scene", "missing.ttl"], "missing.ttl"),
     ],
 )
-def test_what_is_not_there_is_named(run: Run, arguments: list[str], culprit: str) -> None:
+def test_what_is_not_there_is_named(run: DemoRun, arguments: list[str], culprit: str) -> None:
     status, shown = run.end(*arguments)
     assert status == 1
     (line,) = [line for line in shown.splitlines() if line.startswith("pick_place_demo: ")]
@@ -140,12 +99,12 @@ def test_what_is_not_there_is_named(run: Run, arguments: list[str], culprit: str
     assert run.nothing_left()
 
 
-def test_no_way_to_the_goal_is_told(run: Run) -> None:
+def test_no_way_to_the_goal_is_told(run: DemoRun) -> None:
     status, shown = run.end("--product", "Workstation 1", "--tray", "Tray B")
     assert status == 1
     assert re.search(r"pick_place_demo: the goal was not reached \(impossible after .* s\): no plan", shown)
 
 
-def test_the_checker_names_a_bag_that_is_not_there(run: Run) -> None:
+def test_the_checker_names_a_bag_that_is_not_there(run: DemoRun) -> None:
     status, shown = run.check_run(run.folder / "none.bag")
     assert (status, shown) == (2, f"check_run: {run.folder / 'none.bag'}: there is no such file")

@@ -1,0 +1,92 @@
+"""The demo in the simulated world, as `make demo` runs it, and what disturbs it: the goal is reached all the same."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from support.demo_run import DemoRun
+from support.programs import descendants
+from support.ros import wait_until
+
+#: What is true at the end, in the bag and in the simulated world.
+PROOF = (
+    "at the end: Product A is in Tray B",
+    "Product A is within Tray B",
+    "it stands on it",
+    "it is upright",
+    "it is at rest",
+    "no robot touches it",
+)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[DemoRun]:
+    run = DemoRun(tmp_path)
+    yield run
+    if run.program is not None:
+        run.program.stop()
+
+
+def proven(shown: str) -> None:
+    assert "✗ " not in shown.partition("\nProof from the bag alone")[2], shown
+    for words in PROOF:
+        assert re.search(rf"^  ✓ {words}", shown, re.MULTILINE), f"not proven: {words}\n{shown}"
+
+
+def test_a_product_gets_into_the_other_tray_in_the_world_model_and_in_truth(run: DemoRun) -> None:
+    program = run.start("--seed", "3")
+    program.wait_for_line("The tree as it runs", 60)
+    run.family = descendants(program.pid)
+    status = program.wait(90)
+    shown = program.output
+    assert status == 0, shown
+    plan = re.findall(r"^  \d\. (\w+)", shown, re.MULTILINE)
+    assert plan == ["drive", "look", "pick", "drive", "look", "place"]
+    proven(shown)
+    for moment in ("before", "during", "after"):
+        for of, size in (("cell", (640, 480)), ("robot", (320, 240))):
+            picture = Image.open(run.folder / "demo" / f"{moment}_{of}.png")
+            assert picture.size == size
+            assert len(picture.getcolors(1 << 20)) > 5, f"there is nothing in the picture {moment} of the {of}"
+    status, checked = run.check_run(run.bag)
+    assert status == 0, checked
+    assert run.nothing_left()
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "told", "reason"),
+    [
+        ("moved", "somebody puts Product A into Tray C", r"Planned anew, for .*"),
+        ("slip", "Gripper loses its grip", r"Planned anew, for .*pick.* has failed"),
+    ],
+)
+def test_a_disturbance_is_noticed_and_the_goal_reached_on_another_way(
+    run: DemoRun, disturbance: str, told: str, reason: str
+) -> None:
+    status, shown = run.end("--no-pictures", "--disturb", disturbance, timeout=100)
+    assert status == 0, shown
+    assert f"  ! {told}\n" in shown
+    assert re.search(reason, shown), shown
+    proven(shown)
+
+
+def test_ctrl_c_while_the_robot_drives_ends_everything_in_order(run: DemoRun) -> None:
+    program = run.start("--no-pictures")
+    program.wait_for_line("▶ drive", 60)
+    run.family = descendants(program.pid)
+    program.interrupt()
+    assert program.wait(40) == 128 + signal.SIGINT
+    assert "pick_place_demo: stopped" in program.output
+    wait_until(run.nothing_left, 5)
+
+
+def test_a_window_or_a_disturbance_without_a_simulated_world_is_refused(run: DemoRun) -> None:
+    status, shown = run.end("--timed", "--disturb", "slip")
+    assert status == 2
+    assert "--timed has no simulated world to disturb or to show" in shown

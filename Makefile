@@ -14,8 +14,8 @@ build:  ## build and install anew, also when nothing has changed
 	@rm -rf build install
 	@.ci/setup
 
-demo: setup  ## plan and run the pick-and-place on real nodes, and prove its end state from the bag
-	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo --timed
+demo: setup  ## a simulated robot picks and places; GUI=1 shows it in a window, DEMO_ARGS="--disturb slip" disturbs it
+	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo $(if $(filter-out 0 false no,$(GUI)),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
 test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)

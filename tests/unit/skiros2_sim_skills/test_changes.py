@@ -53,6 +53,8 @@ def test_a_new_pose_is_one_line() -> None:
 
     expected = ["Product A is at (0.50, 0.00, 0.10) m in the frame of what it hangs on"]
     assert changes(at(0.0, 0.0), at(0.5, 0.7)) == expected
+    assert changes(at(0.5, 0.0), at(0.5, 0.7)) == expected
+    assert changes(at(0.5, 0.7), at(0.503, 0.704)) == [], "as a camera sees it from look to look"
 
 
 def test_new_and_removed_things_and_other_relations_are_told() -> None:

@@ -50,10 +50,21 @@ def test_the_steps_come_with_their_states(story: Story) -> None:
 
 def test_why_it_is_planned_anew_is_told_with_the_new_plan(story: Story, out: io.StringIO) -> None:
     story.feedback(feedback("running", "", PLAN))
-    story.feedback(feedback("planning", "1 pick has failed: nothing in the gripper", PLAN))
+    story.feedback(feedback("planning", "the world has become such that the plan does not lead to the goal", PLAN))
     story.feedback(feedback("running", "a plan of 2 steps", AGAIN))
-    assert story.reasons == ["1 pick has failed: nothing in the gripper"]
-    assert "\nPlanned anew, for 1 pick has failed: nothing in the gripper\n  1. pick" in out.getvalue()
+    assert story.reasons == ["the world has become such that the plan does not lead to the goal"]
+    assert "\nPlanned anew, for the world has become such" in out.getvalue()
+    assert out.getvalue().count("1. pick") == 2
+
+
+def test_the_reason_is_what_the_step_says_with_names_for_ids(story: Story) -> None:
+    story.feedback(feedback("running", "", PLAN, "running"))
+    failed = feedback("planning", "step 1 (much text) has failed", PLAN, "failed")
+    message = f"skiros:Pick-pick(Failure): {TRAY_B}-Tray B holds no {PRODUCT}"
+    failed.steps = json.dumps([{"number": 1, "state": "failed", "message": message}])
+    story.feedback(failed)
+    story.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert story.reasons == ["pick has failed: Tray B holds no Product A"]
 
 
 def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:

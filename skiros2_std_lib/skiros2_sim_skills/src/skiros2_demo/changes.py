@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections import defaultdict
 from typing import Any
 
 from skiros2_demo.world_state import Thing, WorldState
@@ -15,6 +15,8 @@ _PLACES = {
     "skiros:at": ("subject", "at"),
 }
 _POSE = re.compile(r"skiros:(Position|Orientation)[XYZW]$")
+#: Numbers of poses (m; parts of quaternions) that differ by less are the same.
+_SAME = 0.01
 #: Set anew with every pose.
 _BOOKKEEPING = ("skiros:BaseFrameId", "skiros:TfTimeStamp")
 
@@ -64,24 +66,25 @@ def _relations(thing_id: str, before: WorldState, after: WorldState) -> list[str
 
 
 def _properties(was: Thing, now: Thing) -> list[str]:
-    facts, moved = [], defaultdict(bool)
+    facts = []
     for key in sorted({*was.properties, *now.properties}):
         old, new = was.properties.get(key, []), now.properties.get(key, [])
-        if old == new or key in _BOOKKEEPING:
-            continue
-        if _POSE.match(key):
-            moved["pose"] = True
-        else:
+        if old != new and key not in _BOOKKEEPING and not _POSE.match(key):
             facts.append(f"has {key.rpartition(':')[2]} {_shown(new)}; it was {_shown(old)}")
-    if moved["pose"]:
-        position = ", ".join(f"{_number(now, axis):.2f}" for axis in "XYZ")
+    if _has_moved(was, now):
+        position = ", ".join(f"{_number(now, f'Position{axis}'):z.2f}" for axis in "XYZ")
         facts.append(f"is at ({position}) m in the frame of what it hangs on")
     return facts
 
 
-def _number(thing: Thing, axis: str) -> float:
-    values = thing.properties.get(f"skiros:Position{axis}", [])
-    return float(values[0]) if values else float("nan")
+def _has_moved(was: Thing, now: Thing) -> bool:
+    """Whether the pose is another one, by more than what a camera may see differently from look to look."""
+    keys = [f"{part}{axis}" for part, axes in (("Position", "XYZ"), ("Orientation", "XYZW")) for axis in axes]
+    return not all(math.isclose(_number(was, key), _number(now, key), rel_tol=0.0, abs_tol=_SAME) for key in keys)
+
+
+def _number(thing: Thing, key: str) -> float:
+    return float(next(iter(thing.properties.get(f"skiros:{key}", [])), 0.0))
 
 
 def _shown(values: list[Any]) -> str:

@@ -98,8 +98,8 @@ class Simulation:
         except rospy.ROSException:
             raise TimedOut(f"no picture came on {topic} within {PICTURE_TIMEOUT:g} s") from None
 
-    def _call(self, name: str, kind: Any, **request: Any) -> Any:
-        answer = rospy.ServiceProxy(f"sim/{name}", kind)(**request)
+    def _call(self, name: str, service: Any, **request: Any) -> Any:
+        answer = rospy.ServiceProxy(f"sim/{name}", service)(**request)
         if not answer.ok:
             raise Refused(f"sim/{name}: {answer.message}")
         return answer

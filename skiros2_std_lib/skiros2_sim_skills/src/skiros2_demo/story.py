@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
 from skiros2_common.command_line.layout import Screen
-from skiros2_demo.plan_text import Step, plan_lines, steps_of
+from skiros2_demo.plan_text import Step, name_of, plan_lines, steps_of
 from skiros2_skill.command_line.tree import has_ended
 from skiros2_skill.command_line.watching import LineView, LiveView, View
+
+_ID = re.compile(r"\b\w+:\w+-\d+\b")
+_NODES = re.compile(r"^(\S+\(\w+\): )+")
 
 
 class Story:
@@ -47,10 +51,14 @@ class Story:
         if feedback.phase == feedback.PLANNING and feedback.message:
             self._planning = feedback.message
         plan = steps_of(feedback.plan)
+        states = {step["number"]: step for step in steps_of(feedback.steps)}
+        for step in plan:
+            told = states.get(step["number"], {})
+            if told.get("state") == "failed":
+                self._planning = f"{name_of(step)} has failed: {_plain(told.get('message', ''))}"
         new = [step for step in plan if step["number"] > self._known]
         if new:
             self._tell_plan(new)
-        states = {step["number"]: step for step in steps_of(feedback.steps)}
         return [{**step, **states.get(step["number"], {"state": "waiting"})} for step in plan]
 
     def begin(self) -> None:
@@ -87,10 +95,23 @@ class Story:
         again = self._known > 0
         self._known = max(step["number"] for step in new)
         if again:
-            self.reasons.append(self._planning)
-            self.title(f"Planned anew, for {self._planning}")
+            reason = self._named(self._planning)
+            self.reasons.append(reason)
+            self.title(f"Planned anew, for {reason}")
         else:
             self.title(f"Plan ({time.monotonic() - self._began_at:.1f} s)")
         for line in plan_lines(new, self._name):
             self.say(f"  {line}")
         self.title("The tree as it runs" if not again else "It goes on")
+
+    def _named(self, text: str) -> str:
+        """A text with names where it has ids, alone or with the labels behind them."""
+        for thing in set(_ID.findall(text)):
+            name = self._name(thing)
+            text = text.replace(f"{thing}-{name}", name).replace(thing, name)
+        return text
+
+
+def _plain(message: str) -> str:
+    """A message without the names of the nodes that it came through."""
+    return _NODES.sub("", message)

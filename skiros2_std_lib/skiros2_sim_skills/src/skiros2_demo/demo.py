@@ -30,6 +30,7 @@ from skiros2_demo.world_state import Thing, WorldState
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
 from skiros2_msgs.srv import ResourceGetDescriptions
 from skiros2_sim.core.names import COLOUR, part_name
+from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
@@ -44,6 +45,8 @@ TOPICS = (
     "/tf_static",
     "/rosout",
 )
+#: Of the depth that the robot's camera measures (m, standard deviation).
+NOISE = 0.002
 DISTURBANCES = ("moved", "slip")
 _DISTURB = (
     "what goes wrong: somebody puts the product into another tray while the robot drives (moved), or the gripper loses "
@@ -130,6 +133,8 @@ class Demo:
 
     def _prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
         chance = Random(self._options.seed)
+        if self._options.seed:
+            simulation.put(product.id, _aside(simulation.pose_of(product.id), chance))
         if self._options.disturb == "moved":
             self._disturbance = Moved(simulation, self._world, product.id, tray.id, chance)
         elif self._options.disturb == "slip":
@@ -237,7 +242,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
     parser.add_argument("--timed", action="store_true", help="no simulated world: motions that only take time")
     parser.add_argument("--disturb", choices=DISTURBANCES, help=_DISTURB)
-    parser.add_argument("--seed", type=int, default=0, help="of all that is left to chance (%(default)s)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="of all that is left to chance; 0 leaves the product where the scene has it (%(default)s)",
+    )
     parser.add_argument("--rate", type=float, default=3.0, help="simulated time, times real time (%(default)s)")
     parser.add_argument("--gui", action="store_true", help="show the simulated world in a window")
     parser.add_argument("--no-pictures", dest="pictures", action="store_false", help="save none")
@@ -256,7 +266,14 @@ def _launch(options: argparse.Namespace) -> list[str]:
     if options.timed:
         return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
     simulated = [f"seed:={options.seed}", f"rate:={options.rate}", f"sim_gui:={str(options.gui).lower()}"]
+    simulated.append(f"noise:={NOISE}")
     return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *scene]
+
+
+def _aside(pose: Pose, chance: Random) -> Pose:
+    """A pose some centimetres beside another one, turned about the vertical: where people really put things."""
+    x, y, turn = (chance.uniform(-reach, reach) for reach in (0.03, 0.03, 0.4))
+    return composed(pose, Pose((x, y, 0.0), from_euler(0.0, 0.0, turn)))
 
 
 def _wait_until_ready(system: System, simulation: Simulation | None) -> Any:

@@ -52,6 +52,14 @@ class StandInDrivers:
         scripted = self._scripted.get(name)
         return scripted.pop(0)(goal) if scripted else self._usual(name, goal)
 
+    def start(self, client: Client, goal: Any) -> None:
+        """Takes the goal of an action."""
+        client.end(self.take(client.name, goal))
+
+    def cancel(self, client: Client) -> None:
+        """Takes the cancellation of a goal."""
+        self.goals.append((client.name, "cancel"))
+
     def sent_to(self, name: str) -> list[Any]:
         """The goals of one action, or requests of one service."""
         return [goal for there, goal in self.goals if there == name]
@@ -107,25 +115,31 @@ class StandInDrivers:
         return response
 
 
-class _Client:
-    """An action client as `PrimitiveActionClient` uses it, which answers with the goal."""
+class Client:
+    """An action client as `PrimitiveActionClient` uses it."""
 
     def __init__(self, drivers: StandInDrivers, name: str) -> None:
-        self._drivers, self._name = drivers, name
-        self._answer: Answer = (0, None, "")
+        self._drivers, self.name = drivers, name
+        self._answer: Answer = (GoalStatus.ACTIVE, None, "")
+        self._done: Callable[[int, Any], None] = lambda status, result: None
         self.gh = SimpleNamespace(get_comm_state=lambda: CommState.ACTIVE)
         self.action_client = SimpleNamespace(ns=name, stop=lambda: None)
 
+    def end(self, answer: Answer) -> None:
+        """What the driver answers; a goal that is active still has none yet."""
+        self._answer = answer
+        if answer[0] != GoalStatus.ACTIVE:
+            self._done(answer[0], answer[1])
+
     def send_goal(self, goal: Any, done_cb: Any, feedback_cb: Any) -> None:
-        self._answer = self._drivers.take(self._name, goal)
-        if self._answer[0] != GoalStatus.ACTIVE:
-            done_cb(self._answer[0], self._answer[1])
+        self._done = done_cb
+        self._drivers.start(self, goal)
 
     def cancel_goal(self) -> None:
-        self._drivers.goals.append((self._name, "cancel"))
+        self._drivers.cancel(self)
 
     def stop_tracking_goal(self) -> None:
-        """Nothing is tracked."""
+        self._done = lambda status, result: None
 
     def get_goal_status_text(self) -> str:
         return self._answer[2]
@@ -147,7 +161,7 @@ class _Proxy:
 class _Watch:
     """A server that is there."""
 
-    def __init__(self, client: _Client) -> None:
+    def __init__(self, client: Client) -> None:
         self.name = client.action_client.ns
 
     def is_connected(self) -> bool:
@@ -165,7 +179,7 @@ def install(monkeypatch: pytest.MonkeyPatch, drivers: StandInDrivers) -> None:
     from skiros2_sim_skills import drivers as module
     from skiros2_std_skills import action_client_primitive
 
-    monkeypatch.setattr(module.actionlib, "SimpleActionClient", lambda name, kind: _Client(drivers, name))
+    monkeypatch.setattr(module.actionlib, "SimpleActionClient", lambda name, kind: Client(drivers, name))
     monkeypatch.setattr(action_client_primitive, "ServerWatch", _Watch)
     monkeypatch.setattr(rospy, "ServiceProxy", lambda name, kind: _Proxy(drivers, name))
 

@@ -12,13 +12,12 @@ from collections.abc import Iterable, Mapping
 from io import BytesIO
 from typing import Any
 
-import genpy
 import rosgraph
 import rospy
 
 from skiros2_bags.core.bag_writer import BagWriter
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.selection import Selection, action_topics
+from skiros2_bags.core.selection import Selection, action_topics, is_graph_name
 from skiros2_bags.ros.scene_start import SceneStart, actions_named
 from skiros2_msgs import msg as msgs
 
@@ -137,9 +136,9 @@ class Recorder:
         """Writes what has come, until the end."""
         try:
             self._write_all()
-        except BagError as error:
-            self.problem = str(error)
-            log.error("%s; the recording ends here", error)
+        except Exception as error:
+            self.problem = str(error) if isinstance(error, BagError) else f"{self._writer.path}: {error!r}"
+            log.exception("the recording ends here")
             rospy.signal_shutdown(self.problem)
 
     def _write_all(self) -> None:
@@ -168,12 +167,12 @@ class Recorder:
         self._writer.write(topic, header, stamp, data)
 
     def _listen_to_manager(self, data: bytes) -> None:
-        """Listens to a manager that has named itself, which the master may tell of only later."""
+        """Listens to a manager that has named itself."""
         name = data[4:].decode("utf-8", "replace")
-        try:
-            self._listen(topic for topic in self._selection.named([name]) if rospy.names.is_legal_name(topic))
-        except (genpy.MessageException, rospy.ROSException) as error:
-            log.warning("a skill manager of the name %r: %s", name, error)
+        if is_graph_name(name):
+            self._listen(self._selection.named([name]))
+        else:
+            log.warning("%r on %s is no name of a skill manager", name, _DESCRIPTION)
 
 
 def _change(data: bytes) -> Any:

@@ -1,4 +1,4 @@
-"""The whole scene at the start of a bag: where the world model has told it before the recorder was there, it is asked."""
+"""The whole scene at the start of a bag: the world model is asked where it has told it before the recorder was there."""
 
 from __future__ import annotations
 

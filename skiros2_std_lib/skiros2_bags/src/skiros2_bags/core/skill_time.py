@@ -15,13 +15,13 @@ class SkillTime:
     :param start: when it was first told to run (s since the epoch); when its end was told, if it had ended by then.
     :param end: when its end was told, or the last that was told of a task that did not end.
     :param state: `SUCCESS` or `FAILURE`; `RUNNING` when it was still running; `IDLE` when it was stopped.
-    :param depth: of its node; skills that the task itself names have 1.
+    :param path: the names of the skills that it is a part of, from the one that the task names, and its own.
     """
 
     robot: str
     task_id: int
     node_id: int
-    depth: int
+    path: tuple[str, ...]
     label: str
     type: str
     start: float
@@ -29,6 +29,11 @@ class SkillTime:
     state: int
     code: int
     message: str
+
+    @property
+    def depth(self) -> int:
+        """Of its node; skills that the task itself names have 1."""
+        return len(self.path)
 
     @property
     def duration(self) -> float:
@@ -43,7 +48,7 @@ class SkillTime:
 def skill_times(tasks: Iterable[TaskTrace]) -> list[SkillTime]:
     """The runs of all skills, by task, each after that of the skill it is a part of; ordered by start."""
     runs = [run for task in tasks for node in task.nodes.values() if node.depth > 0 for run in _runs(task, node)]
-    return sorted(runs, key=lambda run: (run.start, run.robot, run.task_id, run.depth))
+    return sorted(runs, key=lambda run: (run.start, run.robot, run.task_id, run.node_id))
 
 
 def _runs(task: TaskTrace, node: NodeTrace) -> Iterator[SkillTime]:
@@ -64,4 +69,5 @@ def _runs(task: TaskTrace, node: NodeTrace) -> Iterator[SkillTime]:
 
 
 def _run(task: TaskTrace, node: NodeTrace, start: float, end: float, state: int, code: int, message: str) -> SkillTime:
-    return SkillTime(task.robot, task.id, node.id, node.depth, node.name, node.type, start, end, state, code, message)
+    path = task.path(node)
+    return SkillTime(task.robot, task.id, node.id, path, node.name, node.type, start, end, state, code, message)

@@ -95,6 +95,14 @@ class TaskTrace:
         """What its root said last."""
         return self.root.states[-1].message
 
+    def path(self, node: NodeTrace) -> tuple[str, ...]:
+        """The names of the nodes from below the root to one."""
+        names: list[str] = []
+        while node.depth > 0:
+            names.append(node.name)
+            node = self.nodes[node.parent_id]
+        return tuple(reversed(names))
+
 
 def task_traces(messages: Iterable[Message]) -> list[TaskTrace]:
     """The tasks of all managers, in the order in which they began.

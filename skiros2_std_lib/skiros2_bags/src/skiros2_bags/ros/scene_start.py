@@ -1,4 +1,4 @@
-"""The whole scene at the start of a bag: the world model is asked where it has told it before the recorder was there."""
+"""The whole scene at the start of a bag: where it was told before the recorder was there, the world model is asked."""
 
 from __future__ import annotations
 

@@ -1,0 +1,214 @@
+"""The commands that tell what is in a bag: show, check, tasks and skills."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+from skiros2_bags.core.checking import check
+from skiros2_bags.core.contract_types import MONITOR, PROGRESS
+from skiros2_bags.core.moments import local_time, relative
+from skiros2_bags.core.run import Run
+from skiros2_bags.core.skill_time import SkillTime
+from skiros2_bags.core.task_trace import FAILURE, STATES, SUCCESS, TaskTrace
+from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.layout import Branch, Screen, table, tree
+from skiros2_common.core.names import local_name
+
+_MARKS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
+
+
+def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """What is in a bag: how long it is, the goals, the tasks, the actions, the world model."""
+    counts = Counter(message.topic for message in run.messages())
+    lines = [
+        screen.fitted(
+            f"{run.path}: {run.end - run.start:.1f} s from {local_time(run.start)}, {counts.total()} messages"
+        )
+    ]
+    lines += [screen.fitted(run.damage)] if run.damage else []
+    lines += _section("goals", table(screen, _goal_rows(run), ("at s", "took s", "of", "outcome", "goal")))
+    tasks = run.tasks() if PROGRESS in run.topics.values() else []
+    rows = [_task_row(task, run) for task in tasks]
+    lines += _section("tasks", table(screen, rows, ("at s", "took s", "robot", "task", "skills", "outcome")))
+    lines += _section("actions", table(screen, _action_rows(run), ("action", "goals", "outcomes")))
+    if MONITOR in run.topics.values():
+        lines += _section("world model", [screen.fitted(line) for line in _world_lines(run)])
+    if arguments.topics:
+        rows = [(topic, kind, str(counts[topic])) for topic, kind in sorted(run.topics.items())]
+        lines += _section("topics", table(screen, rows, ("topic", "type", "messages")))
+    return Answer(lines, lambda: _run_json(run, tasks, counts))
+
+
+def _section(title: str, lines: list[str]) -> list[str]:
+    """Some lines under a title; nothing where a table has no rows."""
+    return ["", f"{title}:", *(f"  {line}" for line in lines)] if len(lines) > 2 or title == "world model" else []
+
+
+def _goal_rows(run: Run) -> Iterable[tuple[str, ...]]:
+    for goal in run.goals():
+        took = f"{goal.end - goal.time:.2f}" if goal.end is not None else ""
+        outcome = goal.state or goal.call.status_name
+        yield relative(goal.time, run), took, goal.call.name, outcome, goal.goals
+
+
+def _task_row(task: TaskTrace, run: Run) -> tuple[str, ...]:
+    skills = ", ".join(node.name for node in task.nodes.values() if node.depth == 1)
+    state = STATES.get(task.root.state, "") if task.has_ended else "not ended"
+    outcome = state if task.message == state or not task.message else f"{state}: {task.message}"
+    return relative(task.start, run), f"{task.end - task.start:.2f}", task.robot, str(task.id), skills, outcome
+
+
+def _action_rows(run: Run) -> Iterable[tuple[str, ...]]:
+    outcomes: dict[str, Counter[str]] = defaultdict(Counter)
+    for call in run.actions():
+        outcomes[call.name][call.status_name] += 1
+    for name, counts in outcomes.items():
+        yield name, str(counts.total()), ", ".join(f"{number} {state}" for state, number in counts.items())
+
+
+def _world_lines(run: Run) -> list[str]:
+    changes = run.changes()
+    authors = Counter(timed.change.author for timed in changes)
+    made = ", ".join(f"{number} by {author}" for author, number in authors.most_common())
+    gaps = sum(bool(timed.gap) for timed in changes)
+    there = [f"{len(run.world(partial=True))} elements at the end"] if changes else []
+    return [f"{len(changes)} changes: {made}" if changes else "no changes", *there] + (
+        [f"{gaps} times changes are missing: see check"] if gaps else []
+    )
+
+
+def _run_json(run: Run, tasks: list[TaskTrace], counts: Counter[str]) -> dict[str, Any]:
+    return {
+        "bag": str(run.path),
+        "start": run.start,
+        "end": run.end,
+        "damage": run.damage,
+        "goals": [
+            {"time": g.time, "end": g.end, "action": g.call.name, "goals": g.goals, "state": g.state,
+             "message": g.message}
+            for g in run.goals()
+        ],
+        "tasks": [
+            {"robot": t.robot, "task": t.id, "start": t.start, "end": t.end, "ended": t.has_ended,
+             "state": STATES.get(t.root.state), "message": t.message}
+            for t in tasks
+        ],
+        "topics": [
+            {"topic": topic, "type": kind, "messages": counts[topic]} for topic, kind in sorted(run.topics.items())
+        ],
+    }  # fmt: skip
+
+
+def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Whether a bag has all of its run from the start: no change, task or goal is missing."""
+    findings = check(run)
+    marks = ("✓", "✗") if screen.fancy else ("ok ", "BAD")
+    lines = [screen.fitted(f"{marks[not f.holds]} {f.text}") for f in findings]
+    status = 0 if all(f.holds for f in findings) else REFUSED
+    return Answer(lines, [{"holds": f.holds, "text": f.text} for f in findings], status)
+
+
+def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """The tree of each task, with what each node was at last, and when it ran."""
+    chosen = [
+        task for task in run.tasks() if _is_meant(task.robot, arguments.robot) and arguments.task in (None, task.id)
+    ]
+    lines: list[str] = []
+    for task in chosen:
+        title = f"{task.robot}, task {task.id}: {relative(task.start, run)} to {relative(task.end, run)} s"
+        lines += [
+            "",
+            screen.fitted(f"{title}{'' if task.has_ended else ', not ended'}"),
+            *_task_tree(task, run, screen),
+        ]
+    return Answer(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in chosen])
+
+
+def _task_tree(task: TaskTrace, run: Run, screen: Screen) -> list[str]:
+    branches: dict[int, Branch] = {}
+    for node in task.nodes.values():
+        states = node.state_changes()
+        marks = " ".join(_mark(s.state, screen) for s in states)
+        began = next((s.time for s in states if STATES.get(s.state) != "Idle"), None)
+        ended = next((s.time for s in reversed(states) if s.state in (SUCCESS, FAILURE)), None)
+        times = [relative(t, run) if t is not None else "" for t in (began, ended)]
+        branch = Branch([f"{node.name} {node.processor}".strip(), marks, *times, node.states[-1].message])
+        branches[node.id] = branch
+        above = branches.get(node.parent_id)
+        if above is not None and node.depth:
+            above.branches.append(branch)
+    return tree(screen, [branches[task.id]])
+
+
+def _mark(state: int, screen: Screen) -> str:
+    known = _MARKS.get(state)
+    if known is not None:
+        return known[not screen.fancy]
+    return {"Running": "r", "Idle": "."}.get(STATES.get(state, ""), "?")
+
+
+def _task_json(task: TaskTrace) -> dict[str, Any]:
+    return {
+        "robot": task.robot,
+        "task": task.id,
+        "start": task.start,
+        "end": task.end,
+        "nodes": [
+            {
+                "id": node.id, "parent": node.parent_id, "type": node.type, "label": node.label,
+                "processor": node.processor,
+                "states": [
+                    {"time": s.time, "state": STATES.get(s.state, s.state), "code": s.code, "message": s.message}
+                    for s in node.states
+                ],
+            }
+            for node in task.nodes.values()
+        ],
+    }  # fmt: skip
+
+
+def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """When each skill ran, and for how long."""
+    chosen = [
+        skill
+        for skill in run.skills()
+        if _is_meant(skill.robot, arguments.robot) and arguments.depth in (0, skill.depth)
+    ]
+    if arguments.total:
+        lines = table(screen, _total_rows(chosen), ("skill", "runs", "failed", "mean s", "least", "most", "sum s"))
+    else:
+        headers = ("skill", "robot", "task", "at s", "took s", "state", "message")
+        lines = table(screen, [_skill_row(s, run) for s in chosen], headers)
+    return Answer(lines if chosen else ["no skills"], lambda: [_skill_json(s) for s in chosen])
+
+
+def _skill_row(skill: SkillTime, run: Run) -> tuple[str, ...]:
+    name = "  " * (skill.depth - 1) + skill.label
+    times = relative(skill.start, run), f"{skill.duration:.2f}"
+    return name, skill.robot, str(skill.task_id), *times, skill.state_name, skill.message
+
+
+def _total_rows(chosen: Iterable[SkillTime]) -> Iterable[tuple[str, ...]]:
+    runs: dict[str, list[SkillTime]] = defaultdict(list)
+    for skill in chosen:
+        runs[skill.label].append(skill)
+    for label, found in sorted(runs.items(), key=lambda item: -sum(s.duration for s in item[1])):
+        times = [s.duration for s in found]
+        failed = sum(s.state == FAILURE for s in found)
+        numbers = (sum(times) / len(times), min(times), max(times), sum(times))
+        yield label, str(len(found)), str(failed or ""), *(f"{number:.2f}" for number in numbers)
+
+
+def _skill_json(skill: SkillTime) -> dict[str, Any]:
+    return {
+        "robot": skill.robot, "task": skill.task_id, "node": skill.node_id, "depth": skill.depth, "label": skill.label,
+        "type": skill.type, "start": skill.start, "end": skill.end, "state": skill.state_name, "code": skill.code,
+        "message": skill.message,
+    }  # fmt: skip
+
+
+def _is_meant(robot: str, wanted: str) -> bool:
+    return not wanted or robot.strip("/") == wanted.strip("/") or local_name(robot) == wanted

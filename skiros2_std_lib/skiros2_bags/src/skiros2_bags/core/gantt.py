@@ -1,0 +1,162 @@
+"""A picture of a run: when each skill ran, by robot, and where the world model changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from skiros2_bags.core.contract_types import MONITOR, PROGRESS
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.goal import Goal
+from skiros2_bags.core.run import Run
+from skiros2_bags.core.skill_time import SkillTime
+from skiros2_bags.core.task_trace import FAILURE, IDLE, RUNNING, SUCCESS
+
+#: By how a skill ended; told apart by people who see no red or green too (Okabe and Ito's palette).
+COLOURS = {SUCCESS: "#009E73", FAILURE: "#D55E00", RUNNING: "#56B4E9", IDLE: "#999999"}
+_WORDS = {SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "not ended", IDLE: "stopped"}
+_CHANGE, _GOAL, _TEXT, _GRID = "#333333", "#CC79A7", "#222222", "#E4E4E4"
+
+#: Inches.
+_WIDTH, _ROW, _MARGIN = 12.0, 0.24, 1.6
+
+#: More rows than these make a picture that cannot be looked at: deeper skills are left out then.
+_MOST_ROWS = 120
+
+#: A skill that took less of the picture than this is drawn so wide all the same.
+_LEAST = 0.002
+
+#: Letters that the whole width of the picture has room for.
+_LETTERS = 170
+
+
+def save_gantt(run: Run, path: Path, depth: int = 0) -> None:
+    """Draws a run as a PNG. Takes about a second.
+
+    :param depth: only skills so deep in the tree (1: those that tasks name); 0: all that there is room for.
+    :raises BagError: the bag has neither skills nor changes of the world model, or the file cannot be written.
+    """
+    figure = gantt(run, depth)
+    try:
+        FigureCanvasAgg(figure).print_figure(str(path), format="png")
+    except OSError as error:
+        raise BagError(f"{path}: the picture cannot be written: {error.strerror}") from error
+
+
+def gantt(run: Run, depth: int = 0) -> Figure:
+    """The picture, as `save_gantt` saves it."""
+    skills = run.skills() if PROGRESS in run.topics.values() else []
+    changes = run.changes() if MONITOR in run.topics.values() else []
+    goals = run.goals()
+    if not skills and not changes:
+        raise BagError(f"{run.path}: nothing to draw: neither skills nor changes of the world model")
+    shown = _shown(skills, depth)
+    start = min([s.start for s in skills] + [g.time for g in goals], default=run.start)
+    end = max([s.end for s in skills] + [g.end for g in goals if g.end is not None], default=run.end)
+    chart = _Chart(start, max(end - start, 1e-3), _rows(shown))
+    chart.draw_skills(shown)
+    chart.draw_goals(goals)
+    told = [timed.time for timed in changes if start <= timed.time <= end]
+    chart.draw_changes(told)
+    left_out = f", {len(skills) - len(shown)} deeper skills left out" if len(shown) < len(skills) else ""
+    chart.finish(f"{run.path.name}: {end - start:.1f} s, {len(told)} changes of the world model{left_out}")
+    return chart.figure
+
+
+#: A row: a robot and the names of skills on the way to one; a robot alone is the title of its rows.
+Row = tuple[str, ...]
+
+
+def _shown(skills: Sequence[SkillTime], depth: int) -> list[SkillTime]:
+    """The skills that are drawn."""
+    chosen = [s for s in skills if depth == 0 or s.depth <= depth]
+    while len(_rows(chosen)) > _MOST_ROWS and (deepest := max(s.depth for s in chosen)) > 1:
+        chosen = [s for s in chosen if s.depth < deepest]
+    return chosen
+
+
+def _rows(skills: Sequence[SkillTime]) -> list[Row]:
+    """A row for each skill of each robot, below that of the skill it is a part of; in the order in which they ran."""
+    first: dict[Row, tuple[float, int]] = {}
+    for order, skill in enumerate(skills):
+        for row in ((skill.robot, *skill.path[:depth]) for depth in range(skill.depth + 1)):
+            first[row] = min((skill.start, order), first.get(row, (skill.start, order)))
+    return sorted(first, key=lambda row: [(row[0],), *(first[row[:n]] for n in range(2, len(row) + 1))])
+
+
+class _Chart:
+    """The figure while it is drawn.
+
+    :param start: the time of its left edge (s since the epoch).
+    :param span: what it shows (s).
+    """
+
+    def __init__(self, start: float, span: float, rows: Sequence[Row]) -> None:
+        self._start = start
+        self._span = span
+        self._rows = {row: number for number, row in enumerate(rows)}
+        self._states: set[int] = set()
+        self._height = _MARGIN + _ROW * (len(rows) + 2)
+        self.figure = Figure(figsize=(_WIDTH, self._height), dpi=110, layout="constrained")
+        self._axes: Any = self.figure.add_subplot()
+
+    def draw_skills(self, skills: Iterable[SkillTime]) -> None:
+        for skill in skills:
+            self._states.add(skill.state)
+            y, left = self._rows[skill.robot, *skill.path], skill.start - self._start
+            self._axes.barh(
+                y, max(skill.duration, _LEAST * self._span), left=left, height=0.74 if skill.depth == 1 else 0.5,
+                color=COLOURS.get(skill.state, COLOURS[IDLE]), edgecolor="white", linewidth=0.4,
+            )  # fmt: skip
+            if skill.depth == 1:
+                self._write(left, y, f"{skill.duration:.1f} s", skill.duration)
+
+    def draw_goals(self, goals: Iterable[Goal]) -> None:
+        y = len(self._rows)
+        for goal in goals:
+            left = goal.time - self._start
+            length = (goal.end if goal.end is not None else self._start + self._span) - goal.time
+            self._axes.barh(y, max(length, 0.0), left=left, height=0.6, color=_GOAL, alpha=0.9)
+            self._write(left, y, f"{goal.state or 'no answer'}: {goal.goals}", length)
+
+    def draw_changes(self, times: Iterable[float]) -> None:
+        y, at = len(self._rows) + 1, [time - self._start for time in times]
+        self._axes.vlines(at, y - 0.38, y + 0.38, colors=_CHANGE, linewidth=0.7)
+        self._axes.vlines(at, -0.7, y - 0.38, colors=_CHANGE, linewidth=0.4, alpha=0.15, zorder=0)
+
+    def finish(self, title: str) -> None:
+        axes = self._axes
+        labels = [("    " * (len(row) - 2) + row[-1], len(row) == 1) for row in self._rows]
+        labels += [("goals", True), ("world model", True)]
+        beside = -0.0078 * max(len(label) for label, _ in labels)
+        for y, (label, is_title) in enumerate(labels):
+            axes.text(beside, y, label, transform=axes.get_yaxis_transform(), fontsize=8, va="center", color=_TEXT,
+                      fontweight="bold" if is_title else "normal")  # fmt: skip
+        axes.set_yticks([])
+        axes.set_ylim(len(labels) - 0.4, -0.8)
+        axes.set_xlim(-0.01 * self._span, 1.01 * self._span)
+        axes.set_xlabel("time (s after the first goal or skill)", fontsize=9)
+        axes.grid(axis="x", color=_GRID)
+        axes.set_axisbelow(True)
+        axes.tick_params(length=0, labelsize=8)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        axes.set_title(title, fontsize=10, loc="left")
+        handles: list[Any] = [Patch(color=COLOURS[s], label=_WORDS[s]) for s in COLOURS if s in self._states]
+        handles += [Patch(color=_GOAL, label="goal"), Line2D([], [], color=_CHANGE, label="world model changed")]
+        below = -0.6 / (_ROW * len(labels))
+        axes.legend(
+            handles=handles, loc="upper center", bbox_to_anchor=(0.5, below), ncols=6, fontsize=8, frameon=False
+        )
+
+    def _write(self, left: float, y: float, text: str, length: float) -> None:
+        """A text in a bar of that length (s), as far as there is room for it."""
+        letters = int(length / self._span * _LETTERS)
+        if letters >= min(len(text), 5):
+            shown = text if len(text) <= letters else f"{text[: letters - 1]}…"
+            self._axes.text(left + 0.003 * self._span, y, shown, va="center", fontsize=6.5, color="white", clip_on=True)

@@ -1,0 +1,86 @@
+"""What was otherwise in one run than in another."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_bags.core.differences import Kind, differences
+from skiros2_bags.core.normal import Tolerance
+from skiros2_bags.core.run import Run
+from support.recorded_run import (
+    FAILURE,
+    GOAL,
+    PRODUCT,
+    RUNNING,
+    TRAY_B,
+    Monitor,
+    element,
+    good_run,
+    scene,
+    tree,
+    write_bag,
+)
+
+Messages = list[tuple[str, Any]]
+
+
+@pytest.fixture
+def compare(tmp_path: Path) -> Callable[..., list[tuple[str, str, str, str]]]:
+    numbers = itertools.count()
+
+    def compared(messages: Messages, **how: Any) -> list[tuple[str, str, str, str]]:
+        files = (tmp_path / f"{next(numbers)}.bag" for _ in range(2))
+        runs = [Run.open(write_bag(file, m)) for file, m in zip(files, (good_run(), messages), strict=True)]
+        return [(d.kind, d.where, d.expected, d.got) for d in differences(*runs, **how)]
+
+    return compared
+
+
+def test_runs_that_are_alike_but_for_times_and_numbers_of_tasks(compare: Any) -> None:
+    again = good_run()
+    again.insert(4, ("progress", tree("pick", RUNNING, ended=False)))
+    assert compare(again) == []
+
+
+def test_a_skill_that_fails_is_the_first_divergence(compare: Any) -> None:
+    messages = good_run()[:5]
+    messages[4] = ("progress", tree("pick", FAILURE))
+    found = compare(messages)
+    assert found[0] == (Kind.NODE, "/robot, task 1: root / pick", "Success: pick says so", "Failure: pick says so")
+    assert (Kind.TASK, "/robot, task 2", "place", "nothing more") in found
+    assert (Kind.GOAL, "goal 1", f"{GOAL}: succeeded", f"{GOAL}: no answer") in found
+    assert (Kind.SCENE, f'{PRODUCT} "Product A"', "", f"lacks {TRAY_B} skiros:contain {PRODUCT}") in found
+
+
+def test_another_change_is_told_with_its_author(compare: Any) -> None:
+    messages = [entry for entry in good_run() if entry[0] != "change"]
+    monitor = Monitor()
+    elsewhere = element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.7])
+    messages[:0] = [("change", monitor("reset", *scene())), ("change", monitor("update", elsewhere))]
+    assert compare(messages) == [
+        (Kind.CHANGE, "change 2 by test", f"update {PRODUCT}", f"{PRODUCT} skiros:PositionX is 0.7, expected 0.5"),
+        (Kind.SCENE, f'{PRODUCT} "Product A"', "", "skiros:PositionX is 0.7, expected 0.5"),
+    ]
+    assert compare(messages, tolerance=Tolerance(0.0, 0.3)) == []
+
+
+def test_an_element_that_is_not_there_at_the_end(compare: Any) -> None:
+    messages = good_run()
+    monitor = Monitor()
+    for action in ("reset", "update"):
+        monitor(action)
+    messages.append(("change", monitor("remove", element(PRODUCT, "Product A"))))
+    found = compare(messages)
+    assert (Kind.CHANGE, "change 3 by test", "nothing more", f"remove {PRODUCT}") in found
+    assert (Kind.SCENE, PRODUCT, 'there, "Product A"', "not there") in found
+
+
+def test_another_goal(compare: Any) -> None:
+    messages = good_run()
+    messages[1] = ("goal", ("goal-1", "(skiros:at a b)"))
+    assert compare(messages) == [(Kind.GOAL, "goal 1", GOAL, "(skiros:at a b)")]

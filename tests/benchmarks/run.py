@@ -18,7 +18,8 @@ from benchmarks.measurement import Measurement, table  # noqa: E402 - after the 
 from support.ros import Ros, RosMaster  # noqa: E402
 
 PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
-PARTS += ("planning", "schedules", "replanning", "world_model", "journal", "use_case")
+PARTS += ("planning", "schedules", "replanning", "world_model", "journal")
+PARTS += ("simulation", "simulator", "use_case")
 
 
 def main() -> int:
@@ -81,6 +82,14 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import use_case
 
         return use_case.measure(folder)
+    if part == "simulation":
+        from benchmarks import simulation
+
+        return simulation.measure()
+    if part == "simulator":
+        from benchmarks import simulation
+
+        return node.measure(simulation.measure_node)
     if part == "tf":
         from benchmarks import tf
 

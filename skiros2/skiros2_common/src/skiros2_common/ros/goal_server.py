@@ -32,8 +32,8 @@ class GoalServer:
     """Takes goals and cancellations in their order. Subclasses say what becomes of them.
 
     actionlib calls with a lock held that other threads need to give feedback and results, so nothing is done in its
-    calls. actionlib tells the status by the ROS clock; where that is simulated it is told by the wall clock here: clients
-    are not to take a server for lost when the world is paused or its clock begins anew.
+    calls. actionlib tells the status by the ROS clock; where that is simulated it is told by the wall clock here: so
+    clients do not take a server for lost when the world is paused or its clock begins anew.
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.

@@ -170,8 +170,10 @@ class Stepper:
         self.call(change, even_failed=True)
 
     def mend(self) -> None:
-        """In a call that has put the world back to its start: goes on, also after a step that failed. It counts as a step:
-        what was and what is now have different times."""
+        """In a call that has put the world back to its start: goes on, also after a step that failed.
+
+        It counts as a step, so that what was and what is now have different times.
+        """
         self._failure = ""
         self._count += 1
         self._restart_pace()

@@ -21,6 +21,8 @@ from skiros2_std_reasoners.core.geometry import Pose, to_euler
 #: At most (m/s, rad/s), and how fast it gets there (m/s2, rad/s2).
 SPEED, TURN_SPEED = 0.8, 1.2
 _ACCELERATION, _TURN_ACCELERATION = 0.8, 2.5
+#: How hard it brakes for what it sees before it (m/s2).
+_BRAKES_HARD = 3.0
 #: How exactly it gets there (m, rad), and how exactly it ends each leg and each turn to be sure of that.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 0.01, 0.01
 _EXACT, _EXACT_ANGLE = 0.002, 0.003
@@ -86,7 +88,7 @@ class BaseMotion:
         place = self.place()
         self._look(place, dt)
         if self._ending is not None:
-            self._brake(dt)
+            self._command(0.0, 0.0, dt)
             if self._stands():
                 self._robot.set_base_velocity(0.0)
                 self.outcome = self._ending
@@ -99,7 +101,7 @@ class BaseMotion:
             case _Phase.DRIVES:
                 self._drive(place, dt)
             case _Phase.BRAKES:
-                self._brake(dt)
+                self._command(0.0, 0.0, dt, _BRAKES_HARD)
                 if self._stands():
                     self._phase = _Phase.WAITS
             case _Phase.WAITS:
@@ -196,12 +198,9 @@ class BaseMotion:
             self._corrections += 1
             self._phase = _Phase.PLANS
 
-    def _brake(self, dt: float) -> None:
-        self._command(0.0, 0.0, dt)
-
-    def _command(self, speed: float, turn: float, dt: float) -> None:
+    def _command(self, speed: float, turn: float, dt: float, acceleration: float = _ACCELERATION) -> None:
         """What the base is told, no more suddenly than it can accelerate."""
-        self._speed += min(max(speed - self._speed, -_ACCELERATION * dt), _ACCELERATION * dt)
+        self._speed += min(max(speed - self._speed, -acceleration * dt), acceleration * dt)
         self._turn += min(max(turn - self._turn, -_TURN_ACCELERATION * dt), _TURN_ACCELERATION * dt)
         self._robot.set_base_velocity(self._speed, 0.0, self._turn)
 

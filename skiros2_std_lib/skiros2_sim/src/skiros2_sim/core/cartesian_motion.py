@@ -36,6 +36,8 @@ SPEED, ANGULAR_SPEED = 0.25, 1.0
 MAX_FORCE, MAX_TORQUE = 80.0, 20.0
 #: Nobody asks an arm for more (m/s, rad/s).
 _FASTEST, _FASTEST_TURN = 2.0, 6.0
+#: No target is farther off (m).
+_FARTHEST = 1000.0
 #: How near it comes (m, rad) under position control and when it is compliant.
 _TOLERANCES = ((0.002, 0.01), (0.01, 0.05))
 #: It is blocked when it is that far behind under position control (m, rad), or gets no nearer for so long (s).
@@ -225,6 +227,8 @@ class CartesianMotion:
         goal = self._goal
         if not all(map(math.isfinite, (*goal.target.position, *goal.target.orientation))):
             raise WrongValue(f"target {goal.target} has numbers that are none")
+        if max(map(abs, goal.target.position)) > _FARTHEST:
+            raise WrongValue(f"target at {goal.target.position} is farther than {_FARTHEST:g} m away")
         length = math.hypot(*goal.target.orientation)
         if abs(length - 1.0) > 0.01:
             raise WrongValue(f"orientation of the target {goal.target.orientation}: length {length:.3f}, expected 1")

@@ -30,6 +30,8 @@ _WAY_OUT = 2.0
 #: Room that is kept to obstacles on the way, beside the base's own size (m), and where it only just has to fit.
 _MARGIN = 0.05
 _TIGHT = 0.01
+#: How much of that room a straight line between squares may take (m).
+_CUT = 0.04
 
 
 class Place(NamedTuple):
@@ -230,7 +232,8 @@ class _Grid:
         y = self._y0 + np.arange(self._rows)[:, None] * self._cell
         self._blocked = np.zeros((self._rows, self._columns), dtype=bool)
         for obstacle in obstacles:
-            self._blocked |= obstacle.distance(x, y) < radius
+            # from one free square to the next nothing may stand between them: coarse maps keep farther away
+            self._blocked |= obstacle.distance(x, y) < radius + self._cell - _CELL
         self._obstacles, self._radius = tuple(obstacles), radius
 
     def search(self, start: Place, goal: Place) -> list[tuple[float, float]]:
@@ -302,7 +305,7 @@ class _Grid:
         """Whether the circle gets straight from one point to the other."""
         n = max(2, math.ceil(math.dist(a, b) / (self._cell / 2)) + 1)
         x, y = np.linspace(a[0], b[0], n), np.linspace(a[1], b[1], n)
-        return all(float(o.distance(x, y).min()) >= self._radius - self._cell for o in self._obstacles)
+        return all(float(o.distance(x, y).min()) > self._radius - _CUT for o in self._obstacles)
 
     def _square(self, place: Place) -> tuple[int, int]:
         return round((place.y - self._y0) / self._cell), round((place.x - self._x0) / self._cell)

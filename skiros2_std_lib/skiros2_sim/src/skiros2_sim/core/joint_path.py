@@ -209,11 +209,11 @@ class JointPath:
             q, qd = _evaluated(polynomial[:, None, :], (_SAMPLES * t)[:, None])
             where = f"between points {i + self._first - 1} and {i + self._first}" if i + self._first else "to point 0"
             for k, limit in enumerate(self._limits):
-                fastest = float(np.max(np.abs(qd[:, k])))
+                fastest, way = float(np.max(np.abs(qd[:, k]))), abs(self._q[i + 1, k] - self._q[i, k])
                 if not fastest <= (limit.velocity or np.inf) + _ROUNDING:
                     raise WrongValue(
                         f"{where}: {limit.name} would move at {fastest:.4f} per second, its limit is "
-                        f"{limit.velocity:.4f}; {t:.3f} s are too short for {self._q[i + 1, k] - self._q[i, k]:.4f}"
+                        f"{limit.velocity:.4f}; {t:.3f} s are too short for {way:.4f}"
                     )
                 lowest, highest = float(np.min(q[:, k])), float(np.max(q[:, k]))
                 # one that stands beyond a limit may come back from there

@@ -1,0 +1,244 @@
+"""A simulated base that drives to places: exactly, round obstacles, giving way to other robots, and giving up."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from skiros2_sim.core.base_motion import BaseMotion
+from skiros2_sim.core.drive_path import Place
+from skiros2_sim.core.motion import Outcome, State
+from skiros2_sim.core.scene_spec import BaseSpec, BodySpec, RobotSpec, SceneSpec
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose, from_euler
+from support.moved_robot import MovedRobot, succeeded
+from support.simulated_cell import PRODUCTS, ROBOT, TABLE_1, at, bench, box, cell, product
+
+HUSKY = "husky/husky.urdf"
+CART = "cora:Robot-0"
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[World]:
+    with World(cell()) as world:
+        yield world
+
+
+@pytest.fixture
+def robot(shared: World) -> MovedRobot:
+    shared.reset()
+    return MovedRobot(shared)
+
+
+def carts(*poses: Place) -> World:
+    """Bases without arms on an empty floor, named in order."""
+    robots = [
+        RobotSpec(
+            f"cora:Robot-{i}",
+            f"cart_{i}",
+            Pose((x, y, 0.0), from_euler(0.0, 0.0, yaw)),
+            base=BaseSpec(f"b{i}", "b", HUSKY),
+        )
+        for i, (x, y, yaw) in enumerate(poses)
+    ]
+    return World(SceneSpec((), tuple(robots)))
+
+
+def block(name: str, x: float, y: float, sx: float = 0.4, sy: float = 0.4) -> BodySpec:
+    return box(f"test:{name}", at(x, y, 0.5), (sx, sy, 1.0))
+
+
+@pytest.fixture
+def cart() -> Iterator[World]:
+    with carts(Place(0.0, 0.0, 0.0)) as world:
+        yield world
+
+
+def driven(world: World, x: float, y: float = 0.0, yaw: float = 0.0) -> BaseMotion:
+    """A motion of the first cart that has begun."""
+    motion = BaseMotion(world, world.robots[CART], Place(x, y, yaw))
+    world.motions.add(motion)
+    return motion
+
+
+def all_run(world: World, motions: list[BaseMotion], longest: float = 60.0) -> list[Outcome]:
+    for motion in motions:
+        world.motions.add(motion)
+    while any(motion.outcome is None for motion in motions):
+        assert world.time < longest
+        world.step()
+    return [motion.outcome for motion in motions if motion.outcome is not None]
+
+
+def test_it_comes_to_a_workstation_exactly_and_stands(robot: MovedRobot) -> None:
+    succeeded(robot.run(robot.drive(1.05, 1.5)))
+    place = robot.drive(0.0, 0.0).place()
+    assert (place.x, place.y) == pytest.approx((1.05, 1.5), abs=0.01)
+    assert place.yaw == pytest.approx(0.0, abs=0.01)
+    assert max(map(abs, robot.robot.velocity())) < 0.01
+    robot.world.step(120)
+    assert robot.drive(0.0, 0.0).place() == pytest.approx(place, abs=0.001)
+    begin = robot.world.time
+    succeeded(robot.run(robot.drive(1.05, 1.5)))
+    assert robot.world.time - begin < 0.1, "it is there already"
+
+
+def test_it_drives_round_a_table_to_its_other_side(cart: World) -> None:
+    cart.add_body(box(TABLE_1, at(1.0, 0.0, 0.25), (0.8, 1.2, 0.5)))
+    motion = driven(cart, 1.95, 0.0, math.pi)
+    while motion.outcome is None:
+        cart.step()
+        if cart.steps % 8 == 0:
+            assert not cart.contacts(CART)
+    succeeded(motion.outcome)
+
+
+def test_it_speeds_up_and_slows_down_gently(robot: MovedRobot) -> None:
+    speeds = [0.0]
+    succeeded(robot.run(robot.drive(-2.0, 0.0, math.pi), lambda: speeds.append(robot.robot.velocity()[0])))
+    assert max(speeds) == pytest.approx(0.8, abs=0.05)
+    changes = [abs(b - a) * 240 for a, b in itertools.pairwise(speeds)]
+    assert max(changes) < 2.0, "m/s2"
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (Place(2.0, 1.5, 0.0), f"the goal is inside '{TABLE_1}'"),
+        (Place(math.nan, 0.0, 0.0), "has numbers that are none"),
+        (Place(0.0, 0.0, math.inf), "has numbers that are none"),
+        (Place(500.0, 0.0, 0.0), "x 500.00 is outside of the world, which goes from"),
+        (Place(0.0, 1e300, 0.0), "is outside of the world"),
+    ],
+)
+def test_a_goal_that_cannot_be_is_refused(robot: MovedRobot, goal: Place, said: str) -> None:
+    outcome = BaseMotion(robot.world, robot.robot, goal).outcome
+    assert outcome is not None
+    assert outcome.state is State.REJECTED
+    assert said in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("orientation", "said"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), "numbers that are none"),
+        ((math.nan, 0.0, 0.0, 1.0), "numbers that are none"),
+        (from_euler(0.0, 0.5, 0.0), "tilted by 0.50 rad"),
+    ],
+)
+def test_a_pose_must_be_upright(robot: MovedRobot, orientation: tuple[float, float, float, float], said: str) -> None:
+    outcome = BaseMotion.to_pose(robot.world, robot.robot, Pose((0.5, 0.0, 0.0), orientation)).outcome
+    assert outcome is not None
+    assert said in outcome.text
+
+
+def test_a_robot_without_a_base_is_refused() -> None:
+    with World(bench()) as world:
+        outcome = BaseMotion(world, world.robots[ROBOT], Place(0.0, 0.0, 0.0)).outcome
+    assert outcome is not None
+    assert "has no base that drives" in outcome.text
+
+
+def test_cancelled_it_brakes(robot: MovedRobot) -> None:
+    motion = robot.drive(-3.0, 0.0, math.pi)
+    robot.world.motions.add(motion)
+    while abs(robot.robot.velocity()[0]) < 0.5:
+        robot.world.step()
+    before = motion.place()
+    motion.cancel()
+    outcome = robot.run(motion)
+    assert outcome.state is State.PREEMPTED
+    assert 0.1 < math.dist(before[:2], motion.place()[:2]) < 0.5
+    assert max(map(abs, robot.robot.velocity())) < 0.01
+
+
+@pytest.mark.parametrize("ahead", [1.0, 1.5])
+def test_what_comes_into_its_way_is_driven_round(cart: World, ahead: float) -> None:
+    motion = driven(cart, 4.0)
+    while cart.robots[CART].velocity()[0] < 0.75:
+        cart.step()
+    cart.faults.set("blocked_path", CART, ahead)
+    aside = []
+    while motion.outcome is None:
+        cart.step()
+        aside.append(abs(motion.place().y))
+    succeeded(motion.outcome)
+    assert max(aside) > 0.5
+
+
+def test_it_waits_for_what_goes_away_again(cart: World) -> None:
+    cart.add_body(product("test:thing", at(1.5, 0.0, 0.025)))
+    motion = driven(cart, 1.5)
+    cart.step(1200)
+    assert motion.outcome is None
+    cart.remove_body("test:thing")
+    cart.step(960)
+    assert motion.outcome is not None
+    succeeded(motion.outcome)
+
+
+def test_it_gives_up_with_what_blocks_it(cart: World) -> None:
+    cart.add_body(product("test:thing", at(1.5, 0.0, 0.025)))
+    (outcome,) = all_run(cart, [driven(cart, 1.5)])
+    assert outcome.state is State.ABORTED
+    assert outcome.text == "blocked for 15 s: the goal is inside 'test:thing'"
+
+
+def test_where_there_will_never_be_a_way_it_gives_up_at_once(cart: World) -> None:
+    for name, x, y, sx, sy in (("n", 4, 1, 3, 0.1), ("s", 4, -1, 3, 0.1), ("e", 2.5, 0, 0.1, 2), ("w", 5.5, 0, 0.1, 2)):
+        cart.add_body(block(name, x, y, sx, sy))
+    (outcome,) = all_run(cart, [driven(cart, 4.0)])
+    assert outcome.state is State.ABORTED
+    assert "no way there, 'test:" in outcome.text
+    assert cart.time < 0.5
+
+
+def test_what_it_runs_into_ends_it(robot: MovedRobot) -> None:
+    world = robot.world
+    world.add_body(
+        dataclasses.replace(block("bar", -1.5, 0.0, 0.1, 4.0), pose=at(-1.5, 0.0, 1.35), size=(0.1, 4.0, 0.1))
+    )
+    up = robot.controller.kinematics.lower * 0.0
+    up[3] = -0.1
+    succeeded(robot.run(robot.trajectory(up, 3.0)))
+    outcome = robot.run(robot.drive(-3.0, 0.0, math.pi))
+    assert outcome.state is State.ABORTED
+    assert "the robot has run into something, it touches test:bar (" in outcome.text
+
+
+def test_what_it_carries_is_not_in_its_way(robot: MovedRobot) -> None:
+    world = robot.world
+    succeeded(robot.run(robot.drive(1.05, 1.75)))
+    x, y, z = world.pose_of(PRODUCTS[0]).position
+    succeeded(robot.run(robot.line((x, y, z + 0.1))))
+    succeeded(robot.run(robot.line((x, y, z))))
+    succeeded(robot.run(robot.grip(0.0)))
+    succeeded(robot.run(robot.line((x - 0.2, y, z + 0.1))))
+    succeeded(robot.run(robot.drive(0.0, 1.75)))
+    assert world.pose_of(PRODUCTS[0]).position[2] > z + 0.08
+
+
+def test_two_robots_that_meet_pass_each_other() -> None:
+    with carts(Place(0.0, 0.0, 0.0), Place(6.0, 0.0, math.pi)) as world:
+        goals = Place(6.0, 0.0, 0.0), Place(0.0, 0.0, math.pi)
+        motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
+        for outcome in all_run(world, motions):
+            succeeded(outcome)
+
+
+def test_three_robots_whose_ways_cross_all_arrive() -> None:
+    with carts(Place(0.0, 0.0, 0.0), Place(3.0, -3.0, math.pi / 2), Place(6.0, 0.1, math.pi)) as world:
+        goals = Place(6.0, 0.0, 0.0), Place(3.0, 3.0, math.pi / 2), Place(0.0, 0.0, math.pi)
+        motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
+        for outcome in all_run(world, motions):
+            succeeded(outcome)
+
+
+def test_a_robot_that_does_not_go_away_is_told() -> None:
+    with carts(Place(0.0, 0.0, 0.0), Place(3.0, 0.0, 0.0)) as world:
+        (outcome,) = all_run(world, [driven(world, 3.0)])
+    assert outcome.text == "blocked for 15 s: the goal is inside 'cora:Robot-1'"

@@ -1,0 +1,116 @@
+"""Ways of a base past what stands on the floor: they touch nothing, or are refused with what blocks them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skiros2_common.core.errors import Refused
+from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Place, heading
+
+HUSKY = Footprint(front=0.5, back=0.5, side=0.35)
+TABLE = Obstacle("table", 2.0, 0.0, 0.0, 0.4, 0.6)
+
+
+def walls(half: float) -> list[Obstacle]:
+    """Four around the origin."""
+    sides = {"north": (0.0, half), "south": (0.0, -half), "east": (half, 0.0), "west": (-half, 0.0)}
+    return [Obstacle(name, x, y, 0.0, half if y else 0.1, half if x else 0.1) for name, (x, y) in sides.items()]
+
+
+def end_of(start: Place, legs: list[Leg]) -> tuple[float, float]:
+    return (legs[-1].x, legs[-1].y) if legs else (start.x, start.y)
+
+
+def test_a_free_way_is_straight() -> None:
+    assert Floor(HUSKY, [TABLE]).way(Place(-1.0, 0.0, 2.0), Place(1.0, 0.0, 0.0)) == [Leg(1.0, 0.0, False)]
+
+
+def test_where_it_stands_it_only_turns() -> None:
+    assert Floor(HUSKY, []).way(Place(1.0, 1.0, 0.0), Place(1.0, 1.0, 2.0)) == []
+
+
+def test_round_a_table_it_backs_out_and_comes_in_straight() -> None:
+    start, goal = Place(1.05, 0.0, 0.0), Place(2.95, 0.0, math.pi)
+    floor = Floor(HUSKY, [TABLE])
+    legs = floor.way(start, goal)
+    assert legs[0].backward, "it cannot turn at the table"
+    assert legs[0].y == pytest.approx(0.0)
+    assert end_of(start, legs) == (2.95, 0.0)
+    assert not legs[-1].backward
+    before = Place(legs[-2].x, legs[-2].y, 0.0)
+    assert abs(heading(before, legs[-1])) == pytest.approx(math.pi), "the last leg has the goal's yaw"
+    assert floor.first_hit(start, legs, 100.0) is None
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2])
+def test_a_goal_inside_something_is_refused(yaw: float) -> None:
+    with pytest.raises(Refused, match="the goal is inside 'table'"):
+        Floor(HUSKY, [TABLE]).way(Place(0.0, 0.0, 0.0), Place(1.5, 0.3, yaw))
+
+
+def test_the_rectangle_counts_not_the_circle() -> None:
+    beside = Place(1.2, 0.0, math.pi / 2)
+    assert Floor(HUSKY, [TABLE]).in_the_way(beside) is None
+    assert Floor(HUSKY, [TABLE]).in_the_way(beside._replace(yaw=0.0)) == "table"
+
+
+def test_no_way_is_refused_with_what_is_around() -> None:
+    with pytest.raises(Refused, match=r"no way there, 'east', .*and 1 more are in the way"):
+        Floor(HUSKY, walls(3.0)).way(Place(0.0, 0.0, 0.0), Place(6.0, 0.0, 0.0))
+
+
+def test_a_place_that_it_cannot_get_out_of_is_refused() -> None:
+    cage = [
+        Obstacle("left", 0.0, 0.5, 0.0, 1.5, 0.05),
+        Obstacle("right", 0.0, -0.5, 0.0, 1.5, 0.05),
+        Obstacle("front", 0.8, 0.0, 0.0, 0.05, 0.4),
+        Obstacle("back", -0.8, 0.0, 0.0, 0.05, 0.4),
+    ]
+    with pytest.raises(Refused, match=r"no way out of the start, '(front|back|left|right)' is in the way"):
+        Floor(HUSKY, cage).way(Place(0.0, 0.0, 0.0), Place(5.0, 0.0, 0.0))
+
+
+def test_what_comes_into_the_way_is_seen_as_far_as_it_looks() -> None:
+    floor = Floor(HUSKY, [Obstacle("box", 3.0, 0.0, 0.5, 0.2, 0.2)])
+    legs = [Leg(5.0, 0.0, False)]
+    assert floor.first_hit(Place(0.0, 0.0, 0.0), legs, 1.5) is None
+    assert floor.first_hit(Place(1.5, 0.0, 0.0), legs, 1.5) == "box"
+
+
+def test_a_far_place_does_not_make_the_map_endless() -> None:
+    start, goal = Place(0.0, 0.0, 0.0), Place(100.0, 0.0, 0.0)
+    floor = Floor(HUSKY, [Obstacle("wall", 50.0, 0.0, 0.0, 1.0, 20.0)])
+    legs = floor.way(start, goal)
+    assert floor.first_hit(start, legs, 1000.0) is None
+    assert max(abs(leg.y) for leg in legs) > 20.0
+
+
+coordinate = st.floats(-4.0, 4.0)
+angle = st.floats(-math.pi, math.pi)
+places = st.builds(Place, coordinate, coordinate, angle)
+things = st.lists(
+    st.builds(
+        Obstacle, st.sampled_from("abc"), coordinate, coordinate, angle, st.floats(0.1, 1.0), st.floats(0.1, 1.0)
+    ),
+    max_size=4,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(start=places, goal=places, obstacles=things)
+def test_every_way_ends_at_its_goal_and_touches_nothing(start: Place, goal: Place, obstacles: list[Obstacle]) -> None:
+    floor = Floor(HUSKY, obstacles)
+    free = floor.in_the_way(start) is None
+    try:
+        legs = floor.way(start, goal)
+    except Refused as refusal:
+        assert "'" in str(refusal), "it names what is in the way"
+        return
+    assert math.dist(end_of(start, legs), (goal.x, goal.y)) < 0.002
+    assert floor.in_the_way(goal) is None
+    if free:
+        assert floor.first_hit(start, legs, 1000.0) is None

@@ -1,0 +1,195 @@
+"""Trajectories on a simulated arm: followed, waited for, cancelled, refused, and ended by what is hit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from skiros2_sim.core import joint_motion as codes
+from skiros2_sim.core.joint_motion import JointMotion
+from skiros2_sim.core.joint_path import JointGoal, JointPoint, JointTolerance
+from skiros2_sim.core.motion import State
+from skiros2_sim.core.world import World
+from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
+from support.moved_robot import DOWN, MovedRobot, succeeded
+from support.simulated_cell import TABLE_1, bench
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[World]:
+    with World(bench()) as world:
+        yield world
+
+
+@pytest.fixture
+def robot(shared: World) -> MovedRobot:
+    shared.reset()
+    shared.step(60)
+    return MovedRobot(shared)
+
+
+def turned(robot: MovedRobot, by: float) -> tuple[float, ...]:
+    """The arm as it is, its first joint turned."""
+    first, *rest = robot.arm.positions()
+    return first + by, *rest
+
+
+def goal(robot: MovedRobot, *points: JointPoint, **more: object) -> JointMotion:
+    made = JointGoal(robot.joints, points)
+    return JointMotion(robot.controller, dataclasses.replace(made, **more))  # type: ignore[arg-type]
+
+
+def test_it_follows_a_trajectory_closely(robot: MovedRobot) -> None:
+    end = np.array(turned(robot, 0.8))
+    off: list[float] = []
+    motion = robot.trajectory(end, 2.0)
+    begin = robot.world.time
+    succeeded(robot.run(motion, lambda: off.append(np.max(np.abs(motion.feedback()[2].positions)))))
+    assert robot.world.time - begin == pytest.approx(2.0, abs=0.05)
+    assert max(off) < 0.005
+    assert robot.arm.positions() == pytest.approx(end, abs=0.002)
+    desired, actual, error = motion.feedback()
+    assert desired.positions - actual.positions == pytest.approx(error.positions)
+
+
+def test_the_arm_stands_there_afterwards(robot: MovedRobot) -> None:
+    succeeded(robot.run(robot.trajectory(turned(robot, 0.3), 1.0)))
+    before = robot.arm.positions()
+    robot.world.step(120)
+    assert robot.arm.positions() == pytest.approx(before, abs=0.001)
+
+
+def test_names_may_have_the_arms_name_before_them(robot: MovedRobot) -> None:
+    names = tuple("arm/" + name for name in robot.joints)
+    points = (JointPoint(0.5, turned(robot, 0.1)),)
+    succeeded(robot.run(JointMotion(robot.controller, JointGoal(names, points))))
+
+
+def test_one_that_begins_later_waits(robot: MovedRobot) -> None:
+    start = robot.world.time + 0.5
+    before = robot.arm.positions()
+    motion = goal(robot, JointPoint(1.0, turned(robot, 0.3)), start=start)
+    robot.world.motions.add(motion)
+    robot.world.step(118)
+    assert robot.arm.positions() == pytest.approx(before, abs=1e-4)
+    succeeded(robot.run(motion))
+    assert robot.world.time == pytest.approx(start + 1.0, abs=0.05)
+
+
+def test_of_one_that_began_earlier_the_rest_is_driven(robot: MovedRobot) -> None:
+    robot.world.step(240)
+    begin = robot.world.time
+    points = JointPoint(0.5, turned(robot, 0.1)), JointPoint(2.0, turned(robot, 0.3))
+    succeeded(robot.run(goal(robot, *points, start=begin - 1.0)))
+    assert robot.world.time - begin == pytest.approx(1.0, abs=0.05)
+
+
+def test_one_that_is_over_is_refused(robot: MovedRobot) -> None:
+    robot.world.step(240)
+    outcome = goal(robot, JointPoint(0.5, turned(robot, 0.1)), start=0.1).outcome
+    assert outcome is not None
+    assert (outcome.state, outcome.code) == (State.REJECTED, codes.OLD_HEADER_TIMESTAMP)
+    assert "was to begin 1.150 s ago and to end 0.650 s ago" in outcome.text
+
+
+def test_cancelled_it_brakes_gently_on_its_path(robot: MovedRobot) -> None:
+    motion = robot.trajectory(turned(robot, 1.0), 2.0)
+    robot.world.motions.add(motion)
+    robot.world.step(200)
+    speed = robot.arm.velocities()[0]
+    assert speed > 0.5
+    motion.cancel()
+    slower = [speed]
+    outcome = robot.run(motion, lambda: slower.append(robot.arm.velocities()[0]))
+    assert outcome.state is State.PREEMPTED
+    assert len(slower) > 20
+    assert max(abs(np.diff(slower))) < 0.1, "no jump"
+    robot.world.step(10)
+    assert abs(robot.arm.velocities()[0]) < 0.01
+    assert abs(turned(robot, 0.0)[0]) < 0.95
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said"),
+    [
+        ({"joints": ("panda_joint1",)}, codes.INVALID_JOINTS, "arm/panda_joint2.* is missing"),
+        ({"joints": tuple("abcdefg")}, codes.INVALID_JOINTS, "no joint 'arm/a'"),
+        ({"points": ()}, codes.INVALID_GOAL, "no points"),
+        ({"points": (JointPoint(1.0, (math.nan,) * 7),)}, codes.INVALID_GOAL, "panda_joint1 is nan"),
+        ({"points": (JointPoint(0.01, (1.0,) * 7),)}, codes.INVALID_GOAL, "panda_joint1|panda_joint4"),
+        ({"points": (JointPoint(0.0, (0.5, 0, 0, -1, 0, 1, 0)),)}, codes.INVALID_GOAL, "begins at once with .*joint1"),
+        ({"start": math.nan}, codes.INVALID_GOAL, "start nan"),
+        ({"goal_time_tolerance": -1.0}, codes.INVALID_GOAL, "goal time tolerance -1.0"),
+        ({"path_tolerance": {"panda_joint1": JointTolerance(math.nan)}}, codes.INVALID_GOAL, "path tolerance of"),
+        ({"goal_tolerance": {"x": JointTolerance(0.1)}}, codes.INVALID_JOINTS, "goal tolerance for 'arm/x'"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(
+    robot: MovedRobot, change: dict[str, object], code: int, said: str
+) -> None:
+    before = robot.arm.positions()
+    motion = goal(robot, JointPoint(1.0, turned(robot, 0.1)), **change)
+    assert motion.outcome is not None
+    assert (motion.outcome.state, motion.outcome.code) == (State.REJECTED, code)
+    assert re.search(said, motion.outcome.text), motion.outcome.text
+    motion.feedback()
+    robot.world.step(20)
+    assert robot.arm.positions() == pytest.approx(before, abs=1e-4)
+
+
+def test_a_compliant_arm_follows_no_trajectory(robot: MovedRobot) -> None:
+    robot.controller.switch("compliant")
+    outcome = robot.trajectory(turned(robot, 0.1)).outcome
+    assert outcome is not None
+    assert "controller 'compliant' of arm arm is on; a trajectory needs 'position'" in outcome.text
+    robot.controller.switch("position")
+    succeeded(robot.run(robot.trajectory(turned(robot, 0.1))))
+
+
+def test_switching_to_compliance_ends_it(robot: MovedRobot) -> None:
+    motion = robot.trajectory(turned(robot, 0.5))
+    robot.world.motions.add(motion)
+    robot.world.step(50)
+    robot.controller.switch("compliant")
+    outcome = robot.run(motion)
+    assert outcome.state is State.ABORTED
+    assert "'compliant' was switched on meanwhile" in outcome.text
+
+
+def test_when_it_hits_something_it_says_what_and_stops_pressing(robot: MovedRobot) -> None:
+    world = robot.world
+    into_the_table = Pose((0.55, -0.3, 0.3), DOWN)
+    found = robot.controller.kinematics.inverse(
+        composed(inverted(robot.robot.pose()), into_the_table), robot.arm.positions()
+    )
+    assert found.there
+    outcome = robot.run(robot.trajectory(found.positions, 1.5))
+    assert (outcome.state, outcome.code) == (State.ABORTED, codes.PATH_TOLERANCE_VIOLATED)
+    assert "off the path, 0.1 is allowed" in outcome.text
+    assert f"it touches {TABLE_1} (" in outcome.text
+    world.step(60)
+    assert sum(contact.force for contact in world.contacts(TABLE_1) if "arm/" in contact.first) < 5.0
+    assert max(map(abs, robot.arm.velocities())) < 0.01, "it holds still"
+
+
+def test_a_goal_that_is_not_reached_in_time_is_told(robot: MovedRobot) -> None:
+    exact = {"panda_joint1": JointTolerance(1e-9)}
+    motion = goal(robot, JointPoint(0.5, turned(robot, 0.2)), goal_tolerance=exact, goal_time_tolerance=0.3)
+    outcome = robot.run(motion)
+    assert outcome.code == codes.GOAL_TOLERANCE_VIOLATED
+    assert "0.30 s after the trajectory's end: arm/panda_joint1 is" in outcome.text
+
+
+def test_tolerances_below_zero_are_none(robot: MovedRobot) -> None:
+    world, arm = robot.world, robot.arm
+    free = {name: JointTolerance(-1.0, -1.0) for name in robot.joints}
+    motion = goal(robot, JointPoint(0.5, turned(robot, 0.1)), path_tolerance=free, goal_tolerance=free)
+    world.motions.add(motion)
+    world.step(10)
+    world.bullet.resetJointState(arm.body, arm.joints[0].index, 1.0)
+    succeeded(robot.run(motion))

@@ -324,6 +324,25 @@ def test_a_product_without_a_size_cannot_be_picked_and_the_reason_names_it(cell:
     assert "'Product A' has no size" in cell.why("Pick", Object="Product A")
 
 
+def test_a_product_that_is_too_wide_is_told_before_the_arm_moves(cell: Cell) -> None:
+    cell.ready_to_pick()
+    for label, key, value in (("Product A", "skiros:SizeX", 0.09), ("Product A", "skiros:SizeY", 0.12)):
+        element = cell.element(label)
+        element.setProperty(key, value)
+        cell.wmi.update_element_properties(element)
+    assert "it is 90 mm wide, and the gripper opens to 80 mm" in cell.why("Pick", Object="Product A")
+    assert not cell.drivers.sent_to(ARM)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_a_gripper_that_opens_to_nothing_is_told(cell: Cell, value: float) -> None:
+    cell.ready_to_pick()
+    gripper = cell.element("Gripper")
+    gripper.setProperty("demo:Opening", value)
+    cell.wmi.update_element_properties(gripper)
+    assert "demo:Opening is" in cell.why("Pick", Object="Product A")
+
+
 def test_a_stopped_pick_leaves_the_product_in_its_tray(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.drivers.answer(ARM, None, ends(GoalStatus.ACTIVE, None))

@@ -16,7 +16,7 @@ from skiros2_demo_skills.motions import TuckArm
 from skiros2_sim.core.names import CARTESIAN, TRAJECTORY, part_name, robot_name
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
 from skiros2_sim_skills.base_motion import stamped
-from skiros2_sim_skills.core.devices import TOOL_FRAME, name_of, posture
+from skiros2_sim_skills.core.devices import TOOL_FRAME, name_of, opening, posture
 from skiros2_sim_skills.core.places import (
     Box,
     above,
@@ -124,7 +124,7 @@ class move_tool_to_object(_ToolMotion):
     def buildGoal(self) -> CartesianMotionGoal:
         thing = self.element("Object")
         frame, pose = pose_in_scene(self.wmi, thing)
-        grasp = grasp_of(box_of(self.wmi, thing), self.ahead(pose))
+        grasp = grasp_of(box_of(self.wmi, thing), self.ahead(pose), opening(self.element("Gripper")))
         return CartesianMotionGoal(
             target=stamped(frame, above(grasp, self.value("Height"))),
             speed=self.value("Speed"),

@@ -14,7 +14,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills.motions import CloseGripper, OpenGripper
 from skiros2_sim.core.names import GRIPPER
-from skiros2_sim_skills.core.devices import name_of
+from skiros2_sim_skills.core.devices import name_of, opening
 from skiros2_sim_skills.core.places import (
     SCENE,
     box_of,
@@ -71,13 +71,12 @@ class open_gripper(_GripperMotion):
 
     def createDescription(self) -> None:
         self.setDescription(OpenGripper(), self.__class__.__name__)
-        self.addParam("Width", 0.08, ParamTypes.Optional, description="Between the fingers (m)")
 
     def doing(self) -> str:
         return "Opening the gripper"
 
     def buildGoal(self) -> GripperCommandGoal:
-        return self.command(self.value("Width"), 0.0)
+        return self.command(opening(self.element("Gripper")), 0.0)
 
     def onDone(self, status: int, msg: Any) -> State:
         if status == GoalStatus.SUCCEEDED and not msg.stalled:

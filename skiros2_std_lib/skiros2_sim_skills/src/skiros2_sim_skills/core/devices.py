@@ -19,6 +19,7 @@ DETECT = Address("skiros:DriverAddress", "/{robot}/{part}/detect")
 TOOL_FRAME = Address("skiros:LinkedToFrameId", "{robot}/{part}/tool")
 
 JOINT_NAMES = "demo:JointNames"
+OPENING = "demo:Opening"
 POSTURES = "demo:Postures"
 
 
@@ -27,6 +28,19 @@ def name_of(address: Address, robot: Element, part: Element | None = None) -> st
     if part is None:
         return address.of(robot, robot_name(robot))
     return address.of(part, robot_name(robot), part_name(part))
+
+
+def opening(gripper: Element) -> float:
+    """How far a gripper opens (m); 0.08 where its element does not tell.
+
+    :raises WrongValue: that is no length.
+    """
+    value = gripper.value_of(OPENING)
+    if value is None:
+        return 0.08
+    if not _is_number(value) or value <= 0:
+        raise WrongValue(f"{gripper!r}: {OPENING} is {value!r}, expected m")
+    return float(value)
 
 
 def posture(arm: Element, name: str) -> dict[str, float]:

@@ -94,15 +94,19 @@ def holder_of(wmi: Any, element: Element) -> Element | None:
     return wmi.get_element(above[0]["src"]) if above else None
 
 
-def grasp_of(thing: Box, ahead: Vector) -> Pose:
+def grasp_of(thing: Box, ahead: Vector, opening: float = math.inf) -> Pose:
     """Where the tool takes a thing that lies somewhere, from above, with the fingers across its narrower side.
 
     :param ahead: of the ways that are alike, the one with the x axis of the tool nearest to this direction.
+    :param opening: how far the fingers open (m).
+    :raises WrongValue: the thing is too wide for that.
     """
     axes = [rotated(thing.pose.orientation, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
     upright = max(range(3), key=lambda i: abs(axes[i][2]))
     level = [i for i in range(3) if i != upright]
     narrow = min(thing.size[i] for i in level)
+    if narrow >= opening:
+        raise WrongValue(f"it is {narrow * 1000:.0f} mm wide, and the gripper opens to {opening * 1000:.0f} mm")
     # The fingers close along y, so x is along the other level edge.
     directions = [axes[b] for a, b in (level, level[::-1]) if thing.size[a] <= narrow + _ALIKE]
     x, y, z = thing.pose.position

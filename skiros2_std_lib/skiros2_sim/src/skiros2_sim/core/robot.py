@@ -106,6 +106,11 @@ class Robot:
                 found[name] = Pose(state[4], state[5])
         return found
 
+    def joint_positions(self) -> list[float]:
+        """Of `joints`, in their order (rad, m)."""
+        indices = [joint.index for joint in self.joints.values()]
+        return [state[0] for state in self._bullet.getJointStates(self.body, indices)] if indices else []
+
     def velocity(self) -> tuple[float, float, float]:
         """Of the base in its own frame: forward, to the left (m/s), turn to the left (rad/s)."""
         if not self.mobile:

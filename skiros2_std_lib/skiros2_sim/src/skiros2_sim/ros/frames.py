@@ -15,6 +15,8 @@ from skiros2_std_reasoners.ros.transforms import Transforms
 Reference = Callable[[World], Pose]
 
 ODOM = "odom"
+#: A joint that has moved less is where it was (rad, m): what holds an arm trembles.
+_STILL = 1e-5
 
 
 class Frames:
@@ -29,6 +31,7 @@ class Frames:
         self._robots = {robot.name: eid for eid, robot in world.robots.items()}
         self._links = {eid: frozenset(robot.link_poses()) for eid, robot in world.robots.items()}
         self._transforms = Transforms()
+        self._told: dict[str, list[float]] = {}
 
     def camera(self, eid: str) -> str:
         """The optical frame of a camera."""
@@ -59,16 +62,23 @@ class Frames:
             raise UnknownName(f"frame {frame!r} is neither in the simulated world nor on tf")
         return lambda world: pose
 
-    def now(self, world: World) -> Iterator[tuple[str, str, Pose]]:
-        """All frames as they are: parent, name, pose in the parent. Called in the thread that steps."""
+    def moved(self, world: World) -> Iterator[tuple[str, str, Pose]]:
+        """The frames that are elsewhere in their parent than when this was asked before, and some that are not: parent,
+        name, pose in the parent. Called in the thread that steps."""
         for robot in world.robots.values():
             base = f"{robot.name}/{BASE_LINK}"
-            poses = robot.link_poses()
-            from_base = inverted(poses[BASE_LINK])
-            yield self.map, f"{robot.name}/{ODOM}", IDENTITY
-            yield f"{robot.name}/{ODOM}", base, poses[BASE_LINK]
-            for link, pose in poses.items():
-                if link != BASE_LINK:
+            in_map = robot.pose()
+            yield f"{robot.name}/{ODOM}", base, in_map
+            joints = robot.joint_positions()
+            told = self._told.get(robot.id)
+            if told is not None and all(abs(now - then) < _STILL for now, then in zip(joints, told, strict=True)):
+                continue
+            self._told[robot.id] = joints
+            from_base = inverted(in_map)
+            if told is None:
+                yield self.map, f"{robot.name}/{ODOM}", IDENTITY
+            for link, pose in robot.link_poses().items():
+                if link != BASE_LINK and (told is None or robot.links[link] not in robot.base_links):
                     yield base, f"{robot.name}/{link}", composed(from_base, pose)
             for camera in robot.spec.cameras:
                 yield base, self._cameras[camera.id], composed(from_base, world.pose_of(camera.id))

@@ -137,7 +137,7 @@ class Telling:
             return  # tf takes no other transform of the same time
         self._state_told = self._stepper.count
         now = self._clock.now
-        for parent, name, pose in self._frames.now(self._world):
+        for parent, name, pose in self._frames.moved(self._world):
             self._packed.put(name, parent, name, pose)
         self._tf.publish(self._packed.message(now, 0.0))
         for topic, message in self._sensors:

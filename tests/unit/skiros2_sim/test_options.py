@@ -37,6 +37,8 @@ def test_parameters_are_taken() -> None:
         ("seed", 10**40),
         ("camera_rate", 1e9),
         ("noise", -0.5),
+        ("position_noise", float("inf")),
+        ("yaw_noise", 4.0),
         ("detection", "guess"),
         ("detection", ["camera"]),
     ],

@@ -95,6 +95,8 @@ class GoalServer:
 
         :param timeout: s to wait at most for a request that is being served.
         """
+        if self._thread.ident is None:
+            return  # never started
         self._requests.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)

@@ -29,6 +29,8 @@ class Options:
     :param camera_rate: Hz of simulated time; 0: no pictures on topics.
     :param detection: what perception makes poses from.
     :param noise: of perception.
+    :param position_noise: how far from their place in the scene things that move stand at the start (m).
+    :param yaw_noise: how far they are turned (rad).
     """
 
     scene: str = ""
@@ -40,6 +42,8 @@ class Options:
     camera_rate: float = CAMERA_RATE
     detection: Source = Source.CAMERA
     noise: Noise = EXACT
+    position_noise: float = 0.0
+    yaw_noise: float = 0.0
 
 
 def read_options(get: Callable[[str, Any], Any]) -> Options:
@@ -65,6 +69,8 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
         camera_rate=_number(get, "~camera_rate", CAMERA_RATE, RATE),
         detection=Source(detection),
         noise=Noise(depth=metres, position=metres, angle=10 * metres),
+        position_noise=_number(get, "~position_noise", 0.0, 1.0),
+        yaw_noise=_number(get, "~yaw_noise", 0.0, math.pi),
     )
 
 

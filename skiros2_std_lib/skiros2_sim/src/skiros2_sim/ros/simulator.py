@@ -167,9 +167,12 @@ def main() -> None:
     model = WorldModel(ontology_folder(), folder, initial=initial)
     elements = LocalWorldModel("simulator", model).get_scene()
     scene = read_scene(elements, model.ontology.is_subclass, (folder,))
-    world = World(scene, options.seed, options.gui and _window_opens())
+    gui = options.gui and _window_opens()
+    world = World(scene, options.seed, gui, options.position_noise, options.yaw_noise)
     for problem in world.problems:
         log.warning("%s", problem)
+    if rospy.is_shutdown():  # told to end while the world was made
+        return
     simulator = Simulator(world, Stepper(world, options.rate, options.paused), model.ontology, options)
     rospy.on_shutdown(simulator.close)
     simulator.start()

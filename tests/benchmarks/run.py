@@ -19,7 +19,7 @@ from support.ros import Ros, RosMaster  # noqa: E402
 
 PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
 PARTS += ("planning", "schedules", "replanning", "world_model", "journal")
-PARTS += ("simulation", "simulator", "use_case")
+PARTS += ("simulation", "simulator", "use_case", "bags")
 
 
 def main() -> int:
@@ -78,6 +78,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import world_model
 
         return world_model.measure(folder)
+    if part == "bags":
+        from benchmarks import bags
+
+        return bags.measure(folder)
     if part == "use_case":
         from benchmarks import use_case
 

@@ -130,7 +130,7 @@ def test_a_property_that_is_no_json_is_named(tmp_path: Path) -> None:
     broken.properties[0].dataValue = "[1"
     run = Run.open(write_bag(tmp_path / "run.bag", [("change", Monitor()("reset", broken))]))
     with pytest.raises(
-        BagError, match=r"/wm/monitor at 0.000 s: change 's1' .* property 'skiros:Size': '\[1' is no JSON"
+        BagError, match=r"/wm/monitor at 0.000 s: the change cannot be read: property 'skiros:Size': '\[1' is no JSON"
     ):
         run.changes()
 

@@ -12,7 +12,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from skiros2_bags.core.contract_types import MD5_SUMS
+from skiros2_bags.core.contract_types import check_md5
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import Message
 from skiros2_bags.core.salvage import DAMAGE, SalvageReader
@@ -58,7 +58,7 @@ class BagFile:
             chosen = [c for c in reader.connections if c.id in numbers]
             known = {c.id: (c.topic, plain_type(c.msgtype), c.digest, _caller(c), c.msgdef.data) for c in chosen}
             for connection, time, data in reader.messages(chosen, stop=stop):
-                yield Message(time / 1e9, *known[connection.id], data, self._decode)
+                yield Message(time / 1e9, *known[connection.id], data, self.path, self._decode)
 
     def _decode(self, message: Message) -> Any:
         key = (message.type, message.md5, message.definition)
@@ -68,10 +68,7 @@ class BagFile:
         try:
             return decoder(message.data)
         except (SerdeError, *DAMAGE) as error:
-            raise BagError(
-                f"{self.path}: {message.topic} at {message.time:.3f} s is no {message.type}: "
-                f"{error or type(error).__name__}"
-            ) from error
+            raise BagError(f"{message.place} is no {message.type}: {error or type(error).__name__}") from error
 
     def _decoder(self, message: Message) -> Any:
         """What decodes the messages of a type, as the bag defines it.
@@ -79,9 +76,7 @@ class BagFile:
         :raises BagError: the definition makes no sense, or is another one than that of the contract.
         """
         place = f"{self.path}: {message.topic}: {message.type}"
-        expected = MD5_SUMS.get(message.type)
-        if expected is not None and message.md5 != expected:
-            raise BagError(f"{place} has the md5 sum {message.md5}, expected {expected}: recorded with another version")
+        check_md5(message)
         name = message.type.replace("/", "/msg/")
         store = get_typestore(Stores.ROS1_NOETIC)
         try:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.message import Message
+
 MONITOR = "skiros2_msgs/WmMonitor"
 PROGRESS = "skiros2_msgs/TreeProgress"
 
@@ -13,3 +16,14 @@ MD5_SUMS = {
     "skiros2_msgs/AssignTaskActionResult": "fbfe2da64b877db0724fa15bf68e147a",
     "skiros2_msgs/AssignTaskActionFeedback": "6fd05a4dc6f460247a7e95d6246a678f",
 }
+
+
+def check_md5(message: Message) -> None:
+    """Makes sure that a message is of its type as the contract has it; those of other types are not looked at.
+
+    :raises BagError: it is not.
+    """
+    expected = MD5_SUMS.get(message.type)
+    if expected is not None and message.md5 != expected:
+        what = f"{message.place}: {message.type} has the md5 sum {message.md5}, expected {expected}"
+        raise BagError(f"{what}: it was recorded with another version")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 
@@ -17,6 +18,7 @@ class Message:
     :param caller: the node that published it; "" where the bag does not tell.
     :param definition: of its type, with those of all types in it.
     :param data: as it was sent.
+    :param bag: the file.
     """
 
     time: float
@@ -26,7 +28,13 @@ class Message:
     caller: str
     definition: str = field(repr=False)
     data: bytes = field(repr=False)
+    bag: Path = field(repr=False)
     _decode: Callable[[Message], Any] = field(repr=False)
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for errors."""
+        return f"{self.bag}: {self.topic} at {self.time:.3f} s"
 
     @cached_property
     def content(self) -> Any:

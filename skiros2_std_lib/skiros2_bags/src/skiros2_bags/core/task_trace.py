@@ -130,8 +130,8 @@ def task_traces(messages: Iterable[Message]) -> list[TaskTrace]:
 def _enter(task: TaskTrace, progress: list[Any], message: Message) -> None:
     task.end = message.time
     if progress[0].id != task.id:
-        place = f"{message.topic} at {message.time:.3f} s"
-        raise BagError(f"{place}: the progress of task {task.id} begins with node {progress[0].id}, expected its root")
+        begin = f"begins with node {progress[0].id}, expected its root"
+        raise BagError(f"{message.place}: the progress of task {task.id} {begin}")
     for told in progress:
         node = task.nodes.get(told.id)
         if node is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.garbage import without_collection
 from skiros2_bags.core.world_changes import TimedChange
 from skiros2_world_model.core.changes import RESET
 from skiros2_world_model.core.following import follow
@@ -27,6 +28,7 @@ def world_at(changes: Sequence[TimedChange], at: float, partial: bool = False) -
     if gap is not None and not partial:
         raise BagError(f"the world at {at:.3f} s is not known, as at {gap.time:.3f} s {gap.gap}")
     scene = Scene()
-    for timed in past[begin:]:
-        follow(scene, timed.change)
+    with without_collection():
+        for timed in past[begin:]:
+            follow(scene, timed.change)
     return scene

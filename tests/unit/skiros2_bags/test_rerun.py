@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.rerun import Settings, rerun
-from skiros2_common.core.errors import ConfigurationError
 from skiros2_demo_skills import timed_motions, transport_skills
 from support.ros import ROOT
 
@@ -81,8 +81,8 @@ def test_a_motion_that_ends_too_early_is_told_with_its_tick(
 
 
 def test_a_bag_without_what_is_needed_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="parameters"):
+    with pytest.raises(BagError, match="parameters"):
         rerun(Recording(BAGS / "pick_place.bag"), SETTINGS)
     (tmp_path / "no.bag").write_bytes(b"#ROSBAG V2.0\n")
-    with pytest.raises(ConfigurationError, match="cannot be read as a bag"):
+    with pytest.raises(BagError, match=r"no\.bag"):
         Recording(tmp_path / "no.bag")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from skiros2_bags.testing.recording import Changed, Recording, first_scene
+from skiros2_bags.core.world_history import world_at
+from skiros2_bags.testing.recording import Changed, Recording
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import (
     ADD,
@@ -20,7 +22,6 @@ from skiros2_world_model.core.changes import (
     Update,
 )
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -34,23 +35,13 @@ RECORDER = "recording"
 def scene_before(recording: Recording, order: int) -> Scene:
     """The scene as it was when the bag's message of that number came; the first whole scene where that is later.
 
-    :raises ConfigurationError: the bag has no whole scene.
+    :raises BagError: the bag has no whole scene, or changes are missing in it.
     """
-    start = first_scene(recording)
-    whole = start.change
-
-    def fetch() -> Snapshot:
-        return Snapshot(whole.snapshot_id, whole.number, whole.elements)
-
-    replica = Replica(fetch, patience=0.0)
-    replica.refresh()
-    for event in recording.changes:
-        if start.order < event.order < order:
-            if event.change.action == RESET:
-                whole = event.change
-            replica.follow(event.change)
-            replica.refresh()
-    return replica.scene()
+    changes = recording.run.changes()
+    past = {event.change.snapshot_id for event in recording.changes if event.order < order}
+    known = sum(timed.change.snapshot_id in past for timed in changes)
+    whole = next((number for number, timed in enumerate(changes, 1) if timed.change.action == RESET), 1)
+    return world_at(changes[: max(known, whole)], math.inf)
 
 
 def world_of(scene: Scene, workspace: Path | None) -> WorldModel:

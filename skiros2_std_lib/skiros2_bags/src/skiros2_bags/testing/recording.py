@@ -11,12 +11,15 @@ from typing import Any
 
 import genpy
 import roslib.message
-from rosbags.rosbag1 import Reader, ReaderError
 
-from skiros2_common.core.errors import ConfigurationError, WrongValue
+from skiros2_bags.core.contract_types import MONITOR, PROGRESS
+from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.message import Message
+from skiros2_bags.core.run import Run
+from skiros2_bags.core.world_changes import read_change
+from skiros2_common.core.errors import WrongValue
 from skiros2_msgs.msg import SkillProgress
-from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.ros.wire import msg2change
+from skiros2_world_model.core.changes import Change
 
 #: Where the recorder puts the parameters of the master, as JSON.
 PARAMETERS = "/recorder/parameters"
@@ -119,20 +122,18 @@ class Parameters(Event):
 
 
 class Recording:
-    """A bag, read whole; needs no master, but the packages whose messages it holds.
+    """A bag, read whole; needs no master, but the packages whose actions it holds.
 
-    :raises ConfigurationError: it is no bag, or its messages are other ones than those of this system.
+    :raises BagError: it is no bag, was cut off, or its messages are other ones than those of this system.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.events: list[Event] = []
-        try:
-            with Reader(path) as bag:
-                for order, (connection, stamp, data) in enumerate(bag.messages()):
-                    self.events += self._events(order, stamp / 1e9, connection, data)
-        except (ReaderError, OSError) as error:
-            raise ConfigurationError(f"{path}: cannot be read as a bag: {error}") from error
+        self.run = Run.open(path)
+        if self.run.damage:
+            raise BagError(f"{self.run.damage}; a replay needs the whole")
+        messages = enumerate(self.run.messages())
+        self.events = [event for order, message in messages for event in _events(order, message)]
 
     # -- what is in it -----------------------------------------------------------------------------------------------
 
@@ -168,34 +169,38 @@ class Recording:
         same = (e for e in self.acted if e.action == goal.action and e.part == "result" and e.goal_id == goal.goal_id)
         return next(same, None)
 
-    # -- reading -----------------------------------------------------------------------------------------------------
 
-    def _events(self, order: int, time: float, connection: Any, data: bytes) -> Iterator[Event]:
-        topic, kind = connection.topic, connection.msgtype.replace("/msg/", "/")
-        if kind == "skiros2_msgs/TreeProgress" and topic.endswith("/monitor"):
-            nodes = self._read(connection, data).progress
-            if nodes:
-                yield Told(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, _tree(nodes))
-        elif kind == "skiros2_msgs/WmMonitor" and topic.endswith("wm/monitor"):
-            yield Changed(order, time, msg2change(self._read(connection, data), "scene"))
-        elif kind == "rosgraph_msgs/Clock":
-            yield Ticked(order, time, self._read(connection, data).clock.to_sec())
-        elif topic == PARAMETERS:
-            yield Parameters(order, time, _flat(json.loads(self._read(connection, data).data)))
-        elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
-            goal_id = self._read(connection, data).id
-            yield Acted(order, time, topic.removesuffix("/cancel"), "cancel", goal_id, None, connection.ext.callerid)
-        else:
-            action, _, part = topic.rpartition("/")
-            if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
-                message, caller = self._read(connection, data), connection.ext.callerid or ""
-                yield _acted(Event(order, time), action, part, message, caller)
+def _events(order: int, message: Message) -> Iterator[Event]:
+    topic, kind, time = message.topic, message.type, message.time
+    if kind == PROGRESS and topic.endswith("/monitor"):
+        nodes = message.content.progress
+        if nodes:
+            yield Told(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, _tree(nodes))
+    elif kind == MONITOR and topic.endswith("wm/monitor"):
+        yield Changed(order, time, read_change(message))
+    elif kind == "rosgraph_msgs/Clock":
+        clock = message.content.clock
+        yield Ticked(order, time, clock.sec + clock.nanosec / 1e9)
+    elif topic == PARAMETERS:
+        yield Parameters(order, time, _flat(json.loads(message.content.data)))
+    elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
+        action = topic.removesuffix("/cancel")
+        yield Acted(order, time, action, "cancel", message.content.id, None, message.caller)
+    else:
+        action, _, part = topic.rpartition("/")
+        if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
+            yield _acted(Event(order, time), action, part, _ros_message(message), message.caller)
 
-    def _read(self, connection: Any, data: bytes) -> Any:
-        try:
-            return _message_class(connection.msgtype.replace("/msg/", "/"), connection.digest)().deserialize(data)
-        except (WrongValue, genpy.DeserializationError) as error:
-            raise ConfigurationError(f"{self.path}, topic {connection.topic}: {error}") from error
+
+def _ros_message(message: Message) -> Any:
+    """The message as skills get it.
+
+    :raises BagError: this system has no such message.
+    """
+    try:
+        return _message_class(message.type, message.md5)().deserialize(message.data)
+    except (WrongValue, genpy.DeserializationError) as error:
+        raise BagError(f"{message.topic} at {message.time:.3f} s: {error}") from error
 
 
 @functools.cache
@@ -251,17 +256,3 @@ def _flat(values: Any, prefix: str = "") -> dict[str, Any]:
     for key, value in values.items():
         found.update(_flat(value, f"{prefix}/{key}" if not key.startswith("/") else prefix + key))
     return found
-
-
-def first_scene(recording: Recording) -> Changed:
-    """The first change that holds a whole scene.
-
-    :raises ConfigurationError: there is none.
-    """
-    for event in recording.changes:
-        if event.change.action == RESET:
-            return event
-    raise ConfigurationError(
-        f"{recording.path}: no whole scene on wm/monitor; expected a bag that was begun before the world model, "
-        "or by `rosrun skiros2_bags record`"
-    )

@@ -16,12 +16,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.normal import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
 from skiros2_bags.testing.rerun_process import Rerun
 from skiros2_bags.testing.task_runs import TaskRun, task_runs
-from skiros2_common.core.errors import ConfigurationError
 
 #: How far apart in the bag two messages may be whose order is not certain (s).
 WINDOW = 0.02
@@ -64,11 +64,11 @@ class Settings:
 def rerun(recording: Recording, settings: Settings) -> Divergence | None:
     """Runs all tasks of a recording again. None: all went as recorded.
 
-    :raises ConfigurationError: the bag has not what that takes.
+    :raises BagError: the bag has not what that takes.
     """
     runs = task_runs(recording)
     if not runs:
-        raise ConfigurationError(f"{recording.path}: no progress of tasks; expected a topic /MANAGER/monitor")
+        raise BagError(f"{recording.path}: no progress of tasks; expected a topic /MANAGER/monitor")
     reading = Reading()
     best = _attempt(recording, runs, settings, reading)
     attempts = 1

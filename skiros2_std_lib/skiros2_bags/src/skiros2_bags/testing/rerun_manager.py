@@ -8,6 +8,7 @@ import logging
 from collections.abc import Iterator
 from typing import Any
 
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.testing.action_stand_ins import Actions
 from skiros2_bags.testing.played_skill import is_played, played
 from skiros2_common.core.errors import ConfigurationError
@@ -45,13 +46,13 @@ class RerunManager:
     def robot(self) -> Element:
         """The robot's element as it is now.
 
-        :raises ConfigurationError: the scene has none for this manager.
+        :raises BagError: the scene has none for this manager.
         """
         for robot in self.wmi.resolve_elements(Element("cora:Robot")):
             if robot.hasProperty("skiros:SkillMgr", self.name):
                 found: Element = robot
                 return found
-        raise ConfigurationError(f"the recorded scene has no robot of the skill manager {self.name}")
+        raise BagError(f"the recorded scene has no robot of the skill manager {self.name}")
 
     def load(self) -> None:
         """Loads what the manager has registered.
@@ -63,7 +64,7 @@ class RerunManager:
             skill = self.wmi.get_element(relation["dst"])
             listed.append((skill.getIdNumber(), str(skill.value_of("skiros:PythonModule")), skill.label))
         if not listed:
-            raise ConfigurationError(f"the recorded scene lists no skills of {self.name}")
+            raise BagError(f"the recorded scene lists no skills of {self.name}")
         self.library.import_libraries(sorted({module.partition(".")[0] for _, module, _ in listed}))
         for _, module, label in sorted(listed):
             cls = _implementation(module, label)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.normal import Tolerance
 from skiros2_bags.testing.divergence import CONTEXT, first_difference, node_text, path_of
 from skiros2_bags.testing.recording import Seen, Told
 from skiros2_bags.testing.task_runs import TaskRun
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
+from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
 from skiros2_skill.core.request import SkillRequest, make_nodes
@@ -31,7 +32,7 @@ class RerunTask:
     """A task, made as its manager has made it.
 
     :param manager: the `RerunManager`.
-    :raises ConfigurationError: the bag does not have what was asked for.
+    :raises BagError: the bag does not have what was asked for.
     """
 
     def __init__(self, run: TaskRun, manager: Any, tolerance: Tolerance) -> None:
@@ -127,13 +128,13 @@ class RerunTask:
 def _requests(run: TaskRun) -> list[SkillRequest]:
     """What was asked for.
 
-    :raises ConfigurationError: the bag does not tell.
+    :raises BagError: the bag does not tell.
     """
     if run.skills:
         return [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in run.skills]
     roots = [node for node in run.told[0].nodes if len(node.place) == 1]
     if not any(node.params for node in roots):
-        raise ConfigurationError(
+        raise BagError(
             f"{run}: the bag has neither the goal that has asked for it nor its parameters; expected a goal on "
             f"{run.manager}/execute or, for a task that was started by service, progress with parameters "
             f"({run.manager}/set_debug)"
@@ -144,7 +145,7 @@ def _requests(run: TaskRun) -> list[SkillRequest]:
             for node in roots
         ]
     except SkirosError as error:
-        raise ConfigurationError(f"{run}: its recorded parameters cannot be read: {error}") from error
+        raise BagError(f"{run}: its recorded parameters cannot be read: {error}") from error
 
 
 class _Text:

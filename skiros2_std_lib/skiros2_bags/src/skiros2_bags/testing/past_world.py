@@ -22,7 +22,7 @@ from skiros2_world_model.core.changes import (
     Update,
 )
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.scene import ROOT, Scene
 from skiros2_world_model.core.world_model import WorldModel
 
 #: What skills have.
@@ -53,7 +53,7 @@ def world_of(scene: Scene, workspace: Path | None) -> WorldModel:
     declaring = LocalWorldModel(RECORDER, model)
     for name in sorted({node.type for node in scene if _MODULE in node.properties}):
         declaring.add_class(name, "skiros:Skill")  # as its manager has: no file has them
-    model.transact(_whole(scene, model.scene()), RECORDER)
+    model.transact(whole_scene(scene, model.scene()), RECORDER)
     model.scene().reserve(scene.next_number)
     return model
 
@@ -85,11 +85,11 @@ def requests_of(events: Sequence[Changed]) -> list[list[Changed]]:
     return requests
 
 
-def _whole(scene: Scene, empty: Scene) -> list[Operation]:
-    """What makes a scene of one that has only a root."""
+def whole_scene(scene: Scene, empty: Scene) -> list[Operation]:
+    """What makes a scene of one that has at most a root."""
     elements = [scene.element(node.id) for node in scene]
     bare = [Element.shared(e.type, e.label, e.id, e._props, ()) for e in elements if e is not None]
-    made: list[Operation] = [Update(e.copy()) if e.id in empty else Add(e.copy()) for e in bare]
+    made: list[Operation] = [Update(e.copy()) if e.id in empty or e.id == ROOT else Add(e.copy()) for e in bare]
     return [*made, *(Relate(*relation) for relation in scene.relations())]
 
 

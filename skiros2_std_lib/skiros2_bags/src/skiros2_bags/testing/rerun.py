@@ -13,12 +13,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.normal import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
+from skiros2_bags.testing.kinds import Settings
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
 from skiros2_bags.testing.rerun_process import Rerun
 from skiros2_bags.testing.task_runs import TaskRun, task_runs
@@ -43,22 +42,6 @@ class Reading:
 
     places: tuple[tuple[int, float], ...] = ()
     shifts: tuple[tuple[int, float], ...] = ()
-
-
-@dataclass
-class Settings:
-    """What the code under test is, and how strictly it is judged.
-
-    :param workspace: folder of the ontologies that the scene needs beside the platform's; None: as the bag's parameter
-        `workspace_dir` of the world model says.
-    :param played: labels of primitives that are not run, but do what was told of them; those that call services are
-        played anyway, since bags have no answers of services.
-    """
-
-    workspace: Path | None = None
-    played: frozenset[str] = frozenset()
-    tolerance: Tolerance = NARROW
-    libraries: tuple[str, ...] = field(default=())
 
 
 def rerun(recording: Recording, settings: Settings) -> Divergence | None:

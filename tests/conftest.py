@@ -2,7 +2,7 @@
 
 - Every test has the marker of the folder it lies in: `pytest -m "unit or contract"` needs no mark in the files.
 - A run that is told to end (SIGTERM) ends like one that is interrupted: with all that it has started.
-- Tests of skills have the fixtures of `skiros2_skill.testing`.
+- Tests of skills have the fixtures of `skiros2_skill.testing`, and those of recorded runs the fixture `replayed`.
 - Tests on real nodes have the fixtures `ros_master` and `ros`; what these give is described in tests/support/ros.py.
 """
 
@@ -17,7 +17,7 @@ import pytest
 
 from support.ros import Ros, RosMaster
 
-pytest_plugins = ["skiros2_skill.testing"]
+pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 
 TESTS = Path(__file__).parent
 

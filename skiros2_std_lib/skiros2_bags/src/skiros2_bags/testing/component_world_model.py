@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import rospy
 
 from skiros2_bags.core.normal import Tolerance, change_differences, element_differences, summary
 from skiros2_bags.testing.divergence import Divergence
+from skiros2_bags.testing.kinds import Settings
 from skiros2_bags.testing.lab import Lab
-from skiros2_bags.testing.past_world import operations_of, requests_of, scene_before, whole_scene
+from skiros2_bags.testing.past_world import operations_of, requests_of, scene_before
 from skiros2_bags.testing.recording import Changed, Recording
+from skiros2_bags.testing.system_nodes import start_world_model
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.following import follow
@@ -20,20 +20,16 @@ from skiros2_world_model.ros.wire import msg2change, msg2given_element, operatio
 NODE = "/wm"
 
 
-def replay_world_model(
-    recording: Recording, workspace: Path | None, tolerance: Tolerance, lab: Lab
-) -> Divergence | None:
+def replay_world_model(recording: Recording, settings: Settings, lab: Lab) -> Divergence | None:
     """Plays all changes of a recording into a world model. None: all came of them as recorded.
 
     It runs without reasoners: what these have completed is in the recorded changes, and so in the requests.
     """
-    parameters = {"workspace_dir": str(workspace or ""), "journal": "false", "reasoners_pkgs": []}
-    lab.node("skiros2_world_model", "world_model_server_node", NODE, parameters)
-    rospy.wait_for_service(f"{NODE}/snapshot", 30.0)
-    transact = rospy.ServiceProxy(f"{NODE}/transaction", srvs.WmTransaction, persistent=True)
     first = next(e for e in recording.changes if e.change.action == RESET)
     scene = scene_before(recording, first.order + 1)
-    transact("recording", "", [operation2msg(o) for o in whole_scene(scene, Scene())])
+    start_world_model(lab, scene, settings.workspace, [])
+    transact = rospy.ServiceProxy(f"{NODE}/transaction", srvs.WmTransaction, persistent=True)
+    tolerance = settings.tolerance
     begin = recording.events[0].time
     for request in requests_of([e for e in recording.changes if e.order > first.order]):
         found = _play(request, scene, transact, tolerance)

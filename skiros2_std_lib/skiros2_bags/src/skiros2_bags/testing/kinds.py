@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from skiros2_bags.core.normal import NARROW, Tolerance
-from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.recording import Recording
+
+if TYPE_CHECKING:
+    from skiros2_bags.testing.divergence import Divergence
 
 RERUN, TRACE = "rerun", "trace"
 WORLD_MODEL, SKILL_MANAGER, TASK_MANAGER = "world_model", "skill_manager", "task_manager"
@@ -46,6 +48,9 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
     :raises BagError: the bag has not what that takes.
     :raises SkirosError: it cannot be played.
     """
+    # Here and below, because pytest knows the kinds in each run, and ROS takes its time to be imported.
+    from skiros2_bags.testing.recording import Recording
+
     recording = Recording(bag)
     if settings.workspace is None:
         folder = str(recording.parameters.get("/wm/workspace_dir", ""))
@@ -54,11 +59,16 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
         from skiros2_bags.testing.rerun import rerun
 
         return rerun(recording, settings)
+    from skiros2_bags.testing.component_task_manager import replay_task_manager
+    from skiros2_bags.testing.component_world_model import replay_world_model
     from skiros2_bags.testing.lab import Lab
+    from skiros2_bags.testing.system_replay import replay_skill_managers, replay_trace
 
-    if kind == WORLD_MODEL:
-        from skiros2_bags.testing.component_world_model import replay_world_model
-
-        with Lab("replay") as lab:
-            return replay_world_model(recording, settings.workspace, settings.tolerance, lab)
-    raise ValueError(kind)
+    players = {
+        TRACE: replay_trace,
+        WORLD_MODEL: replay_world_model,
+        SKILL_MANAGER: replay_skill_managers,
+        TASK_MANAGER: replay_task_manager,
+    }
+    with Lab("replay") as lab:
+        return players[kind](recording, settings, lab)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -121,21 +121,11 @@ class Parameters(Event):
     values: dict[str, Any]
 
 
-class Recording:
-    """A bag, read whole; needs no master, but the packages whose actions it holds.
+class Events:
+    """What happened in a run, in order."""
 
-    :raises BagError: it is no bag, was cut off, or its messages are other ones than those of this system.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.run = Run.open(path)
-        if self.run.damage:
-            raise BagError(f"{self.run.damage}; a replay needs the whole")
-        messages = enumerate(self.run.messages())
-        self.events = [event for order, message in messages for event in _events(order, message)]
-
-    # -- what is in it -----------------------------------------------------------------------------------------------
+    def __init__(self, events: Iterable[Event]) -> None:
+        self.events = list(events)
 
     @property
     def told(self) -> list[Told]:
@@ -170,12 +160,27 @@ class Recording:
         return next(same, None)
 
 
+class Recording(Events):
+    """A bag, read whole; needs no master, but the packages whose actions it holds.
+
+    :raises BagError: it is no bag, was cut off, or its messages are other ones than those of this system.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.run = Run.open(path)
+        if self.run.damage:
+            raise BagError(f"{self.run.damage}; a replay needs the whole")
+        messages = enumerate(self.run.messages())
+        super().__init__(event for order, message in messages for event in _events(order, message))
+
+
 def _events(order: int, message: Message) -> Iterator[Event]:
     topic, kind, time = message.topic, message.type, message.time
     if kind == PROGRESS and topic.endswith("/monitor"):
         nodes = message.content.progress
         if nodes:
-            yield Told(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, _tree(nodes))
+            yield Told(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, tree(nodes))
     elif kind == MONITOR and topic.endswith("wm/monitor"):
         yield Changed(order, time, read_change(message))
     elif kind == "rosgraph_msgs/Clock":
@@ -224,7 +229,7 @@ def _acted(at: Event, action: str, part: str, message: Any, caller: str) -> Acte
     return Acted(at.order, at.time, action, part, status.goal_id.id, content, caller, status.status, status.text)
 
 
-def _tree(nodes: list[Any]) -> tuple[Seen, ...]:
+def tree(nodes: list[Any]) -> tuple[Seen, ...]:
     """The nodes of a message with their places, each before its children."""
     places: dict[int, tuple[int, ...]] = {}
     children: dict[int, int] = {}

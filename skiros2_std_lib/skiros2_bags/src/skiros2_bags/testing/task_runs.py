@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_bags.testing.recording import Acted, Recording, Told
+from skiros2_bags.testing.recording import Acted, Events, Told
 
 #: A task whose start is not in the bag began at most so long before it was first told of (s).
 _BEFORE_FIRST = 0.5
@@ -47,7 +47,7 @@ class TaskRun:
         return f"task {self.task} of {self.manager} ({labels})"
 
 
-def task_runs(recording: Recording) -> list[TaskRun]:
+def task_runs(recording: Events) -> list[TaskRun]:
     """The tasks of all managers, in the order in which they were first told of."""
     runs: list[TaskRun] = []
     open_runs: dict[tuple[str, int], TaskRun] = {}
@@ -72,7 +72,7 @@ def task_runs(recording: Recording) -> list[TaskRun]:
     return runs
 
 
-def _goals_of(recording: Recording, runs: Sequence[TaskRun]) -> dict[int, Acted]:
+def _goals_of(recording: Events, runs: Sequence[TaskRun]) -> dict[int, Acted]:
     """The goal of each task, by the task's identity: feedback and result name the task."""
     found: dict[int, Acted] = {}
     for event in recording.acted:
@@ -87,7 +87,7 @@ def _goals_of(recording: Recording, runs: Sequence[TaskRun]) -> dict[int, Acted]
     return found
 
 
-def _first_after(recording: Recording, time: float) -> int:
+def _first_after(recording: Events, time: float) -> int:
     return next((e.order for e in recording.events if e.time >= time), 0)
 
 

@@ -1,0 +1,102 @@
+"""Action servers of a replay: they answer goals as the recorded servers did, after the same times."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Any
+
+import actionlib
+import roslib.message
+
+from skiros2_bags.core.normal import Tolerance
+from skiros2_bags.testing.action_stand_ins import message_differences
+from skiros2_bags.testing.recording import Acted, Recording
+
+log = logging.getLogger(__name__)
+
+
+class ActionServers:
+    """Servers for some of the actions of a recording. The goals of each are answered in their order.
+
+    :param actions: their names.
+    :param tolerance: of numbers in goals.
+    """
+
+    def __init__(self, recording: Recording, actions: set[str], tolerance: Tolerance) -> None:
+        self._recording = recording
+        self._tolerance = tolerance
+        self._lock = threading.Lock()
+        self._waiting = {name: recording.goals(name) for name in sorted(actions)}
+        self._timers: list[threading.Timer] = []
+        self._ended: set[str] = set()  # the ids of goals
+        #: What was wrong with the goals that came: what it is, as recorded, and now.
+        self.wrong: list[tuple[str, str, str]] = []
+        self._servers = [self._server(name, goals[0]) for name, goals in self._waiting.items() if goals]
+
+    def close(self) -> None:
+        """No more answers."""
+        with self._lock:
+            timers, self._timers = self._timers, []
+        for timer in timers:
+            timer.cancel()
+
+    # -- in threads of ROS -------------------------------------------------------------------------------------------
+
+    def _server(self, name: str, goal: Acted) -> Any:
+        kind = roslib.message.get_message_class(goal.content._type.removesuffix("Goal") + "Action")
+        server = actionlib.ActionServer(
+            name, kind, lambda handle: self._on_goal(name, handle), self._on_cancel, auto_start=False
+        )
+        server.start()
+        return server
+
+    def _on_goal(self, name: str, handle: Any) -> None:
+        with self._lock:
+            expected = self._waiting[name].pop(0) if self._waiting[name] else None
+        if expected is None:
+            self._note(f"a goal to {name}", "no further goal", str(handle.get_goal()))
+            handle.set_rejected(None, "the recording has no further goal")
+            return
+        for field, wanted, found in message_differences(expected.content, handle.get_goal(), self._tolerance):
+            self._note(f"a goal to {name}, field {field}", wanted, found)
+            break
+        handle.set_accepted()
+        answers = [e for e in self._recording.acted if e.action == name and e.goal_id == expected.goal_id]
+        with self._lock:
+            for event in answers:
+                if event.part in ("feedback", "result"):
+                    timer = threading.Timer(max(0.0, event.time - expected.time), self._answer, (handle, event))
+                    timer.daemon = True
+                    self._timers.append(timer)
+                    timer.start()
+
+    def _answer(self, handle: Any, event: Acted) -> None:
+        if event.part == "feedback":
+            if handle.get_goal_id().id not in self._ended:
+                handle.publish_feedback(event.content)
+            return
+        goal_id = handle.get_goal_id().id
+        with self._lock:
+            if goal_id in self._ended:
+                return
+            self._ended.add(goal_id)
+        statuses = actionlib.GoalStatus
+        ends = {
+            statuses.SUCCEEDED: handle.set_succeeded,
+            statuses.PREEMPTED: handle.set_canceled,
+            statuses.RECALLED: handle.set_canceled,
+        }
+        ends.get(event.status, handle.set_aborted)(event.content, event.text)
+
+    def _on_cancel(self, handle: Any) -> None:
+        goal_id = handle.get_goal_id().id
+        with self._lock:
+            if goal_id in self._ended:
+                return
+            self._ended.add(goal_id)
+        handle.set_canceled(None, "cancelled")
+
+    def _note(self, what: str, expected: str, got: str) -> None:
+        with self._lock:
+            self.wrong.append((what, expected, got))

@@ -30,6 +30,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
+        if TESTS not in item.path.parents:
+            continue  # a bag that was named on the command line
         item.add_marker(item.path.relative_to(TESTS).parts[0])
 
 

@@ -52,9 +52,7 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
     for bag in config.getoption("--replay"):
         for kind in config.getoption("--replay-kind") or [RERUN]:
             path = Path(bag).resolve()
-            items.append(
-                ReplayItem.from_parent(session, name=f"{bag}[{kind}]", bag=path, kind=kind, settings=settings)
-            )
+            items.append(ReplayItem.from_parent(session, name=f"{bag}[{kind}]", bag=path, kind=kind, settings=settings))
 
 
 class Diverged(AssertionError):

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.kinds import Settings
+from skiros2_bags.testing.recording import Recording
 from skiros2_bags.testing.rerun import rerun
 from skiros2_demo_skills import timed_motions, transport_skills
 from support.ros import ROOT

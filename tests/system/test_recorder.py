@@ -1,14 +1,16 @@
-"""Recording runs: from before there is a master, in the middle of a run, and what is left when it is killed."""
+"""Recording a run from before there is a master, and in its middle; putting it back; playing what others recorded."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from skiros2_bags.core.checking import check
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.run import Run
 from support.programs import Program
 from support.ros import Ros, RosMaster, wait_until
@@ -16,32 +18,27 @@ from support.ros import Ros, RosMaster, wait_until
 pytestmark = pytest.mark.timeout(120)
 
 ROBOT = "/mobile_manipulator"
-GOAL = "(skiros:at cora:Robot-1 demo:Workstation-6)"
+ROBOT_ID, STATION, WORKSTATION = "cora:Robot-1", "skiros:Location-5", "demo:Workstation-6"
+GOAL = f"(skiros:at {ROBOT_ID} {WORKSTATION})"
+PICK_PLACE = Path(__file__).parents[1] / "bags/pick_place.bag"
 WAIT = 60.0  # s
 
 
-@pytest.fixture
-def system(tmp_path: Path) -> Iterator[Ros]:
-    """Programs on a master of their own, which is not started yet."""
-    programs = _Unstarted(RosMaster(tmp_path))
-    yield programs
-    programs.stop_all()
+class _System(Ros):
+    """Programs on a master of their own, some of which are started before it."""
 
-
-class _Unstarted(Ros):
-    """Programs of which some are started before the master."""
-
-    def __init__(self, master: RosMaster) -> None:
-        self.master = master
+    def __init__(self, folder: Path) -> None:
+        self.master = RosMaster(folder)
         self.programs = []
 
-    def stop_all(self) -> None:
+    def stop(self) -> None:
         for program in reversed(self.programs):
             program.stop()
         self.master.stop()
 
-    def record(self, bag: Path, *options: str) -> Program:
-        return self.run("skiros2_bags", "record", "-o", str(bag), *options)
+    def done(self, package: str, program: str, *arguments: str) -> str:
+        """What a program printed that ended well."""
+        return _ended(self.run(package, program, *arguments))
 
     def launch_robot(self) -> None:
         """Waits until it can be given goals."""
@@ -49,53 +46,109 @@ class _Unstarted(Ros):
         wait_until(lambda: f"{ROBOT}/get_skills" in self.master.services(), WAIT, "the skill manager")
         wait_until(lambda: "/tm/achieve/status" in self.master.topics(), WAIT, "the task manager")
 
-    def achieve(self) -> None:
-        achieve = self.run("skiros2_task", "achieve", GOAL)
-        assert achieve.wait(WAIT) == 0, achieve.output
+
+@dataclass
+class Recorded:
+    """One run, recorded from before the master and in its middle, and what the recorders said."""
+
+    whole: Run
+    late: Run
+    output: str
+    restored: str
+    place: str
 
 
-def test_a_run_that_is_recorded_from_before_the_master_is_whole(system: _Unstarted, tmp_path: Path) -> None:
-    bag = tmp_path / "run.bag"
-    recorder = system.record(bag, "--robots", ROBOT, "--compression", "lz4")
-    recorder.wait_for_line("waits for the master")
-    system.master.start()
-    recorder.wait_for_line("recording to")
-    system.launch_robot()
-    system.achieve()
-    system.program("rosnode", "kill", "/recorder")
-    assert recorder.wait(WAIT) == 0, recorder.output
-    assert "ok: " in recorder.output
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
+    folder = tmp_path_factory.mktemp("recorded")
+    system = _System(folder)
+    whole, late = folder / "whole.bag", folder / "late.bag"
+    try:
+        recorder = system.run("skiros2_bags", "record", "-o", str(whole), "--robots", ROBOT, "--compression", "lz4")
+        recorder.wait_for_line("waits for the master")
+        system.master.start()
+        recorder.wait_for_line("recording to")
+        system.launch_robot()
+        system.done("skiros2_task", "achieve", GOAL)
+        system.program("rosnode", "kill", "/recorder")
+        output = _ended(recorder)
 
-    run = Run.open(bag)
+        second = system.run("skiros2_bags", "record", "-o", str(late), "--no-check")
+        second.wait_for_line("the scene is taken from /wm/snapshot")
+        system.done("skiros2_world_model", "set", ROBOT_ID, "label", "Robbie")
+        wait_until(lambda: _label(late.with_name("late.bag.active")) == "Robbie", WAIT, "the change in the file")
+        second.signal(signal.SIGINT)
+        _ended(second)
+
+        goal = Run.open(whole).goals()[0]
+        restored = system.done("skiros2_bags", "restore", str(whole), "--at", str(goal.time))
+        place = system.done("skiros2_world_model", "get", ROBOT_ID, "skiros:at")
+        yield Recorded(Run.open(whole), Run.open(late), output, restored, place)
+    finally:
+        system.stop()
+
+
+def _ended(program: Program) -> str:
+    assert program.wait(WAIT) == 0, program.output
+    return program.output
+
+
+def _label(bag: Path) -> str:
+    """The robot's label at the end of a bag that is still written; "" while there is no such."""
+    try:
+        node = Run.open(bag).world().node(ROBOT_ID)
+    except BagError:
+        return ""
+    return node.label if node is not None else ""
+
+
+def test_from_before_the_master_nothing_is_missing(recorded: Recorded) -> None:
+    run = recorded.whole
     assert run.damage == ""
     assert [f.text for f in check(run) if not f.holds] == []
+    assert "ok: the file is whole" in recorded.output and "MISSING" not in recorded.output
     first = run.changes()[0].change
     assert (first.author, first.action) == ("wm", "reset")
+    assert {call.name for call in run.actions()} == {"/tm/achieve", f"{ROBOT}/execute"}
+    assert {"/rosout", "/tf_static", "/skill_managers/description"} <= {*run.topics}
+    *_, parameters = run.messages("/recorder/parameters")
+    assert "move_base_timed" in parameters.content.data
+
+
+def test_the_run_is_in_the_bag(recorded: Recorded) -> None:
+    run = recorded.whole
     (goal,) = run.goals()
     assert (goal.goals, goal.state) == (GOAL, "succeeded")
     (task,) = run.tasks()
     assert (task.robot, task.message, task.is_whole) == (ROBOT, "Success", True)
-    assert {s.label: s.state_name for s in run.skills() if s.depth == 1} == {"drive": "Success"}
-    assert {call.name for call in run.actions()} == {"/tm/achieve", f"{ROBOT}/execute"}
-    assert run.world(goal.time).related("cora:Robot-1", "skiros:at", "skiros:Location-5")
-    assert run.world().related("cora:Robot-1", "skiros:at", "demo:Workstation-6")
-    (parameters,) = list(run.messages("/recorder/parameters"))[-1:]
-    assert "mobile_manipulator" in parameters.content.data
+    assert [(s.label, s.state_name) for s in run.skills() if s.depth == 1] == [("drive", "Success")]
+    assert run.world(goal.time).related(ROBOT_ID, "skiros:at", STATION)
+    assert run.world().related(ROBOT_ID, "skiros:at", WORKSTATION)
 
 
-def test_a_recorder_that_comes_late_asks_for_the_scene(system: _Unstarted, tmp_path: Path) -> None:
-    bag = tmp_path / "run.bag"
-    system.master.start()
-    system.launch_robot()
-    system.achieve()
-    recorder = system.record(bag)
-    recorder.wait_for_line("the scene is taken from /wm/snapshot")
-    mark = system.run("skiros2_world_model", "set", "cora:Robot-1", "label", "Robbie")
-    assert mark.wait(WAIT) == 0, mark.output
-    recorder.signal(signal.SIGINT)
-    assert recorder.wait(WAIT) == 0, recorder.output
-    run = Run.open(bag)
-    first = run.changes()[0].change
-    assert (first.author, first.action) == ("recorder", "reset")
-    assert run.world().node("cora:Robot-1").label == "Robbie"
-    assert run.world(run.changes()[0].time).related("cora:Robot-1", "skiros:at", "demo:Workstation-6")
+def test_a_recorder_that_comes_late_asks_for_the_scene(recorded: Recorded) -> None:
+    run = recorded.late
+    first, *others = run.changes()
+    assert (first.change.author, first.change.action) == ("recorder", "reset")
+    assert [timed.change.action for timed in others] == ["update"]
+    assert run.world(first.time).related(ROBOT_ID, "skiros:at", WORKSTATION)
+    assert run.world().node(ROBOT_ID).label == "Robbie"
+
+
+def test_a_running_world_model_is_made_as_it_was(recorded: Recorded) -> None:
+    assert "0 added, 1 changed, 0 removed" in recorded.restored
+    assert recorded.place.strip() == STATION
+
+
+def test_what_others_recorded_plays_to_whoever_listens(ros: Ros, tmp_path: Path) -> None:
+    recorder = ros.run("skiros2_bags", "record", "-o", str(tmp_path / "again.bag"), "--robots", ROBOT)
+    recorder.wait_for_line("recording to")
+    options = ("--quiet", "--rate", "10", "--wait-for-subscribers")
+    topics = ("/wm/monitor", f"{ROBOT}/monitor")
+    _ended(ros.program("rosbag", "play", *options, str(PICK_PLACE), "--topics", *topics))
+    recorder.signal(signal.SIGTERM)
+    recorder.wait(WAIT)
+    once, again = Run.open(PICK_PLACE), Run.open(tmp_path / "again.bag")
+    assert [t.change.snapshot_id for t in again.changes()] == [t.change.snapshot_id for t in once.changes()]
+    assert set(again.world().relations()) == set(once.world().relations())
+    assert [(s.path, s.state) for s in again.skills()] == [(s.path, s.state) for s in once.skills()]

@@ -21,6 +21,7 @@ def test_the_recorded_run_is_proven(run: Pursuit) -> None:
     found = check(run)
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
+        "the bag has all of the run from its start",
         "a plan was made: drive, pick, drive, place",
         "/mobile_manipulator did: drive, pick, drive, place",
         "at the end: Product A is in Tray B",

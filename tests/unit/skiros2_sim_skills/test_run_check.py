@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from skiros2_bags.core.checking import Finding
 from skiros2_bags.core.errors import BagError
-from skiros2_demo.finding import Finding
 from skiros2_demo.run_check import check, read_run
 from support.recorded_run import (
     FAILURE,
@@ -50,6 +50,7 @@ def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
     found = findings(tmp_path, good_run())
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
+        "the bag has all of the run from its start",
         "a plan was made: pick, place",
         "/robot did: pick, place",
         "at the end: Product A is in Tray B",
@@ -80,6 +81,7 @@ def test_a_step_that_failed_before_the_goal_was_reached_on_another_way_is_told(t
     messages += [("feedback", ("goal-1", json.dumps(again[1:]))), *rest[:-1]]
     messages.append(("result", ("goal-1", "succeeded", json.dumps(steps))))
     assert [finding.text for finding in findings(tmp_path, messages) if finding.holds] == [
+        "the bag has all of the run from its start",
         "a plan was made: pick, place",
         "a plan was made anew: place",
         "/robot did: pick (failed), pick, place",
@@ -159,6 +161,13 @@ def test_a_bag_without_a_goal_is_refused(tmp_path: Path) -> None:
     messages = without("goal")
     with pytest.raises(BagError, match=r"run\.bag: no goal was given to a task manager to be achieved"):
         read_run(write_bag(tmp_path / "run.bag", messages))
+
+
+def test_a_bag_that_lacks_the_beginning_of_a_task_is_no_proof(tmp_path: Path) -> None:
+    messages = good_run()
+    for node in messages[3][1]:
+        node.progress_time = 5.0
+    assert "it was running before" in failed(tmp_path, messages)
 
 
 def test_a_bag_that_is_cut_off_is_no_proof(tmp_path: Path) -> None:

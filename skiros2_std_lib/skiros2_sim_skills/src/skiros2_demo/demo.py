@@ -14,12 +14,12 @@ from typing import Any, NoReturn, TextIO
 import actionlib
 import rospy
 
+from skiros2_bags.core.checking import Finding
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.world_element import Element
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.disturbances import Disturbance, Moved, Slip
-from skiros2_demo.finding import Finding
 from skiros2_demo.onlooker import Onlooker
 from skiros2_demo.pictures import Pictures
 from skiros2_demo.plan_text import name_of
@@ -35,22 +35,12 @@ from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 ROBOT = "/mobile_manipulator"
-#: What the bag holds.
-TOPICS = (
-    "/wm/monitor",
-    f"{ROBOT}/monitor",
-    "/skill_managers/description",
-    *(f"/tm/achieve/{part}" for part in ("goal", "cancel", "status", "feedback", "result")),
-    "/tf",
-    "/tf_static",
-    "/rosout",
-)
 #: Of the depth that the robot's camera measures (m, standard deviation).
 NOISE = 0.002
 DISTURBANCES = ("moved", "slip")
 _DISTURB = (
     "what goes wrong: somebody puts the product into another tray while the robot drives (moved), or the gripper loses "
-    "its grip while the arm lifts (slip)"
+    "its grip while the arm lifts (slip); may be given twice"
 )
 #: What bounds the wait for news of the goal (s).
 _PERIOD = 0.2
@@ -72,8 +62,8 @@ class Demo:
         self._story = Story(out, lambda thing: self._world.name(thing))
         self._simulation: Simulation | None = None
         self._pictures: Pictures | None = None
-        self._disturbance: Disturbance | None = None
-        self._struck = False
+        self._disturbances: list[Disturbance] = []
+        self._struck: list[str] = []
         self._goal: Any = None
 
     def run(self) -> bool:
@@ -105,7 +95,7 @@ class Demo:
         """Returns what is so in the simulated world."""
         began_at = time.monotonic()
         system.start_master()
-        system.start_recording(TOPICS)
+        system.start_recording(ROBOT)
         rospy.init_node("manufacturing_system", disable_signals=True)
         onlooker = Onlooker(ROBOT)
         system.launch(*_launch(self._options))
@@ -135,10 +125,10 @@ class Demo:
         chance = Random(self._options.seed)
         if self._options.seed:
             simulation.put(product.id, _aside(simulation.pose_of(product.id), chance))
-        if self._options.disturb == "moved":
-            self._disturbance = Moved(simulation, self._world, product.id, tray.id, chance)
-        elif self._options.disturb == "slip":
-            self._disturbance = Slip(simulation, self._world.only("rparts:GripperEffector"))
+        if "moved" in self._options.disturb:
+            self._disturbances.append(Moved(simulation, self._world, product.id, tray.id, chance))
+        if "slip" in self._options.disturb:
+            self._disturbances.append(Slip(simulation, self._world.only("rparts:GripperEffector")))
         if self._options.pictures:
             shown = [t for t in self._world.things.values() if all(t.size) or t.type == "cora:Robot"]
             places = [simulation.pose_of(thing.id).position for thing in shown]
@@ -174,20 +164,17 @@ class Demo:
         self._tell_result(event, _since(began_at))
 
     def _take(self, event: Any) -> None:
-        struck = ""
         if isinstance(event, AchieveFeedback):
             steps = self._story.feedback(event)
-            if self._disturbance is not None:
-                struck = self._disturbance.steps(steps)
+            struck = [disturbance.steps(steps) for disturbance in self._disturbances]
             if any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps):
                 self._take_pictures("during")
         else:
-            if self._disturbance is not None:
-                struck = self._disturbance.tree(event)
+            struck = [disturbance.tree(event) for disturbance in self._disturbances]
             self._story.tree(event)
-        if struck:
-            self._struck = True
-            self._story.say(f"  ! {struck}")
+        for text in filter(None, struck):
+            self._struck.append(text)
+            self._story.say(f"  ! {text}")
 
     def _tell_result(self, result: Any, seconds: str) -> None:
         if result.state == result.NOTHING_TO_DO:
@@ -198,10 +185,13 @@ class Demo:
             raise Refused(f"the goal was not reached ({result.state} after {seconds}): {result.message}")
 
     def _disturbed(self) -> list[Finding]:
+        """Whether each disturbance came, and had it planned anew."""
         reasons = self._story.reasons
+        wanted = len(self._options.disturb)
         return [
-            Finding(self._struck, "it was disturbed" if self._struck else "the disturbance did not happen"),
-            Finding(bool(reasons), f"planned anew: {'; '.join(reasons)}" if reasons else "it was not planned anew"),
+            Finding(len(self._struck) >= wanted, "; ".join(self._struck) or "nothing was disturbed"),
+            Finding(len(reasons) >= wanted, f"planned anew {len(reasons)} times"),
+            *(Finding(True, f"because {reason}") for reason in reasons),
         ]
 
     def _show(self, title: str, findings: list[Finding]) -> bool:
@@ -241,7 +231,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--product", default="Product A", help="label of what to move (%(default)s)")
     parser.add_argument("--tray", default="Tray B", help="label of where to put it (%(default)s)")
     parser.add_argument("--timed", action="store_true", help="no simulated world: motions that only take time")
-    parser.add_argument("--disturb", choices=DISTURBANCES, help=_DISTURB)
+    parser.add_argument("--disturb", choices=DISTURBANCES, action="append", default=[], help=_DISTURB)
     parser.add_argument(
         "--seed",
         type=int,

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from skiros2_demo.finding import Finding
+from skiros2_bags.core.checking import Finding
 from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, half_extents, inverted, rotated
 
 #: How far the product's underside may be above the tray's top side, or its edges over the tray's (m).

@@ -8,13 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from skiros2_bags.core.checking import Finding
+from skiros2_bags.core.checking import check as look_for_gaps
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.goal import Goal
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.task_trace import FAILURE, SUCCESS, TaskTrace
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_demo.finding import Finding
 from skiros2_demo.plan_text import Step, name_of, steps_of
 from skiros2_demo.world_state import WorldState
 from skiros2_task.core import goal_syntax
@@ -32,12 +33,14 @@ _ENDS = {SUCCESS: "succeeded", FAILURE: "failed"}
 class Pursuit:
     """What a bag tells of how its last goal was pursued.
 
+    :param missing: what should be in the bag, and is not.
     :param before, after: the world when it was given, and at the end.
     :param plans: the steps of each plan that was made for it.
     :param done: what the task manager says of the steps that were started.
     :param tasks: those that began since then, on all robots.
     """
 
+    missing: list[str]
     goal: Goal
     before: WorldState
     after: WorldState
@@ -58,7 +61,8 @@ def read_run(bag: Path) -> Pursuit:
     if not goals:
         raise BagError(f"{bag}: no goal was given to a task manager to be achieved")
     goal = goals[-1]
-    pursuit = Pursuit(goal, _world(run, goal.time), _world(run, run.end))
+    missing = [finding.text for finding in look_for_gaps(run) if not finding.holds]
+    pursuit = Pursuit(missing, goal, _world(run, goal.time), _world(run, run.end))
     if PROGRESS in run.topics.values():
         pursuit.tasks = [task for task in run.tasks() if task.start >= goal.time]
     try:
@@ -76,7 +80,8 @@ def check(pursuit: Pursuit) -> list[Finding]:
 
     :raises BagError: the goal is of a kind that cannot be judged from a bag.
     """
-    return [*_check_result(pursuit), *_check_goal(pursuit)]
+    whole = Finding(not pursuit.missing, "; ".join(pursuit.missing) or "the bag has all of the run from its start")
+    return [whole, *_check_result(pursuit), *_check_goal(pursuit)]
 
 
 def _world(run: Run, at: float) -> WorldState:

@@ -14,7 +14,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -96,16 +96,16 @@ class System:
         self._start("master", ["roscore", "-p", str(self.port)])
         self.wait_for(self._master_answers, "the master")
 
-    def start_recording(self, topics: Sequence[str]) -> None:
-        """Starts a recorder of these topics and waits until it has subscribed to all of them.
+    def start_recording(self, robot: str) -> None:
+        """Starts a recorder of all that a run needs, and waits until it listens.
 
+        :param robot: the skill manager whose tasks it awaits.
         :raises SystemDown: it ends.
-        :raises TimedOut: it does not subscribe.
+        :raises TimedOut: it does not get ready.
         """
-        # Not `rosbag record`, which may end before the recorder that it starts has closed the bag.
-        command = ["rosrun", "rosbag", "record", "-O", str(self.bag), *topics, "__name:=recorder"]
+        command = ["rosrun", "skiros2_bags", "record", "--force", "--no-check", "-o", str(self.bag), "--robots", robot]
         self._start("recorder", command)
-        self.wait_for(lambda: self._subscribed("/recorder", topics), "the recorder's subscriptions")
+        self.wait_for(lambda: "recording to" in self._log("recorder").read_text(errors="replace"), "the recorder")
 
     def launch(self, package: str, file: str, *arguments: str) -> None:
         """Starts a launch file. Does not wait for its nodes."""
@@ -174,10 +174,6 @@ class System:
             return bool(self._ask_master("getPid"))
         except OSError:
             return False
-
-    def _subscribed(self, node: str, topics: Sequence[str]) -> bool:
-        _, subscribers, _ = self._ask_master("getSystemState")
-        return {topic for topic, nodes in subscribers if node in nodes} >= set(topics)
 
     def _ask_master(self, call: str) -> Any:
         with ServerProxy(f"http://localhost:{self.port}") as master:

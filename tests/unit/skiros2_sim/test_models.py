@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core import trial
 from skiros2_sim.core.composing import compose
 from skiros2_sim.core.model_files import find_model
 from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.urdf import read_urdf
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
-from support.simulated_cell import ARM, BASE, GRIPPER, PANDA, ROBOT, at, fixed_panda, mobile_manipulator
+from support.simulated_cell import ARM, BASE, GRIPPER, PANDA, ROBOT, at, fixed_panda, mobile_manipulator, product
 
 TRIANGLE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n"
 LINK = '<link name="a"><collision><geometry><mesh filename="m.obj"/></geometry></collision></link>'
@@ -94,6 +95,7 @@ def test_a_urdf_that_cannot_be_loaded_is_told_with_file_and_reason(tmp_path: Pat
     [
         ("m.obj", b"", "0 vertices"),
         ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 nan\nf 1 2 3\n", "line 3"),
+        ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 1e30\nf 1 2 3\n", "line 3"),
         ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "'4'"),
         ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", "'-4'"),
         ("m.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x'"),
@@ -103,7 +105,7 @@ def test_a_urdf_that_cannot_be_loaded_is_told_with_file_and_reason(tmp_path: Pat
         ("m.stl", stl(triangles=7), "neither"),
         ("m.stl", stl(*(float("nan"),) * 12), "triangle 0"),
         ("m.stl", b"\0" * 84, "no triangle"),
-        ("m.stl", b"solid x\nvertex 0 0 nan\nvertex 1 0 0\nvertex 0 1 0\n", "finite"),
+        ("m.stl", b"solid x\nvertex 0 0 nan\nvertex 1 0 0\nvertex 0 1 0\n", "numbers under"),
         ("m.dae", b"<COLLADA", "XML"),
         ("m.png", b"", "expected one of"),
     ],
@@ -118,6 +120,36 @@ def test_a_mesh_that_cannot_be_loaded_is_told_with_file_and_reason(
         read_urdf(file)
     assert str(tmp_path / name) in str(caught.value)
     assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        # Well formed, and yet: a face names a corner of a texture that is not there; a shape lacks its size.
+        ("m.obj", "v 0 0 0\n" * 8 + "f 1 3/1/1\n"),
+        ("m.urdf", urdf('<link name="a"><collision><geometry><cylinder/></geometry></collision></link>')),
+    ],
+    ids=["mesh", "urdf"],
+)
+def test_a_model_that_only_pybullet_finds_wrong_is_told_and_the_world_goes_on(
+    tmp_path: Path, name: str, content: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    scene = SceneSpec((BodySpec("t:B-1", model=name), product("t:P-2", at(0.0, 0.0, 1.0))), models=(str(tmp_path),))
+    with World(scene) as world:
+        (problem,) = world.problems
+        assert (problem.element, problem.file) == ("t:B-1", name)
+        assert "PyBullet does not load it" in problem.reason
+        world.step(10)
+        assert set(world.bodies) == {"t:P-2"}
+
+
+def test_a_model_that_ends_the_process_ends_one_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "crash.py"
+    program.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    (tmp_path / "m.obj").write_text(TRIANGLE)
+    monkeypatch.setattr(trial, "__file__", str(program))
+    assert trial.fault_of(tmp_path / "m.obj") == "PyBullet crashes on it (signal 11)"
 
 
 def test_models_that_do_not_load_become_boxes_and_the_rest_is_there(tmp_path: Path) -> None:

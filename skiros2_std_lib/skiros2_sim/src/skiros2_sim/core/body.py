@@ -10,6 +10,7 @@ from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.model_files import MESHES, check_mesh, find_model
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
+from skiros2_sim.core.trial import fault_of
 from skiros2_sim.core.urdf import read_urdf
 from skiros2_std_reasoners.core.geometry import Pose, Vector
 
@@ -92,6 +93,9 @@ class Body:
         if file.suffix.lower() not in MESHES:
             raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
         check_mesh(file)
+        fault = fault_of(file)
+        if fault:
+            raise ConfigurationError(f"{file}: {fault}")
         # A thing that moves collides as its convex hull, a fixed one as it is.
         flags = 0 if self.movable else self._bullet.GEOM_FORCE_CONCAVE_TRIMESH
         try:

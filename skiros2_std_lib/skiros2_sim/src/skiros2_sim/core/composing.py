@@ -151,12 +151,12 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
     if not joints:
         raise ConfigurationError(f"{spec.model} has no joint that moves its last link")
     parts = [*arm.parts, models.joint(f"{spec.name}/mount", "fixed", BASE_LINK, arm.root, spec.pose)]
-    fingers = [joint for joint in arm.joints if joint.get("type") in _MOVING and joint not in joints]
+    fingers = _fingers(arm, joints)
     offset = _TOOL.get(arm.name, IDENTITY)
     holder = arm
     if spec.gripper is not None and spec.gripper.model:
-        holder, fingers = _add_gripper(spec, spec.gripper, folders, last, parts), []
-        fingers = [joint for joint in holder.joints if joint.get("type") in _MOVING]
+        holder = _add_gripper(spec, spec.gripper, folders, last, parts)
+        fingers = _fingers(holder)
         last, offset = _last_link(holder), IDENTITY
     tool = f"{spec.name}/tool"
     if tool not in holder.links:
@@ -184,6 +184,12 @@ def _add_gripper(
     mount = f"{spec.name}/{gripper.name}/mount"
     parts += [*model.parts, models.joint(mount, "fixed", flange, model.root, gripper.pose)]
     return model
+
+
+def _fingers(model: Urdf, others: Sequence[Element] = ()) -> list[Element]:
+    """The joints that slide to and fro, but for some others."""
+    sliding = (joint for joint in model.joints if joint.get("type") == "prismatic" and joint not in others)
+    return [joint for joint in sliding if _limits(joint)[0] < _limits(joint)[1]]
 
 
 def _last_link(model: Urdf) -> str:

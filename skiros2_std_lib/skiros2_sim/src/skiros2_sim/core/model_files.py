@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 import re
 import struct
@@ -19,6 +18,7 @@ from skiros2_common.core.errors import ConfigurationError
 MESHES = (".obj", ".stl")
 
 _MOST_BYTES = 200_000_000
+_FARTHEST = 1e5  # m, of a corner
 _PACKAGE = "package://"
 
 
@@ -101,8 +101,8 @@ def _fault_of_obj(content: bytes) -> str:
         if not words:
             continue
         if words[0] == b"v":
-            if not _are_finite(words[1:4]):
-                return f"line {number}: expected a vertex of three finite numbers"
+            if not _are_near(words[1:4]):
+                return f"line {number}: expected a vertex of three numbers under {_FARTHEST:.0f}"
             vertices += 1
         elif words[0] == b"f":
             faces.append(words[1:])
@@ -128,20 +128,20 @@ def _fault_of_stl(content: bytes) -> str:
             if not triangles:
                 return "has no triangle"
             for at in range(84, len(content), 50):
-                if not all(math.isfinite(x) for x in struct.unpack_from("<12f", content, at)[3:]):
-                    return f"triangle {(at - 84) // 50}: expected finite numbers"
+                if not all(abs(x) < _FARTHEST for x in struct.unpack_from("<12f", content, at)[3:]):
+                    return f"triangle {(at - 84) // 50}: expected numbers under {_FARTHEST:.0f}"
             return ""
     corners = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
     if not content.lstrip().startswith(b"solid") or not corners:
         return "is neither a binary STL of the length that it gives nor one in text"
-    if len(corners) % 3 or not all(_are_finite(corner) for corner in corners):
-        return "expected triangles of finite numbers"
+    if len(corners) % 3 or not all(_are_near(corner) for corner in corners):
+        return f"expected triangles of numbers under {_FARTHEST:.0f}"
     return ""
 
 
-def _are_finite(words: Sequence[bytes]) -> bool:
+def _are_near(words: Sequence[bytes]) -> bool:
     try:
-        return len(words) == 3 and all(math.isfinite(float(word)) for word in words)
+        return len(words) == 3 and all(abs(float(word)) < _FARTHEST for word in words)
     except ValueError:
         return False
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.model_files import mesh_of
+from skiros2_sim.core.trial import fault_of
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, to_euler
 
 #: Attributes that hold numbers, with how many; None: any.
@@ -78,6 +79,9 @@ def read_urdf(path: Path, prefix: str = "") -> Urdf:
     for part in parts:
         if part.tag == "link":
             _complete(part)
+    fault = fault_of(path, urdf.text())
+    if fault:
+        raise ConfigurationError(f"{path}: {fault}")
     return urdf
 
 

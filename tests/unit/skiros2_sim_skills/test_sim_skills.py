@@ -296,6 +296,16 @@ def test_detections_of_what_nobody_knows_or_nowhere_change_nothing(cell: Cell) -
     assert cell.holder("Product B") == "Tray D"
 
 
+def test_a_tray_without_a_pose_and_a_product_without_a_size_do_not_keep_the_robot_from_looking(cell: Cell) -> None:
+    for label, key in (("Tray D", "skiros:PositionX"), ("Product A", "skiros:SizeX")):
+        element = cell.element(label)
+        element.removeProperty(key)
+        cell.wmi.update_element_properties(element)
+    cell.ready_to_pick()
+    assert cell.holder("Product A") == "Tray A"
+    assert cell.holder("Product B") == "Top of workstation 2"
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [

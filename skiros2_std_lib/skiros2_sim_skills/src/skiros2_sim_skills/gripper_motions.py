@@ -16,13 +16,13 @@ from skiros2_demo_skills.motions import CloseGripper, OpenGripper
 from skiros2_sim.core.names import GRIPPER
 from skiros2_sim_skills.core.devices import name_of, opening
 from skiros2_sim_skills.core.places import (
-    SCENE,
     box_of,
     contents,
     direction_between,
     grasp_of,
     holder_of,
     in_grasp,
+    line_above,
     move_in_world_model,
     pose_in_scene,
     size_of,
@@ -211,6 +211,6 @@ def lost(wmi: Any, gripper: Element, thing: Element, why: str) -> str:
     holder = holder_of(wmi, wmi.get_element(thing.id))
     if holder is None or holder.id != gripper.id:
         return why
-    (scene,) = wmi.resolve_elements(Element(SCENE))
-    move_in_world_model(wmi, thing, scene, pose_in_scene(wmi, wmi.get_element(thing.id))[1])
+    thing = wmi.get_element(thing.id)
+    move_in_world_model(wmi, thing, line_above(wmi, thing)[-1], pose_in_scene(wmi, thing)[1])
     return f"{why}; {gripper.label} has lost it"

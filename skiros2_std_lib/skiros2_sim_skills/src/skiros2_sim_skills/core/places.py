@@ -40,24 +40,34 @@ class Box(NamedTuple):
     size: Vector
 
 
+def line_above(wmi: Any, element: Element) -> list[Element]:
+    """An element, what it hangs on, and so on up to the root of the scene; the world model refuses circles."""
+    line = [element]
+    while (above := holder_of(wmi, line[-1])) is not None:
+        line.append(above)
+    return line
+
+
 def pose_in_scene(wmi: Any, element: Element) -> tuple[str, Pose]:
     """The frame of the scene, and the pose of an element in it, by way of all that it hangs on.
 
     :raises WrongValue: the element, or something that it hangs on, has no pose.
     """
-    pose, below = IDENTITY, element
-    while True:
-        above = holder_of(wmi, below)
-        if above is None and wmi.is_subclass(below.type, SCENE):
-            return space.text(below, space.FRAME) or "map", pose
+    line = line_above(wmi, element)
+    root, pose = line[-1], IDENTITY
+    is_scene = wmi.is_subclass(root.type, SCENE)
+    for below in line[: -1 if is_scene else None]:
         own = space.pose_of(below)
         if own is None:
             of = "" if below is element else f", on which {element.label!r} hangs,"
             raise WrongValue(f"{below.label!r}{of} has no pose")
         pose = composed(own, pose)
-        if above is None:
-            return space.text(below, space.BASE_FRAME) or "map", pose
-        below = above
+    return space.text(root, space.FRAME if is_scene else space.BASE_FRAME) or "map", pose
+
+
+def has_size(element: Element) -> bool:
+    """Whether all edges of an element are known."""
+    return all(value is not None and 0 < value < math.inf for value in space.numbers(element, space.SIZE))
 
 
 def size_of(element: Element) -> Vector:
@@ -65,10 +75,10 @@ def size_of(element: Element) -> Vector:
 
     :raises WrongValue: it has no size.
     """
-    size = [value for value in space.numbers(element, space.SIZE) if value is not None and 0 < value < math.inf]
-    if len(size) != 3:
+    if not has_size(element):
         raise WrongValue(f"{element.label!r} has no size")
-    return size[0], size[1], size[2]
+    x, y, z = (value or 0.0 for value in space.numbers(element, space.SIZE))
+    return x, y, z
 
 
 def box_of(wmi: Any, element: Element) -> Box:
@@ -191,8 +201,3 @@ def _pointing_down(directions: list[Vector], ahead: Vector) -> Quaternion:
 def direction_between(start: Pose, end: Pose) -> Vector:
     """The level direction from one pose to another, not of unit length."""
     return end.position[0] - start.position[0], end.position[1] - start.position[1], 0.0
-
-
-def distance_between(one: Pose, other: Pose) -> float:
-    """m."""
-    return math.dist(one.position, other.position)

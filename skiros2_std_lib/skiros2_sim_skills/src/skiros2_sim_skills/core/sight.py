@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_sim_skills.core.places import (
-    SCENE,
     Box,
     box_of,
     contents,
-    distance_between,
+    has_size,
     holder_of,
     is_on,
+    line_above,
     pose_in_scene,
     size_of,
 )
-from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
+
+log = logging.getLogger(__name__)
 
 MANIPULATABLE = "skiros:Manipulatable"
 GRIPPER = "rparts:EndEffector"
@@ -32,7 +36,7 @@ class Place(NamedTuple):
 
     element: Element
     pose: Pose
-    ground: Box | None
+    ground: Box
 
 
 class Finding(NamedTuple):
@@ -75,8 +79,7 @@ def findings(wmi: Any, workstation: Element, seen: Mapping[str, Pose]) -> list[F
     :param seen: the poses of things in the scene, by id; ids that the world model does not know are left out.
     """
     places = _places(wmi)
-    (scene,) = wmi.resolve_elements(Element(SCENE))
-    everywhere = Place(scene, IDENTITY, None)
+    scene = line_above(wmi, workstation)[-1]
     found = []
     for eid, pose in seen.items():
         thing = wmi.get_element(eid) if wmi.is_scene_element(eid) else None
@@ -85,9 +88,9 @@ def findings(wmi: Any, workstation: Element, seen: Mapping[str, Pose]) -> list[F
         before = holder_of(wmi, thing)
         if before is not None and wmi.is_subclass(before.type, GRIPPER) and _is_near(wmi, before, pose):
             continue
-        box = Box(pose, size_of(thing))
-        place = next((p for p in places if p.ground is not None and is_on(box, p.ground)), everywhere)
-        found.append(Finding(thing, place.element, composed(inverted(place.pose), pose), before, True))
+        box = Box(pose, size_of(thing) if has_size(thing) else (0.0, 0.0, 0.0))
+        holder, base = next(((p.element, p.pose) for p in places if is_on(box, p.ground)), (scene, IDENTITY))
+        found.append(Finding(thing, holder, composed(inverted(base), pose), before, True))
     for thing in expected_at(wmi, workstation):
         if thing.id not in seen:
             found.append(Finding(thing, scene, pose_in_scene(wmi, thing)[1], holder_of(wmi, thing), False))
@@ -98,19 +101,15 @@ def _places(wmi: Any) -> list[Place]:
     """What things may lie in, the smallest first: a tray before the table top that it stands on."""
     places = []
     for element in wmi.resolve_elements(Element("skiros:Container")):
-        holder = holder_of(wmi, element)
-        if space.pose_of(element) is None or holder is None:
-            continue
         # A table top has no size: it is the top of what it hangs on.
-        sized = element if _has_size(element) else holder
-        ground = box_of(wmi, sized) if _has_size(sized) else None
-        places.append(Place(element, pose_in_scene(wmi, element)[1], ground))
-    return sorted(places, key=lambda place: place.ground.size[0] * place.ground.size[1] if place.ground else 0.0)
-
-
-def _has_size(element: Element) -> bool:
-    return all(value is not None and value > 0 for value in space.numbers(element, space.SIZE))
+        sized = element if has_size(element) else holder_of(wmi, element)
+        try:
+            if sized is not None:
+                places.append(Place(element, pose_in_scene(wmi, element)[1], box_of(wmi, sized)))
+        except WrongValue as error:
+            log.warning("nothing is seen to lie in %r: %s", element, error)
+    return sorted(places, key=lambda place: place.ground.size[0] * place.ground.size[1])
 
 
 def _is_near(wmi: Any, gripper: Element, pose: Pose) -> bool:
-    return distance_between(pose_in_scene(wmi, gripper)[1], pose) < _IN_HAND
+    return math.dist(pose_in_scene(wmi, gripper)[1].position, pose.position) < _IN_HAND

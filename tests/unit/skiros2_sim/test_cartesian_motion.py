@@ -11,14 +11,16 @@ import pytest
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core import cartesian_motion as codes
+from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.arm_kinematics import distances
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
 from skiros2_sim.core.cartesian_path import slerp
 from skiros2_sim.core.motion import State
+from skiros2_sim.core.scene_spec import ArmSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, from_euler, multiplied
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler, multiplied
 from support.moved_robot import DOWN, MovedRobot, succeeded
-from support.simulated_cell import EDGE, PRODUCTS, TABLE_1, bench
+from support.simulated_cell import ARM, EDGE, PRODUCTS, ROBOT, TABLE_1, bench
 
 CONTROLLERS = pytest.mark.parametrize("controller", ["position", "compliant"])
 TABLE_TOP = 0.4
@@ -101,6 +103,19 @@ def test_switching_makes_no_jump_while_something_is_held(robot: MovedRobot) -> N
     robot.controller.switch("compliant")
     robot.world.step(240)
     assert distances(robot.arm.tool_pose(), before)[0] < 0.001, "it carries the weight"
+
+
+def test_an_arm_with_a_light_hand_is_compliant_without_trembling() -> None:
+    kuka = ArmSpec(ARM, "arm", "kuka_iiwa/model.urdf", Pose((0.0, 0.0, 0.3), IDENTITY.orientation))
+    with World(SceneSpec((), (RobotSpec(ROBOT, "kuka", arms=(kuka,)),))) as world:
+        arm = world.arms[ARM]
+        controller = ArmController(world, world.robots[ROBOT], arm)
+        world.step(60)
+        before = arm.tool_pose()
+        controller.switch("compliant")
+        world.step(480)
+        assert distances(arm.tool_pose(), before) < (0.001, 0.005)
+        assert max(map(abs, arm.velocities())) < 0.01
 
 
 def test_a_compliant_tool_gives_way_and_comes_back(robot: MovedRobot) -> None:

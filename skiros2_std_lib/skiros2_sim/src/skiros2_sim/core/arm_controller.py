@@ -13,6 +13,7 @@ frame, the bias of gravity and Coriolis forces, and the posture q0 that it is to
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,8 +41,10 @@ _SINGULAR = 1e-3
 _SINGULAR_POSTURE = 1e-6 * np.eye(6)
 #: The damping changes slowly with the arm's posture: it is found out anew after so many steps.
 _DAMPED_ANEW = 8
-#: Of the posture, in the nullspace: Nm/rad, Nm s/rad.
-_POSTURE_STIFFNESS, _POSTURE_DAMPING = 10.0, 2.0
+#: How stiff it is at most, as part of the inertia over the square of a step.
+_STABLE = 0.2
+#: Of the posture, in the nullspace (Nm/rad).
+_POSTURE_STIFFNESS = 10.0
 #: It never draws the tool with more than the force of this way (m, rad).
 _FARTHEST, _MOST_TURNED = 0.15, 0.5
 #: The heaviest thing (N) in the hand that is carried without sagging.
@@ -60,7 +63,7 @@ class ArmController:
         self.compliant = False
         self._stiffness = np.array(STIFFNESS)
         self._drawn_to = np.eye(4)
-        self._damping = np.zeros((6, 6))
+        self._gains = _Gains(np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(len(arm.joints)))
         self._updates = 0
         self._posture = np.array(arm.rest)
         self._carried = np.zeros(3)
@@ -136,11 +139,12 @@ class ArmController:
         into[:3, :3] = into[3:, 3:] = tool[:3, :3].T
         in_tool = into @ jacobian
         if self._updates % _DAMPED_ANEW == 0:
-            self._damping = _damping(self._stiffness, in_tool, np.array(self.arm.masses()))
+            self._gains = _gains(self._stiffness, in_tool, np.array(self.arm.masses()), dt)
         self._updates += 1
+        stiffness, damping, posture_damping = self._gains
         way = _shortened(into @ difference(self._drawn_to, tool))
-        wrench = self._stiffness * way - self._damping @ (in_tool @ dq) + into[:, :3] @ self._carried
-        posture = _POSTURE_STIFFNESS * (self._posture - q) - _POSTURE_DAMPING * dq
+        wrench = stiffness @ way - damping @ (in_tool @ dq) + into[:, :3] @ self._carried
+        posture = _POSTURE_STIFFNESS * (self._posture - q) - posture_damping * dq
         posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
         self.arm.drive_torques((in_tool.T @ wrench + posture + self.arm.bias()).tolist())
 
@@ -158,14 +162,26 @@ def checked_stiffness(values: Sequence[float]) -> list[float]:
     return numbers
 
 
-def _damping(stiffness: Array, jacobian: Array, masses: Array) -> Array:
-    """D = z (A B + B A), where A A is the inertia that the tool has and B B the stiffness: the same part z of the
-    critical damping in all directions (the factorization design of Albu-Schaeffer et al., section 3)."""
+class _Gains(NamedTuple):
+    """Stiffness and damping of the tool, and the damping of the joints' posture, for the arm as it is."""
+
+    stiffness: Array
+    damping: Array
+    posture_damping: Array
+
+
+def _gains(stiffness: Array, jacobian: Array, masses: Array, dt: float) -> _Gains:
+    """The same part of the critical damping in all directions, by double diagonalization (Albu-Schaeffer et al.,
+    section 3): with Q in which both the inertia of the tool is Q Q' and its stiffness Q k Q', k diagonal, the damping is
+    Q 2 z sqrt(k) Q'. Where the tool has so little inertia that torques which change once in `dt` could not hold it, it
+    is less stiff."""
     mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)
-    values, vectors = np.linalg.eigh(mobility)
-    root = vectors @ np.diag(values**-0.5) @ vectors.T
-    stiff = np.sqrt(stiffness)
-    return np.asarray(_DAMPING_RATIO * (root * stiff + stiff[:, None] * root))
+    root = np.linalg.cholesky(mobility)
+    modes, vectors = np.linalg.eigh(root.T @ np.diag(stiffness) @ root)
+    modes = np.clip(modes, 0.0, _STABLE / dt**2)
+    q = np.linalg.solve(root.T, vectors)
+    posture = 2 * _DAMPING_RATIO * np.sqrt(_POSTURE_STIFFNESS * np.diag(masses))
+    return _Gains(q @ np.diag(modes) @ q.T, q @ np.diag(2 * _DAMPING_RATIO * np.sqrt(modes)) @ q.T, posture)
 
 
 def _shortened(way: Array) -> Array:

@@ -85,6 +85,11 @@ class JointPath:
     def __init__(self, goal: JointGoal, limits: Sequence[Joint], positions: Array, velocities: Array) -> None:
         order = order_of(goal, limits)
         self._limits = limits
+        self._lower = np.array([joint.lower for joint in limits])
+        self._upper = np.array([joint.upper for joint in limits])
+        # a model that says 0 has no such limit
+        self._fastest = np.array([joint.velocity or np.inf for joint in limits])
+        self._strongest = np.array([joint.effort or np.inf for joint in limits])
         times = _times(goal)
         rows = [self._row(goal.points[i], i, order) for i in range(len(times))]
         if times[0] > 0.0:
@@ -135,26 +140,27 @@ class JointPath:
             if len(given) != len(order):
                 raise WrongValue(f"point {i} has {len(given)} {kind} for {len(order)} joints")
             row = np.array([given[k] for k in order], dtype=float)
-            for limit, value in zip(self._limits, row, strict=True):
-                if not np.isfinite(value):
-                    raise WrongValue(f"point {i}: {kind} of {limit.name} is {value}, which is no number")
+            for k in _where(~np.isfinite(row)):
+                raise WrongValue(f"point {i}: {kind} of {self._limits[k].name} is {row[k]}, which is no number")
             values.append(row)
         positions, velocities, accelerations, efforts = values
         assert positions is not None
-        for k, limit in enumerate(self._limits):
-            if not limit.lower - _ROUNDING <= positions[k] <= limit.upper + _ROUNDING:
+        for k in _where((positions < self._lower - _ROUNDING) | (positions > self._upper + _ROUNDING)):
+            raise WrongValue(
+                f"point {i}: {self._limits[k].name} at {positions[k]:.4f} is beyond its limits "
+                f"{self._lower[k]:.4f} to {self._upper[k]:.4f}"
+            )
+        if velocities is not None:
+            for k in _where(np.abs(velocities) > self._fastest + _ROUNDING):
                 raise WrongValue(
-                    f"point {i}: {limit.name} at {positions[k]:.4f} is beyond its limits "
-                    f"{limit.lower:.4f} to {limit.upper:.4f}"
+                    f"point {i}: {self._limits[k].name} at {velocities[k]:.4f} per second is faster than its limit "
+                    f"{self._fastest[k]:.4f}"
                 )
-            if velocities is not None and abs(velocities[k]) > (limit.velocity or np.inf) + _ROUNDING:
+        if efforts is not None:
+            for k in _where(np.abs(efforts) > self._strongest + _ROUNDING):
                 raise WrongValue(
-                    f"point {i}: {limit.name} at {velocities[k]:.4f} per second is faster than its limit "
-                    f"{limit.velocity:.4f}"
-                )
-            if efforts is not None and abs(efforts[k]) > (limit.effort or np.inf) + _ROUNDING:
-                raise WrongValue(
-                    f"point {i}: effort {efforts[k]:.4f} of {limit.name} is above its limit {limit.effort:.4f}"
+                    f"point {i}: effort {efforts[k]:.4f} of {self._limits[k].name} is above its limit "
+                    f"{self._strongest[k]:.4f}"
                 )
         return positions, velocities, accelerations
 
@@ -204,25 +210,29 @@ class JointPath:
 
     def _check_between(self) -> None:
         """Raises WrongValue where a joint leaves its limits between two points."""
+        # one that stands beyond a limit may come back from there
+        lower, upper = np.minimum(self._lower, self._q[0]), np.maximum(self._upper, self._q[0])
         for i, polynomial in enumerate(self._polynomials):
             t = float(self._times[i + 1] - self._times[i])
             q, qd = _evaluated(polynomial[:, None, :], (_SAMPLES * t)[:, None])
-            where = f"between points {i + self._first - 1} and {i + self._first}" if i + self._first else "to point 0"
-            for k, limit in enumerate(self._limits):
-                fastest, way = float(np.max(np.abs(qd[:, k]))), abs(self._q[i + 1, k] - self._q[i, k])
-                if not fastest <= (limit.velocity or np.inf) + _ROUNDING:
-                    raise WrongValue(
-                        f"{where}: {limit.name} would move at {fastest:.4f} per second, its limit is "
-                        f"{limit.velocity:.4f}; {t:.3f} s are too short for {way:.4f}"
-                    )
-                lowest, highest = float(np.min(q[:, k])), float(np.max(q[:, k]))
-                # one that stands beyond a limit may come back from there
-                lower, upper = min(limit.lower, self._q[0, k]), max(limit.upper, self._q[0, k])
-                if lowest < lower - _ROUNDING or highest > upper + _ROUNDING:
-                    raise WrongValue(
-                        f"{where}: {limit.name} would go from {lowest:.4f} to {highest:.4f}, its limits are "
-                        f"{limit.lower:.4f} to {limit.upper:.4f}"
-                    )
+            fastest, lowest, highest = np.max(np.abs(qd), axis=0), np.min(q, axis=0), np.max(q, axis=0)
+            end = i + self._first  # counted as the goal does
+            where = f"between points {end - 1} and {end}" if end else "to point 0"
+            for k in _where(~(fastest <= self._fastest + _ROUNDING)):
+                raise WrongValue(
+                    f"{where}: {self._limits[k].name} would move at {fastest[k]:.4f} per second, its limit is "
+                    f"{self._fastest[k]:.4f}; {t:.3f} s are too short for {abs(self._q[i + 1, k] - self._q[i, k]):.4f}"
+                )
+            for k in _where((lowest < lower - _ROUNDING) | (highest > upper + _ROUNDING)):
+                raise WrongValue(
+                    f"{where}: {self._limits[k].name} would go from {lowest[k]:.4f} to {highest[k]:.4f}, its limits "
+                    f"are {self._lower[k]:.4f} to {self._upper[k]:.4f}"
+                )
+
+
+def _where(wrong: npt.NDArray[np.bool_]) -> list[int]:
+    """The numbers of the joints of which it is true."""
+    return [int(k) for k in np.flatnonzero(wrong)]
 
 
 def _times(goal: JointGoal) -> list[float]:

@@ -65,8 +65,9 @@ class Robot:
         self.arms = {arm.spec.id: Arm(bullet, self.body, arm, names, self.links, dofs) for arm in model.arms}
         self.base_links = [self.links[name] for name in model.base_links]
         for index in range(-1, len(names)):
-            # The damping of the engine is not in what inverse dynamics computes.
-            bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
+            # The damping of the engine is not in what inverse dynamics computes; that of joints makes light links
+            # tremble, as it is that of the step before.
+            bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0)
         self._let_neighbours_touch(model.arms)
         if self.mobile:
             self._start_drives()

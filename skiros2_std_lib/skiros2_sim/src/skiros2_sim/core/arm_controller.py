@@ -171,8 +171,8 @@ class _Gains(NamedTuple):
 
 
 def _gains(stiffness: Array, jacobian: Array, masses: Array, dt: float) -> _Gains:
-    """The same part of the critical damping in all directions, by double diagonalization (Albu-Schaeffer et al.,
-    section 3): with Q in which both the inertia of the tool is Q Q' and its stiffness Q k Q', k diagonal, the damping is
+    """The same part z of the critical damping in all directions, by double diagonalization (Albu-Schaeffer et al.,
+    section 3): with Q by which the inertia of the tool is Q Q' and its stiffness Q k Q', k diagonal, the damping is
     Q 2 z sqrt(k) Q'. Where the tool has so little inertia that torques which change once in `dt` could not hold it, it
     is less stiff."""
     mobility = jacobian @ np.linalg.solve(masses, jacobian.T) + _SINGULAR * np.eye(6)

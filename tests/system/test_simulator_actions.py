@@ -321,13 +321,14 @@ class turn_arm(PrimitiveActionClient):
 
 
 def test_a_skill_whose_robot_is_lost_fails_with_the_reason(sim: SimulatorClient) -> None:
-    # the last one: the simulator is started anew after each
-    for number, reason in ((signal.SIGINT, "/sim ended before the goal did"), (signal.SIGKILL, "LOST")):
+    # The last one: the simulator is started anew after each, perhaps so soon that it says it does not know the goal.
+    ends = {signal.SIGINT: ("/sim ended before the goal did",), signal.SIGKILL: ("LOST", "has not been heard of")}
+    for number, reasons in ends.items():
         skill = turn_arm()
         assert skill.init(None)
         skill.onStart()
         wait_until(lambda skill=skill: skill.execute() and skill.client.get_state() == GoalStatus.ACTIVE, WAIT)
         os.kill(sim.ros.master.node_pid("/sim"), number)
         wait_until(lambda skill=skill: skill.execute() is State.Failure, WAIT, "a skill that has failed")
-        assert reason in skill.progress_msg
+        assert any(reason in skill.progress_msg for reason in reasons)
         skill.onEnd()

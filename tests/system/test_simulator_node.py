@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -260,12 +262,24 @@ def test_a_parameter_that_cannot_be_ends_the_node_with_one_line(other: Ros, argu
     assert "Traceback" not in program.output
 
 
-def test_without_a_display_it_goes_on_without_a_window_and_ends_when_it_is_told(other: Ros) -> None:
-    params = {"workspace": str(WORKSPACE), "scene": SCENE, "gui": True}
+def test_without_a_display_and_with_a_broken_scene_it_runs_and_ends_when_it_is_told(other: Ros, tmp_path: Path) -> None:
+    text = (WORKSPACE / SCENE).read_text()
+    for right, wrong in (
+        ("franka_panda/panda.urdf", "nowhere.urdf"),
+        ('"/mobile_manipulator/move_base"', '"no name!"'),
+        ('skiros:SizeX "0.6"', 'skiros:SizeX "NaN"'),
+    ):
+        assert right in text
+        text = text.replace(right, wrong)
+    shutil.copy(WORKSPACE / "demo.owl.ttl", tmp_path)
+    (tmp_path / SCENE).write_text(text)
+    params = {"workspace": str(tmp_path), "scene": SCENE, "gui": True}
     env = {key: value for key, value in other.master.env.items() if key != "DISPLAY"}
     program = other.run("skiros2_sim", "simulator_node", name="sim", params=params, env=env)
     program.wait_for_line("the simulated world is ready", WAIT)
-    assert "cannot open its window" in program.output
+    for told in ("cannot open its window", "nowhere.urdf", "'no name!' is no name of ROS", "its size is not used"):
+        assert told in program.output
+    assert "/mobile_manipulator/move_base/goal" in {name for kind, name, _ in other.master.registrations({"/sim"})}
     os.kill(other.master.node_pid("/sim"), signal.SIGTERM)
     program.wait(10)
     assert "Traceback" not in program.output

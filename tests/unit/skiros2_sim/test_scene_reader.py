@@ -269,6 +269,28 @@ def test_parts_of_one_name_and_parts_too_many_are_told() -> None:
     assert arm.gripper.name == "arm_4"
 
 
+def test_addresses_that_are_no_names_or_taken_are_told_and_made_by_the_rule() -> None:
+    parts = robot(NavigationExe="no name!")
+    parts[2].setProperty("skiros:MotionExe", "/go")
+    parts[2].setProperty("skiros:CartesianGoalAction", "/go")
+    scene = read(*parts)
+    (made,) = scene.robots
+    assert made.move_action == "/mobile_manipulator/move_base"
+    assert made.arms[0].trajectory_action == "/go"
+    assert made.arms[0].cartesian_action == "/mobile_manipulator/left_arm/cartesian_motion"
+    told = {problem.element: problem.reason for problem in scene.problems}
+    assert "skiros:NavigationExe 'no name!' is no name of ROS" in told[ROBOT]
+    assert "skiros:CartesianGoalAction '/go' is taken" in told[ARM]
+
+
+def test_a_camera_on_what_is_left_out_is_left_out_too() -> None:
+    parts = robot()
+    parts[2].setProperty("skiros:CadModel", "nowhere.urdf")
+    with World(read(*parts)) as world:
+        assert world.cameras == {}
+        assert CAMERA in [problem.element for problem in world.problems]
+
+
 def test_circles_are_opened() -> None:
     scene = read(
         element(TABLE, "", at(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), contains=(PRODUCT,)),

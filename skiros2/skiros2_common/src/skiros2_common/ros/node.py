@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import math
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 
 import rosgraph
@@ -51,7 +53,7 @@ def bridge_logging(verbose: bool = False) -> None:
         handler.setFormatter(logging.Formatter("%(message)s"))
         root.addHandler(handler)
     root.setLevel(logging.INFO)
-    for name in ("skiros2", "skiros2_common", "skiros2_world_model", "skiros2_skill", "skiros2_task"):
+    for name in ("skiros2", "skiros2_common", "skiros2_world_model", "skiros2_skill", "skiros2_task", "skiros2_sim"):
         logging.getLogger(name).setLevel(logging.DEBUG if verbose else logging.INFO)
 
 
@@ -77,6 +79,20 @@ def run_node(name: str, main: Callable[[], None], **init_options: object) -> Non
         _die(f"{rospy.get_name()}: {error}", EXIT_CONFIGURATION)
     except rospy.ROSInterruptException:
         return
+
+
+def end_beside_main() -> None:
+    """From now on a signal to end runs the shutdown hooks in a thread of its own. Called in the main thread.
+
+    rospy runs them on top of whatever the main thread is at: when that holds a lock, of logging for example, and a hook
+    or a thread that the hook waits for needs it, the node never ends. The main thread has to ask `rospy.is_shutdown`.
+    """
+
+    def end(number: int, _: object) -> None:
+        threading.Thread(target=rospy.signal_shutdown, args=(f"signal {number}",), name="end").start()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
 
 
 def _die(line: str, status: int) -> None:

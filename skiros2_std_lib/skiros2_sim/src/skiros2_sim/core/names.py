@@ -52,6 +52,11 @@ COLOUR = Address("skiros:RgbTopic", "/{robot}/{part}/color/image_raw")
 DEPTH = Address("skiros:DepthTopic", "/{robot}/{part}/depth/image_raw")
 
 
+def is_legal(name: str) -> bool:
+    """Whether ROS takes that as the name of a topic, an action or a service."""
+    return re.fullmatch(r"[~/]?[A-Za-z]\w*(/\w+)*", name, re.ASCII) is not None
+
+
 def robot_name(element: Element) -> str:
     """The name of a robot: its label without the prefix of the ontology."""
     return _plain(element.label.rpartition(":")[2]) or _by_number("robot", element)

@@ -73,6 +73,7 @@ class _Reader:
         self._is_subclass = is_subclass
         self._problems: list[Problem] = list(tree.problems)
         self._robot_names: set[str] = set()
+        self._addresses: set[str] = set()
 
     def read(self, folders: tuple[str, ...]) -> SceneSpec:
         parts: set[str] = set()
@@ -161,7 +162,7 @@ class _Reader:
             base,
             tuple(arms),
             tuple(cameras),
-            names.MOVE.of(element, name),
+            self._address(names.MOVE, element, name),
         )
 
     def _base(self, element: Element, taken: set[str]) -> BaseSpec:
@@ -196,10 +197,10 @@ class _Reader:
                 model,
                 self._pose_on_robot(element),
                 gripper,
-                names.TRAJECTORY.of(element, robot, name),
-                names.CARTESIAN.of(element, robot, name),
-                names.WRENCH.of(element, robot, name),
-                names.STIFFNESS.of(element, robot, name),
+                self._address(names.TRAJECTORY, element, robot, name),
+                self._address(names.CARTESIAN, element, robot, name),
+                self._address(names.WRENCH, element, robot, name),
+                self._address(names.STIFFNESS, element, robot, name),
                 names.POSITION_CONTROLLER.of(element, robot, name),
                 names.COMPLIANT_CONTROLLER.of(element, robot, name),
             )
@@ -209,7 +210,7 @@ class _Reader:
         name = self._unused_part(element, taken)
         model = self._model(element)
         pose = self._pose_on_robot(element) if model else IDENTITY
-        return GripperSpec(element.id, name, model, pose, names.GRIPPER.of(element, robot, name))
+        return GripperSpec(element.id, name, model, pose, self._address(names.GRIPPER, element, robot, name))
 
     def _camera(self, element: Element, parent: str, robot: str, name: str) -> CameraSpec:
         return CameraSpec(
@@ -217,8 +218,8 @@ class _Reader:
             name,
             parent,
             self._pose_on_robot(element),
-            rgb_topic=names.COLOUR.of(element, robot, name),
-            depth_topic=names.DEPTH.of(element, robot, name),
+            rgb_topic=self._address(names.COLOUR, element, robot, name),
+            depth_topic=self._address(names.DEPTH, element, robot, name),
         )
 
     def _unused_part(self, element: Element, taken: set[str]) -> str:
@@ -235,6 +236,18 @@ class _Reader:
         return name
 
     # -- properties -------------------------------------------------------------------------------------------
+
+    def _address(self, address: names.Address, element: Element, robot: str, part: str = "") -> str:
+        """Where something is reached: as the element says, where that can be a name and is not taken."""
+        name = address.of(element, robot, part)
+        if name in self._addresses or not names.is_legal(name):
+            other, name = name, address.rule.format(robot=robot, part=part)
+            while name in self._addresses:
+                name += f"_{max(element.getIdNumber(), 0)}"
+            what = "is no name of ROS" if not names.is_legal(other) else "is taken"
+            self._add_problem(element, f"it is reached at {name}: {address.key} {other!r} {what}")
+        self._addresses.add(name)
+        return name
 
     def _pose_on_robot(self, element: Element) -> Pose:
         """Of a part in the frame of what it is a part of; without one it is there."""

@@ -115,6 +115,10 @@ class World:
         self.arms: dict[str, Arm] = {key: arm for robot in self.robots.values() for key, arm in robot.arms.items()}
         grippers = (arm.gripper for arm in self.arms.values())
         self.grippers: dict[str, Gripper] = {gripper.id: gripper for gripper in grippers if gripper is not None}
+        for camera in [camera for camera in self.cameras.values() if camera.parent]:
+            if not any(camera.parent in there for there in (self.bodies, self.robots, self.arms, self.grippers)):
+                del self.cameras[camera.id]
+                self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
         self.problems += move_apart(self)
 
     # -- time -------------------------------------------------------------------------------------------------

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_sim.core.composing import BASE_LINK
-from skiros2_sim.core.scene_spec import SceneSpec
+from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.ros.transforms import Transforms
@@ -27,7 +27,7 @@ class Frames:
 
     def __init__(self, world: World) -> None:
         self.map = world.scene.map_frame
-        self._cameras = dict(_cameras(world.scene))
+        self._cameras = {eid: frame for eid, frame in _cameras(world.scene) if eid in world.cameras}
         self._robots = {robot.name: eid for eid, robot in world.robots.items()}
         self._links = {eid: frozenset(robot.link_poses()) for eid, robot in world.robots.items()}
         self._transforms = Transforms()
@@ -80,10 +80,13 @@ class Frames:
             for link, pose in robot.link_poses().items():
                 if link != BASE_LINK and (told is None or robot.links[link] not in robot.base_links):
                     yield base, f"{robot.name}/{link}", composed(from_base, pose)
-            for camera in robot.spec.cameras:
-                yield base, self._cameras[camera.id], composed(from_base, world.pose_of(camera.id))
-        for camera in world.scene.cameras:
-            yield self.map, self._cameras[camera.id], world.pose_of(camera.id)
+            for camera in self._there(robot.spec.cameras):
+                yield base, self._cameras[camera], composed(from_base, world.pose_of(camera))
+        for camera in self._there(world.scene.cameras):
+            yield self.map, self._cameras[camera], world.pose_of(camera)
+
+    def _there(self, cameras: Sequence[CameraSpec]) -> list[str]:
+        return [camera.id for camera in cameras if camera.id in self._cameras]
 
 
 def _cameras(scene: SceneSpec) -> Iterator[tuple[str, str]]:

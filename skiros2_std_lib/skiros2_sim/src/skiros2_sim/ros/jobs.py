@@ -32,7 +32,7 @@ from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionResult
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
 #: More points than that are no trajectory but an attack: checking them would hold up the world.
-_MOST_POINTS = 10_000
+_MOST_POINTS = 2_000
 
 
 class JointJob:

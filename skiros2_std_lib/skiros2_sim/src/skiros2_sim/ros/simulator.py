@@ -11,6 +11,7 @@ import rospy
 from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
+from skiros2_common.ros.node import end_beside_main
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
@@ -161,6 +162,7 @@ def main() -> None:
 
     :raises ConfigurationError: a parameter or the scene cannot be used.
     """
+    end_beside_main()
     options = read_options(rospy.get_param)
     folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
     initial = [("scene", options.scene)] if options.scene else []

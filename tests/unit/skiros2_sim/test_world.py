@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongType, WrongValue
-from skiros2_sim.core.scene_spec import SceneSpec
-from skiros2_sim.core.world import GROUND, Contact, World
+from skiros2_sim.core.contacts import Contact
+from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
+from skiros2_sim.core.world import GROUND, World
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, rotated, to_euler
 from support.simulated_cell import (
     ARM,
@@ -452,6 +453,25 @@ def test_a_fault_that_cannot_be_is_an_error_that_says_what_was_expected(
     with pytest.raises(error, match=text):
         shared.faults.set(*arguments)  # type: ignore[arg-type]
     assert shared.faults.active == before
+
+
+def test_seeds_and_noise_that_are_none_are_refused(world: World) -> None:
+    with pytest.raises(WrongValue, match="seed"):
+        World(SceneSpec(), seed=-1)
+    with pytest.raises(WrongValue, match="noise"):
+        World(SceneSpec(), position_noise=NAN)
+    with pytest.raises(WrongValue, match="seed"):
+        world.reset(seed=-1)
+    assert world.seed == 0
+
+
+def test_ids_that_are_there_twice_and_cameras_on_nothing_are_told() -> None:
+    twins = (product(PRODUCT, at(0.0, 0.0, 1.0)), product(PRODUCT, at(0.0, 1.0, 1.0)))
+    lost = CameraSpec("skiros:DepthCamera-9", "camera", parent="rparts:ArmDevice-99")
+    with World(SceneSpec(twins, cameras=(lost,))) as world:
+        assert {problem.element for problem in world.problems} == {PRODUCT, lost.id}
+        assert world.pose_of(PRODUCT).position[1] == 0.0
+        assert world.cameras == {}
 
 
 def test_an_empty_world_goes_on() -> None:

@@ -6,22 +6,23 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from types import TracebackType
-from typing import NamedTuple
 
 import numpy as np
 
-from skiros2_common.core.errors import ConfigurationError, Refused, UnknownName, WrongValue
+from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Bullet
 from skiros2_sim.core.composing import BASE_LINK, compose
+from skiros2_sim.core.contacts import Contact, joined_contacts
 from skiros2_sim.core.faults import Faults
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.joint import finite
 from skiros2_sim.core.motions import Motions
 from skiros2_sim.core.placement import move_apart
+from skiros2_sim.core.pushes import Pushes
 from skiros2_sim.core.robot import Robot
-from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, SceneSpec
+from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
 
 #: Steps a second.
@@ -32,28 +33,6 @@ _FARTHEST = 1000.0  # m; beyond it the floats of the engine are too coarse
 _STRONGEST = 1e5  # N or Nm
 
 
-class Contact(NamedTuple):
-    """Two bodies touch: by the ids of their elements, or robot/link.
-
-    :param position: the middle of where they touch, in the map.
-    :param force: along the normal, in N.
-    """
-
-    first: str
-    second: str
-    position: Vector
-    force: float
-
-
-@dataclasses.dataclass
-class _Push:
-    body: int
-    link: int
-    force: Vector
-    torque: Vector
-    steps: int
-
-
 class World:
     """A scene in physics.
 
@@ -61,6 +40,7 @@ class World:
     :param gui: show PyBullet's window.
     :param position_noise: m; how far from their place in the scene things that move may stand at the start, in x and y.
     :param yaw_noise: rad; how far they may be turned.
+    :raises WrongValue: the seed is negative, or a noise is no finite number.
     :raises Refused: there is no window to open.
 
     What cannot be simulated as the scene says is told in `problems`, and the rest is there. `reset` makes all bodies,
@@ -77,10 +57,14 @@ class World:
     ) -> None:
         self.scene = scene
         self.dt = 1.0 / RATE
-        self.bullet = Bullet(gui)
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
-        self._seed = seed
-        self._build()
+        self._seed = _checked_seed(seed)
+        self.bullet = Bullet(gui)
+        try:
+            self._build()
+        except SkirosError:
+            self.close()
+            raise
 
     def _build(self) -> None:
         bullet = self.bullet
@@ -94,31 +78,19 @@ class World:
         self.problems: list[Problem] = list(self.scene.problems)
         self.bodies: dict[str, Body] = {}
         self.robots: dict[str, Robot] = {}
+        self.arms: dict[str, Arm] = {}
+        self.grippers: dict[str, Gripper] = {}
         self.cameras: dict[str, CameraSpec] = {camera.id: camera for camera in self.scene.cameras}
-        self._pushes: list[_Push] = []
+        self._pushes = Pushes(bullet)
         self._elements: dict[int, str] = {}
         self._ground = self._make_ground()
         for spec in self.scene.bodies:
             self.add_body(self._jittered(spec))
         for robot in self.scene.robots:
-            model = compose(robot, self.scene.models)
-            self.problems += model.problems
-            try:
-                made = self.robots[robot.id] = Robot(bullet, robot, model)
-            except ConfigurationError as error:
-                self.problems.append(Problem(robot.id, f"the robot is left out: {error}"))
-                continue
-            self._elements[made.body] = robot.id
-            self.cameras |= {camera.id: camera for camera in robot.cameras}
-            for link in made.base_links:  # it is held upright by its motors; wheels that do not turn would brake it
-                bullet.setCollisionFilterPair(made.body, self._ground, link, -1, 0)
-        self.arms: dict[str, Arm] = {key: arm for robot in self.robots.values() for key, arm in robot.arms.items()}
-        grippers = (arm.gripper for arm in self.arms.values())
-        self.grippers: dict[str, Gripper] = {gripper.id: gripper for gripper in grippers if gripper is not None}
-        for camera in [camera for camera in self.cameras.values() if camera.parent]:
-            if not any(camera.parent in there for there in (self.bodies, self.robots, self.arms, self.grippers)):
-                del self.cameras[camera.id]
-                self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
+            self._add_robot(robot)
+        for camera in [camera for camera in self.cameras.values() if camera.parent and camera.parent not in self]:
+            del self.cameras[camera.id]
+            self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
         self.problems += move_apart(self)
 
     # -- time -------------------------------------------------------------------------------------------------
@@ -144,8 +116,7 @@ class World:
             self.faults.update()
             for robot in self.robots.values():
                 robot.before_step()
-            if self._pushes:
-                self._apply_pushes()
+            self._pushes.update()
             self.bullet.stepSimulation()
             self.steps += 1
 
@@ -153,9 +124,10 @@ class World:
         """Puts everything back to the start: the same state as that of a new world.
 
         :param seed: another one than so far; None: the same.
+        :raises WrongValue: it is negative.
         """
         if seed is not None:
-            self._seed = seed
+            self._seed = _checked_seed(seed)
         self._build()
 
     def close(self) -> None:
@@ -234,7 +206,7 @@ class World:
         if max(map(abs, numbers)) > _STRONGEST or duration < 0:
             raise WrongValue(f"push of {eid}: expected up to {_STRONGEST} N, Nm and s, got {numbers}")
         fx, fy, fz, tx, ty, tz, _ = numbers
-        self._pushes.append(_Push(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * RATE))))
+        self._pushes.add(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * RATE)))
 
     # -- contacts ---------------------------------------------------------------------------------------------
 
@@ -245,12 +217,7 @@ class World:
         :raises UnknownName: it is not in the simulated world.
         """
         points = self.bullet.getContactPoints() if not eid else self.bullet.getContactPoints(self._handle(eid)[0])
-        pairs: dict[tuple[str, str], list[tuple[Vector, float]]] = {}
-        for point in points:
-            one, other = self.name_of(point[1], point[3]), self.name_of(point[2], point[4])
-            if point[9] > 0 or point[8] <= 0:
-                pairs.setdefault((min(one, other), max(one, other)), []).append((point[5], point[9]))
-        return [_joined(pair, pairs[pair]) for pair in sorted(pairs)]
+        return joined_contacts(points, self.name_of)
 
     def element_of(self, body: int, link: int = -1) -> str | None:
         """The id of the element that a body of PyBullet is; None for the ground and what is no element."""
@@ -279,6 +246,9 @@ class World:
 
     def add_body(self, spec: BodySpec) -> None:
         """Adds a thing. It is a box when its model does not load; that, or that it has no size either, is a problem."""
+        if spec.id in self:
+            self.problems.append(Problem(spec.id, "it is left out: there is another one of that id"))
+            return
         number = sum(body.movable == spec.movable for body in self.bodies.values())
         try:
             body = Body(self.bullet, spec, self.scene.models, number)
@@ -291,6 +261,22 @@ class World:
         self.bodies[spec.id] = body
         self._elements[body.body] = spec.id
 
+    def _add_robot(self, spec: RobotSpec) -> None:
+        model = compose(spec, self.scene.models)
+        self.problems += model.problems
+        try:
+            robot = Robot(self.bullet, spec, model)
+        except ConfigurationError as error:
+            self.problems.append(Problem(spec.id, f"the robot is left out: {error}"))
+            return
+        self.robots[spec.id] = robot
+        self.arms |= robot.arms
+        self.grippers |= {arm.gripper.id: arm.gripper for arm in robot.arms.values() if arm.gripper is not None}
+        self.cameras |= {camera.id: camera for camera in spec.cameras}
+        self._elements[robot.body] = spec.id
+        for link in robot.base_links:  # it is held upright by its motors; wheels that do not turn would brake it
+            self.bullet.setCollisionFilterPair(robot.body, self._ground, link, -1, 0)
+
     def remove_body(self, eid: str) -> None:
         """Takes a thing away.
 
@@ -299,7 +285,7 @@ class World:
         if eid not in self.bodies:
             raise UnknownName(f"there is no body {eid!r} in the simulated world")
         body = self.bodies.pop(eid)
-        self._pushes = [push for push in self._pushes if push.body != body.body]
+        self._pushes.forget(body.body)
         self._elements.pop(body.body)
         self.bullet.removeBody(body.body)
 
@@ -312,19 +298,9 @@ class World:
         turned = multiplied(from_euler(0.0, 0.0, yaw), spec.pose.orientation)
         return dataclasses.replace(spec, pose=Pose((x + dx, y + dy, z), turned))
 
-    # -- each step --------------------------------------------------------------------------------------------
-
-    def _apply_pushes(self) -> None:
-        bullet = self.bullet
-        for push in self._pushes:
-            if push.link < 0:
-                at = bullet.getBasePositionAndOrientation(push.body)[0]
-            else:
-                at = bullet.getLinkState(push.body, push.link)[0]
-            bullet.applyExternalForce(push.body, push.link, push.force, at, bullet.WORLD_FRAME)
-            bullet.applyExternalTorque(push.body, push.link, push.torque, bullet.WORLD_FRAME)
-            push.steps -= 1
-        self._pushes = [push for push in self._pushes if push.steps > 0]
+    def __contains__(self, eid: object) -> bool:
+        """Whether an element is in the simulated world."""
+        return eid in set(self._ids())
 
     # -- names ------------------------------------------------------------------------------------------------
 
@@ -354,6 +330,12 @@ class World:
         return arm.tool_pose() if arm is not None else self.pose_of(camera.parent)
 
 
+def _checked_seed(seed: int) -> int:
+    if seed < 0:
+        raise WrongValue(f"expected a seed of 0 or more, got {seed}")
+    return seed
+
+
 def _checked(pose: Pose, eid: str) -> Pose:
     x, y, z = finite(pose.position, 3, f"{eid}: position")
     qx, qy, qz, qw = finite(pose.orientation, 4, f"{eid}: orientation")
@@ -363,11 +345,3 @@ def _checked(pose: Pose, eid: str) -> Pose:
     if not 0.9 < length < 1.1:
         raise WrongValue(f"{eid}: expected a quaternion of length 1, got {(qx, qy, qz, qw)}")
     return Pose((x, y, z), (qx / length, qy / length, qz / length, qw / length))
-
-
-def _joined(pair: tuple[str, str], points: list[tuple[Vector, float]]) -> Contact:
-    """The points at which two things touch, as one: the middle, weighed with the forces."""
-    total = sum(force for _, force in points)
-    weights = [force / total if total > 0 else 1 / len(points) for _, force in points]
-    x, y, z = (sum(w * at[i] for w, (at, _) in zip(weights, points, strict=True)) for i in range(3))
-    return Contact(*pair, (x, y, z), total)

@@ -1,0 +1,43 @@
+"""Which bodies touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from skiros2_std_reasoners.core.geometry import Vector
+
+
+class Contact(NamedTuple):
+    """Two bodies touch: by the ids of their elements, or robot/link.
+
+    :param position: the middle of where they touch, in the map.
+    :param force: along the normal, in N.
+    """
+
+    first: str
+    second: str
+    position: Vector
+    force: float
+
+
+def joined_contacts(points: Iterable[Sequence[Any]], name_of: Callable[[int, int], str]) -> list[Contact]:
+    """The pairs that touch, each once, in order of their names.
+
+    :param points: what PyBullet's `getContactPoints` tells.
+    :param name_of: the name of a body and link.
+    """
+    pairs: dict[tuple[str, str], list[tuple[Vector, float]]] = {}
+    for point in points:
+        one, other = name_of(point[1], point[3]), name_of(point[2], point[4])
+        if point[9] > 0 or point[8] <= 0:
+            pairs.setdefault((min(one, other), max(one, other)), []).append((point[5], point[9]))
+    return [_joined(pair, pairs[pair]) for pair in sorted(pairs)]
+
+
+def _joined(pair: tuple[str, str], points: list[tuple[Vector, float]]) -> Contact:
+    """The points at which two things touch, as one: the middle, weighed with the forces."""
+    total = sum(force for _, force in points)
+    weights = [force / total if total > 0 else 1 / len(points) for _, force in points]
+    x, y, z = (sum(w * at[i] for w, (at, _) in zip(weights, points, strict=True)) for i in range(3))
+    return Contact(*pair, (x, y, z), total)

@@ -23,7 +23,16 @@ from skiros2_sim.core.box_fit import area_of, convex_hull, corners_of, fit_box, 
 from skiros2_sim.core.camera import NEAR, Lens, Picture, lens_of, picture_of
 from skiros2_sim.core.scene_spec import BodySpec
 from skiros2_sim.core.world import World
-from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler, inverted, multiplied, normalized, rotated
+from skiros2_std_reasoners.core.geometry import (
+    Pose,
+    Vector,
+    composed,
+    from_euler,
+    inverted,
+    multiplied,
+    normalized,
+    rotated,
+)
 
 Points = npt.NDArray[np.float64]
 
@@ -105,32 +114,36 @@ def detections(
 ) -> list[Detection]:
     """The objects that a picture shows, ordered by id."""
     found = []
-    for body in _bodies(world, wanted, picture.ids):
+    for body, size in _bodies(world, wanted, picture.ids):
         points = picture.points(picture.pixels_of(body.id))
         if len(points) < LEAST_PIXELS:
             continue
         if noise.depth:
             # a wrong depth moves a point along its ray
             points *= 1 + world.random.normal(0.0, noise.depth, (len(points), 1)) / points[:, 2:]
-        assert body.size is not None
-        pose = fit_box(_in(picture.pose, points), body.size).pose
-        in_view = _part_in_view(len(points), pose, body, picture)
+        pose = fit_box(_in(picture.pose, points), size).pose
+        in_view = _part_in_view(len(points), pose, size, picture)
         if in_view >= LEAST_IN_VIEW:
             found.append(Detection(body.id, body.type, body.label, pose, in_view))
     return found
 
 
-def _bodies(world: World, wanted: Callable[[BodySpec], bool], ids: tuple[str, ...] | None = None) -> Iterator[BodySpec]:
-    for id in sorted(world.bodies if ids is None else ids):
-        body = world.bodies.get(id)
+def _bodies(
+    world: World, wanted: Callable[[BodySpec], bool], ids: tuple[str, ...] | None = None
+) -> Iterator[tuple[BodySpec, Vector]]:
+    """The things that are wanted, with their sizes, ordered by id.
+
+    :param ids: only of these; None: of all.
+    """
+    for eid in sorted(world.bodies if ids is None else ids):
+        body = world.bodies.get(eid)
         if body is not None and body.spec.size is not None and wanted(body.spec):
-            yield body.spec
+            yield body.spec, body.spec.size
 
 
-def _part_in_view(pixels: int, pose: Pose, body: BodySpec, picture: Picture) -> float:
+def _part_in_view(pixels: int, pose: Pose, size: Vector, picture: Picture) -> float:
     """How many of the pixels that the object would fill, were nothing before it, and the picture large enough."""
-    assert body.size is not None
-    corners = _in(composed(inverted(picture.pose), pose), corners_of(body.size))
+    corners = _in(composed(inverted(picture.pose), pose), corners_of(size))
     if corners[:, 2].min() < NEAR:
         return 0.0  # it reaches into the lens
     outline = convex_hull(picture.lens.focal_length * corners[:, :2] / corners[:, 2:])
@@ -139,10 +152,9 @@ def _part_in_view(pixels: int, pose: Pose, body: BodySpec, picture: Picture) -> 
 
 def _true(world: World, camera: Pose, lens: Lens, wanted: Callable[[BodySpec], bool]) -> Iterator[Detection]:
     """The objects in view by rays from the eye: to the middle, to the corners and to the sides of each."""
-    for body in _bodies(world, wanted):
-        assert body.size is not None
+    for body, size in _bodies(world, wanted):
         pose = world.pose_of(body.id)
-        targets = _in(pose, _RAYS * np.asarray(body.size) / 2)
+        targets = _in(pose, _RAYS * np.asarray(size) / 2)
         seen = _in(inverted(camera), targets)
         ahead = seen[:, 2] > NEAR
         limits = np.array((lens.width, lens.height)) / 2 / lens.focal_length
@@ -153,7 +165,7 @@ def _true(world: World, camera: Pose, lens: Lens, wanted: Callable[[BodySpec], b
         hits = world.bullet.rayTestBatch([camera.position] * len(rays), rays)
         in_view = sum(world.element_of(hit[0], hit[1]) == body.id for hit in hits if hit[0] >= 0) / len(targets)
         if in_view >= LEAST_IN_VIEW:
-            pose = Pose(pose.position, least_turned(pose.orientation, body.size))
+            pose = Pose(pose.position, least_turned(pose.orientation, size))
             yield Detection(body.id, body.type, body.label, pose, in_view)
 
 

@@ -40,11 +40,12 @@ class _System(Ros):
         """What a program printed that ended well."""
         return _ended(self.run(package, program, *arguments))
 
-    def launch_robot(self) -> None:
+    def launch_robot(self, record: Path) -> Program:
         """Waits until it can be given goals."""
-        self.launch("skiros2_demo_skills", "demo.launch", gui=False)
+        program = self.launch("skiros2_demo_skills", "demo.launch", gui=False, record=str(record))
         wait_until(lambda: f"{ROBOT}/get_skills" in self.master.services(), WAIT, "the skill manager")
         wait_until(lambda: "/tm/achieve/status" in self.master.topics(), WAIT, "the task manager")
+        return program
 
 
 @dataclass
@@ -53,6 +54,7 @@ class Recorded:
 
     whole: Run
     late: Run
+    launched: Run
     output: str
     restored: str
     place: str
@@ -62,18 +64,19 @@ class Recorded:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     folder = tmp_path_factory.mktemp("recorded")
     system = _System(folder)
-    whole, late = folder / "whole.bag", folder / "late.bag"
+    whole, late, launched = (folder / f"{name}.bag" for name in ("whole", "late", "launched with a blank"))
     try:
-        recorder = system.run("skiros2_bags", "record", "-o", str(whole), "--robots", ROBOT, "--compression", "lz4")
+        options = ("-o", str(whole), "--robots", ROBOT, "--compression", "lz4")
+        recorder = system.run("skiros2_bags", "record", *options, name="from_the_start")
         recorder.wait_for_line("waits for the master")
         system.master.start()
         recorder.wait_for_line("recording to")
-        system.launch_robot()
+        launch = system.launch_robot(launched)
         system.done("skiros2_task", "achieve", GOAL)
-        system.program("rosnode", "kill", "/recorder")
+        system.program("rosnode", "kill", "/from_the_start")
         output = _ended(recorder)
 
-        second = system.run("skiros2_bags", "record", "-o", str(late), "--no-check")
+        second = system.run("skiros2_bags", "record", "-o", str(late), "--no-check", name="late")
         second.wait_for_line("the scene is taken from /wm/snapshot")
         system.done("skiros2_world_model", "set", ROBOT_ID, "label", "Robbie")
         wait_until(lambda: _label(late.with_name("late.bag.active")) == "Robbie", WAIT, "the change in the file")
@@ -83,7 +86,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
         goal = Run.open(whole).goals()[0]
         restored = system.done("skiros2_bags", "restore", str(whole), "--at", str(goal.time))
         place = system.done("skiros2_world_model", "get", ROBOT_ID, "skiros:at")
-        yield Recorded(Run.open(whole), Run.open(late), output, restored, place)
+        launch.signal(signal.SIGINT)
+        launch.wait(WAIT)
+        yield Recorded(*map(Run.open, (whole, late, launched)), output, restored, place)
     finally:
         system.stop()
 
@@ -133,6 +138,14 @@ def test_a_recorder_that_comes_late_asks_for_the_scene(recorded: Recorded) -> No
     assert [timed.change.action for timed in others] == ["update"]
     assert run.world(first.time).related(ROBOT_ID, "skiros:at", WORKSTATION)
     assert run.world().node(ROBOT_ID).label == "Robbie"
+
+
+def test_a_launch_file_records_what_it_starts(recorded: Recorded) -> None:
+    run = recorded.launched
+    assert run.damage == ""
+    assert [timed.gap for timed in run.changes() if timed.gap] == []
+    assert [goal.state for goal in run.goals()] == ["succeeded"]
+    assert len(run.changes()) > len(recorded.whole.changes())  # it saw the end
 
 
 def test_a_running_world_model_is_made_as_it_was(recorded: Recorded) -> None:

@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="the bag (default: run_DATE_TIME.bag)")
     parser.add_argument("--force", action="store_true", help="replace a file that is there")
     parser.add_argument(
-        "--robots", nargs="+", default=[], metavar="NAME", help="skill managers to await; others are found a bit later"
+        "--robots", nargs="*", default=[], metavar="NAME", help="skill managers to await; others are found a bit later"
     )
     parser.add_argument("--also", default="", metavar="REGEX", help="further topics, by their whole name")
     parser.add_argument("--without", default="", metavar="REGEX", help="topics to leave out")

@@ -101,20 +101,6 @@ def test_a_product_that_slips_while_it_is_lifted_is_found_and_picked_again(make_
     assert cell.world.pose_of(PRODUCT).position[2] > 0.7
 
 
-def test_a_product_that_is_lost_on_the_way_stops_the_drive(make_cell: Callable[..., Cell]) -> None:
-    cell = make_cell()
-    cell.done("Drive", TargetLocation="Workstation 1")
-    cell.done("Look", Workstation="Workstation 1")
-    cell.done("Pick", Object="Product A")
-    cell.world.faults.set("slipping_gripper", GRIPPER, 0.0, 0.0)
-    task = cell.do("Drive", TargetLocation="Workstation 2")
-    assert task.state is State.Failure
-    assert "Gripper has lost it" in task.root.progress_msg
-    assert cell.holder("Product A") == "Simulated cell"
-    assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
-    assert cell.related("demo:mobile_manipulator", "skiros:at") == ["Workstation 1"]
-
-
 def test_a_product_out_of_reach_is_seen_and_told_to_be_so(make_cell: Callable[..., Cell]) -> None:
     cell = make_cell()
     cell.done("Drive", TargetLocation="Workstation 1")

@@ -1,0 +1,86 @@
+"""The frames of a robot that are told to tf: those that have moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from skiros2_sim.core.world import World
+from skiros2_sim.ros.frames import Frames
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed
+from support.simulated_cell import ARM, ROBOT, cell
+
+NAME = "mobile_manipulator"
+BASE = f"{NAME}/base_link"
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[World]:
+    with World(cell()) as world:
+        yield world
+
+
+@pytest.fixture
+def world(shared: World) -> World:
+    shared.reset()
+    return shared
+
+
+class Told:
+    """What a listener of tf knows: the last pose of each frame in its parent."""
+
+    def __init__(self, world: World) -> None:
+        self._frames = Frames(world)
+        self.world = world
+        self._poses: dict[str, tuple[str, Pose]] = {}
+
+    def go_on(self) -> set[str]:
+        """Asks what has moved; the names of the frames."""
+        told = {name: (parent, pose) for parent, name, pose in self._frames.moved(self.world)}
+        self._poses |= told
+        return set(told)
+
+    def in_map(self, name: str) -> Pose:
+        if name == "map":
+            return IDENTITY
+        parent, pose = self._poses[name]
+        return composed(self.in_map(parent), pose)
+
+    def is_right(self) -> bool:
+        for link, pose in self.world.robots[ROBOT].link_poses().items():
+            assert self.in_map(f"{NAME}/{link}").position == pytest.approx(pose.position, abs=1e-4)
+        return True
+
+
+def test_all_frames_are_told_first(world: World) -> None:
+    told = Told(world)
+    links = {f"{NAME}/{link}" for link in world.robots[ROBOT].link_poses()}
+    assert told.go_on() == links | {f"{NAME}/odom"}
+    assert told.is_right()
+
+
+def test_then_the_base_alone_until_the_arm_moves(world: World) -> None:
+    told = Told(world)
+    told.go_on()
+    world.set_pose(ROBOT, Pose((0.5, -0.3, 0.0), IDENTITY.orientation))
+    assert told.go_on() == {BASE}
+    assert told.is_right()
+    arm = world.arms[ARM]
+    arm.drive([position + 0.2 for position in arm.positions()])
+    world.step(60)
+    moved = told.go_on()
+    assert f"{NAME}/arm/tool" in moved
+    assert not any("wheel" in frame for frame in moved)
+    assert told.is_right()
+
+
+def test_they_are_right_after_a_reset(world: World) -> None:
+    told = Told(world)
+    arm = world.arms[ARM]
+    arm.drive([position + 0.2 for position in arm.positions()])
+    world.step(60)
+    told.go_on()
+    world.reset()
+    told.go_on()
+    assert told.is_right()

@@ -480,3 +480,9 @@ def test_an_empty_world_goes_on() -> None:
         assert world.steps == 3
         assert world.contacts() == []
     world.close()
+
+
+def test_a_window_without_a_display_is_refused_and_the_process_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":9999")
+    with pytest.raises(Refused, match=":9999"):
+        World(SceneSpec(), gui=True)

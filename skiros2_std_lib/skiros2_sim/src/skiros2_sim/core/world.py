@@ -68,6 +68,7 @@ class World:
 
     def _build(self) -> None:
         bullet = self.bullet
+        bullet.show(False)
         bullet.resetSimulation()
         bullet.setGravity(0, 0, -9.81)
         bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, deterministicOverlappingPairs=1)
@@ -92,6 +93,7 @@ class World:
             del self.cameras[camera.id]
             self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
         self.problems += move_apart(self)
+        bullet.show(True)
 
     # -- time -------------------------------------------------------------------------------------------------
 

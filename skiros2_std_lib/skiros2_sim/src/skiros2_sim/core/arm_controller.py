@@ -4,10 +4,11 @@ The compliant one is a Cartesian impedance with a posture kept in the nullspace 
 and Force Control of Robot Manipulators, 1987; Albu-Schaeffer et al., Cartesian Impedance Control of Redundant Robots,
 2003):
 
-    torques = J' (K dx - D v) + bias + (I - J' J'+) (k (q0 - q) - d dq)
+    torques = J' (K dx + D dv) + bias + (I - J' J'+) (k (q0 - q) + d (dq0 - dq))
 
-with the tool's Jacobian J, its way dx to where it is drawn and its velocity v, stiffness K and damping D in the tool's
-frame, the bias of gravity and Coriolis forces, and the posture q0 that it is to keep as far as the tool leaves it free.
+with the tool's Jacobian J, its way dx to where it is drawn and the velocity dv that it lacks, stiffness K and damping D
+in the tool's frame, the bias of gravity and Coriolis forces, and the posture q0 that it is to keep as far as the tool
+leaves it free.
 """
 
 from __future__ import annotations
@@ -66,6 +67,7 @@ class ArmController:
         self._gains = _Gains(np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(len(arm.joints)))
         self._updates = 0
         self._posture = np.array(arm.rest)
+        self._velocities = np.zeros(len(arm.joints))
         self._carried = np.zeros(3)
 
     @property
@@ -112,7 +114,7 @@ class ArmController:
         """The arm stays where it is now."""
         positions = np.array(self.arm.positions())
         if self.compliant:
-            self.draw(self.tool_pose(), positions)
+            self.draw(self.tool_pose(), positions, np.zeros(len(positions)))
         else:
             self.follow(positions, np.zeros(len(positions)))
 
@@ -120,9 +122,10 @@ class ArmController:
         """Where the position controller is to have the joints now."""
         self.arm.drive(positions.tolist(), velocities.tolist())
 
-    def draw(self, tool: Pose, posture: Array) -> None:
-        """Where the compliant controller is to draw the tool to, in the robot's frame, in about that posture."""
-        self._drawn_to, self._posture = matrix(tool), posture
+    def draw(self, tool: Pose, posture: Array, velocities: Array) -> None:
+        """Where the compliant controller is to draw the tool to, in the robot's frame, in about that posture of the
+        joints, and how fast these are to be there."""
+        self._drawn_to, self._posture, self._velocities = matrix(tool), posture, velocities
 
     def tool_pose(self) -> Pose:
         """Of the tool, in the robot's frame."""
@@ -142,9 +145,10 @@ class ArmController:
             self._gains = _gains(self._stiffness, in_tool, np.array(self.arm.masses()), dt)
         self._updates += 1
         stiffness, damping, posture_damping = self._gains
+        too_fast = dq - self._velocities
         way = _shortened(into @ difference(self._drawn_to, tool))
-        wrench = stiffness @ way - damping @ (in_tool @ dq) + into[:, :3] @ self._carried
-        posture = _POSTURE_STIFFNESS * (self._posture - q) - posture_damping * dq
+        wrench = stiffness @ way - damping @ (in_tool @ too_fast) + into[:, :3] @ self._carried
+        posture = _POSTURE_STIFFNESS * (self._posture - q) - posture_damping * too_fast
         posture -= jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _SINGULAR_POSTURE, jacobian @ posture)
         self.arm.drive_torques((in_tool.T @ wrench + posture + self.arm.bias()).tolist())
 

@@ -39,7 +39,7 @@ _FASTEST, _FASTEST_TURN = 2.0, 6.0
 #: No target is farther off (m).
 _FARTHEST = 1000.0
 #: How near it comes (m, rad) under position control and when it is compliant.
-_TOLERANCES = ((0.002, 0.01), (0.01, 0.05))
+_TOLERANCES = ((0.002, 0.01), (0.005, 0.03))
 #: It is blocked when it is that far behind under position control (m, rad), or gets no nearer for so long (s).
 _BEHIND, _TURNED_BEHIND = 0.03, 0.2
 _NO_NEARER = 0.75
@@ -156,7 +156,7 @@ class CartesianMotion:
 
     def _command(self, moment: Moment) -> None:
         if self._controller.compliant:
-            self._controller.draw(moment.tool, moment.positions)
+            self._controller.draw(moment.tool, moment.positions, moment.velocities)
         else:
             self._controller.follow(moment.positions, moment.velocities)
 

@@ -17,7 +17,7 @@ from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 from support.moved_robot import DOWN, MovedRobot, succeeded
-from support.simulated_cell import TABLE_1, bench
+from support.simulated_cell import TABLE_1, bench, cell
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +175,15 @@ def test_when_it_hits_something_it_says_what_and_stops_pressing(robot: MovedRobo
     world.step(60)
     assert sum(contact.force for contact in world.contacts(TABLE_1) if "arm/" in contact.first) < 5.0
     assert max(map(abs, robot.arm.velocities())) < 0.01, "it holds still"
+
+
+def test_an_arm_that_hits_its_own_base_says_so() -> None:
+    with World(cell()) as world:
+        world.step(60)
+        robot = MovedRobot(world)
+        outcome = robot.run(robot.trajectory((math.pi / 2 * 1.6, 1.75, 0.0, -0.3, 0.0, 1.5, 0.8), 3.0))
+        assert outcome.code == codes.PATH_TOLERANCE_VIOLATED
+        assert "it touches mobile_manipulator/base/" in outcome.text
 
 
 def test_a_goal_that_is_not_reached_in_time_is_told(robot: MovedRobot) -> None:

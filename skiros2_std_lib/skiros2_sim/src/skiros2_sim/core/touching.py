@@ -11,17 +11,19 @@ _LEAST = 0.5
 def touched(world: World, part: str) -> dict[str, float]:
     """What the links whose names begin with `part` touch, and what things that they carry touch: the force (N) by name.
 
-    A robot's own links do not count, and neither does what a carried thing is carried by.
+    :param part: ROBOT/ for all of it, or ROBOT/ARM/. Its links do not count as touched.
     """
-    robot = part.partition("/")[0] + "/"
-    touching: dict[str, float] = {}
     contacts = world.contacts()
+    touching: dict[str, float] = {}
     for contact in contacts:
-        _count(touching, contact.first, contact.second, contact.force, part, robot)
+        for one, other in ((contact.first, contact.second), (contact.second, contact.first)):
+            if one.startswith(part) and not other.startswith(part):
+                touching[other] = touching.get(other, 0.0) + contact.force
     carried = {name for name in touching if name in world.bodies and world.bodies[name].movable}
     for contact in contacts:
-        for name in carried:
-            _count(touching, contact.first, contact.second, contact.force, name, robot)
+        for one, other in ((contact.first, contact.second), (contact.second, contact.first)):
+            if one in carried and not other.startswith(part):
+                touching[other] = touching.get(other, 0.0) + contact.force
     return touching
 
 
@@ -37,9 +39,3 @@ def because(new: dict[str, float]) -> str:
     if not new:
         return ""
     return ", it touches " + " and ".join(f"{name} ({force:.0f} N)" for name, force in new.items())
-
-
-def _count(found: dict[str, float], first: str, second: str, force: float, part: str, robot: str) -> None:
-    for one, other in ((first, second), (second, first)):
-        if one.startswith(part) and not other.startswith(robot) and not other.startswith(part):
-            found[other] = found.get(other, 0.0) + force

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from skiros2_bags.core.goal import Goal
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.skill_time import SkillTime
 from skiros2_bags.core.task_trace import FAILURE, IDLE, RUNNING, SUCCESS
+from skiros2_bags.core.world_changes import TimedChange
 
 #: By how a skill ended; told apart by people who see no red or green too (Okabe and Ito's palette).
 COLOURS = {SUCCESS: "#009E73", FAILURE: "#D55E00", RUNNING: "#56B4E9", IDLE: "#999999"}
@@ -31,6 +33,9 @@ _MOST_ROWS = 120
 
 #: A skill that took less of the picture than this is drawn so wide all the same.
 _LEAST = 0.002
+
+#: The changes of an author who made more than these are marked in his own row alone.
+_MOST_LINES = 100
 
 #: Letters that the whole width of the picture has room for.
 _LETTERS = 170
@@ -59,10 +64,10 @@ def gantt(run: Run, depth: int = 0) -> Figure:
     shown = _shown(skills, depth)
     start = min([s.start for s in skills] + [g.time for g in goals], default=run.start)
     end = max([s.end for s in skills] + [g.end for g in goals if g.end is not None], default=run.end)
-    chart = _Chart(start, max(end - start, 1e-3), _rows(shown))
+    told = [timed for timed in changes if start <= timed.time <= end]
+    chart = _Chart(start, max(end - start, 1e-3), _rows(shown), _authors(told))
     chart.draw_skills(shown)
     chart.draw_goals(goals)
-    told = [timed.time for timed in changes if start <= timed.time <= end]
     chart.draw_changes(told)
     left_out = f", {len(skills) - len(shown)} deeper skills left out" if len(shown) < len(skills) else ""
     chart.finish(f"{run.path.name}: {end - start:.1f} s, {len(told)} changes of the world model{left_out}")
@@ -90,19 +95,26 @@ def _rows(skills: Sequence[SkillTime]) -> list[Row]:
     return sorted(first, key=lambda row: [(row[0],), *(first[row[:n]] for n in range(2, len(row) + 1))])
 
 
+def _authors(changes: Iterable[TimedChange]) -> list[str]:
+    """Who changed the world model; who did so most often, such as reasoners that follow poses, comes last."""
+    return [author for author, _ in reversed(Counter(timed.change.author for timed in changes).most_common())]
+
+
 class _Chart:
     """The figure while it is drawn.
 
     :param start: the time of its left edge (s since the epoch).
     :param span: what it shows (s).
+    :param authors: those who changed the world model, a row for each.
     """
 
-    def __init__(self, start: float, span: float, rows: Sequence[Row]) -> None:
+    def __init__(self, start: float, span: float, rows: Sequence[Row], authors: Sequence[str]) -> None:
         self._start = start
         self._span = span
         self._rows = {row: number for number, row in enumerate(rows)}
+        self._authors = {author: len(rows) + 2 + number for number, author in enumerate(authors)}
         self._states: set[int] = set()
-        self._height = _MARGIN + _ROW * (len(rows) + 2)
+        self._height = _MARGIN + _ROW * (len(rows) + len(authors) + 2)
         self.figure = Figure(figsize=(_WIDTH, self._height), dpi=110, layout="constrained")
         self._axes: Any = self.figure.add_subplot()
 
@@ -125,15 +137,21 @@ class _Chart:
             self._axes.barh(y, max(length, 0.0), left=left, height=0.6, color=_GOAL, alpha=0.9)
             self._write(left, y, f"{goal.state or 'no answer'}: {goal.goals}", length)
 
-    def draw_changes(self, times: Iterable[float]) -> None:
-        y, at = len(self._rows) + 1, [time - self._start for time in times]
-        self._axes.vlines(at, y - 0.38, y + 0.38, colors=_CHANGE, linewidth=0.7)
-        self._axes.vlines(at, -0.7, y - 0.38, colors=_CHANGE, linewidth=0.4, alpha=0.15, zorder=0)
+    def draw_changes(self, changes: Iterable[TimedChange]) -> None:
+        times = defaultdict(list)
+        for timed in changes:
+            times[timed.change.author].append(timed.time - self._start)
+        for author, at in times.items():
+            y = self._authors[author]
+            self._axes.vlines(at, y - 0.38, y + 0.38, colors=_CHANGE, linewidth=0.7)
+            if len(at) <= _MOST_LINES:
+                self._axes.vlines(at, -0.7, y - 0.38, colors=_CHANGE, linewidth=0.4, alpha=0.2, zorder=0)
 
     def finish(self, title: str) -> None:
         axes = self._axes
         labels = [("    " * (len(row) - 2) + row[-1], len(row) == 1) for row in self._rows]
-        labels += [("goals", True), ("world model", True)]
+        labels += [("goals", True), ("changes of the world model by", True)]
+        labels += [(author or "(nobody)", False) for author in self._authors]
         beside = -0.0078 * max(len(label) for label, _ in labels)
         for y, (label, is_title) in enumerate(labels):
             axes.text(beside, y, label, transform=axes.get_yaxis_transform(), fontsize=8, va="center", color=_TEXT,

@@ -69,6 +69,21 @@ def test_another_change_is_told_with_its_author(compare: Any) -> None:
     assert compare(messages, tolerance=Tolerance(0.0, 0.3)) == []
 
 
+def test_how_often_a_moving_thing_was_told_of_is_no_difference(compare: Any) -> None:
+    messages = good_run()
+    monitor = Monitor()
+    for action in ("reset", "update"):
+        monitor(action)
+    inside = [(TRAY_B, "skiros:contain", "-1")]
+    there = [element(PRODUCT, "Product A", inside, PositionX=[x]) for x in (0.7, 0.5)]
+    messages += [("change", monitor("update", e)) for e in there]
+    assert compare(messages) == []
+    last = element(PRODUCT, "Product A", inside, PositionX=[0.7])
+    assert compare([*messages, ("change", monitor("update", last))]) == [
+        (Kind.SCENE, f'{PRODUCT} "Product A"', "", "skiros:PositionX is 0.7, expected 0.5")
+    ]
+
+
 def test_an_element_that_is_not_there_at_the_end(compare: Any) -> None:
     messages = good_run()
     monitor = Monitor()

@@ -2,7 +2,8 @@
 
 Runs are matched by order: the first task of a robot with the first one of that robot, the first change by an author
 with the first one by that author. What several robots do at the same time may come in any order. Behind its first
-difference, a sequence is not compared further: one thing that is missing would shift all the rest.
+difference, a sequence is not compared further: one thing that is missing would shift all the rest. Changes that only
+move something are not compared one by one; where things are at the end is.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from skiros2_bags.core.contract_types import MONITOR, PROGRESS
+from skiros2_bags.core.moving import without_moves
 from skiros2_bags.core.normal import NARROW, Tolerance, change_differences, element_differences, same_text, summary
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.task_trace import FAILURE, STATES, SUCCESS, NodeState, NodeTrace, TaskTrace
@@ -92,13 +94,13 @@ def _outcomes(run: Run) -> list[tuple[float, str]]:
 def _tasks(run: Run, other: Run) -> Iterator[Difference]:
     expected, got = (_by_robot(r) for r in (run, other))
     for robot in sorted({*expected, *got}):
-        pairs = list(zip(expected[robot], got[robot], strict=False))
-        for number, (one, two) in enumerate(pairs, 1):
+        tasks = [[(t.start - r.start, _task_text(t)) for t in found[robot]] for r, found in
+                 ((run, expected), (other, got))]  # fmt: skip
+        parted = _first_otherwise([text for _, text in tasks[0]], [text for _, text in tasks[1]])
+        for number, (one, two) in enumerate(zip(expected[robot][:parted], got[robot][:parted], strict=False), 1):
             yield from _nodes(f"{robot}, task {number}", one, two, run.start, other.start)
-        if len(expected[robot]) != len(got[robot]):
-            told = [[(t.start - r.start, _task_text(t)) for t in tasks[robot]] for r, tasks in
-                    ((run, expected), (other, got))]  # fmt: skip
-            yield _difference(Kind.TASK, f"{robot}, task {len(pairs) + 1}", len(pairs), *told)
+        if parted is not None:
+            yield _difference(Kind.TASK, f"{robot}, task {parted + 1}", parted, *tasks)
 
 
 def _by_robot(run: Run) -> dict[str, list[TaskTrace]]:
@@ -189,7 +191,7 @@ def _changes(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]
 
 def _by_author(run: Run) -> dict[str, list[TimedChange]]:
     changes = defaultdict(list)
-    for timed in run.changes() if MONITOR in run.topics.values() else []:
+    for timed in without_moves(run.changes()) if MONITOR in run.topics.values() else []:
         changes[timed.change.author].append(timed)
     return changes
 

@@ -156,6 +156,22 @@ def test_cancelled_it_brakes(robot: MovedRobot) -> None:
     assert max(map(abs, robot.robot.velocity())) < 0.01
 
 
+def test_one_that_takes_the_place_of_another_brakes_first(cart: World) -> None:
+    first = driven(cart, 4.0)
+    while cart.robots[CART].velocity()[0] < 0.75:
+        cart.step()
+    cart.motions.remove(first)
+    second = driven(cart, 0.0, 0.0, math.pi)
+    speeds = [cart.robots[CART].velocity()[0]]
+    for _ in range(60):
+        cart.step()
+        speeds.append(cart.robots[CART].velocity()[0])
+    assert max(abs(b - a) * 240 for a, b in itertools.pairwise(speeds)) < 5.0, "m/s2"
+    while second.outcome is None:
+        cart.step()
+    succeeded(second.outcome)
+
+
 @pytest.mark.parametrize("ahead", [1.0, 1.5])
 def test_what_comes_into_its_way_is_driven_round(cart: World, ahead: float) -> None:
     motion = driven(cart, 4.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Iterator
@@ -103,6 +104,20 @@ def test_switching_makes_no_jump_while_something_is_held(robot: MovedRobot) -> N
     robot.controller.switch("compliant")
     robot.world.step(240)
     assert distances(robot.arm.tool_pose(), before)[0] < 0.001, "it carries the weight"
+
+
+def test_a_compliant_tool_carries_what_it_has_taken_up() -> None:
+    scene = bench()
+    heavy = dataclasses.replace(scene.bodies[-1], mass=0.8)
+    with World(dataclasses.replace(scene, bodies=(*scene.bodies[:-1], heavy))) as world:
+        world.step(60)
+        robot = MovedRobot(world)
+        x, y, z = world.pose_of(heavy.id).position
+        succeeded(robot.run(robot.line((x, y, z), controller="compliant")))
+        succeeded(robot.run(robot.grip(0.0)))
+        succeeded(robot.run(robot.line((x, y, z + 0.15))))
+        assert robot.arm.tool_pose().position[2] == pytest.approx(z + 0.15, abs=0.005)
+        succeeded(robot.run(robot.line((x, y + 0.05, z + 0.1))))
 
 
 def test_an_arm_with_a_light_hand_is_compliant_without_trembling() -> None:

@@ -103,12 +103,16 @@ class ArmController:
         self._updates = 0
         self.hold()
         if self.compliant:
-            weight = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
-            # what hangs in the hand pulls down; what it is pressed on pushes up, and is let go
-            self._carried = np.array([0.0, 0.0, min(max(-weight, 0.0), _PAYLOAD)])
+            self.carry()
             self.world.motions.add(self)
         else:
             self.world.motions.remove(self)
+
+    def carry(self) -> None:
+        """The compliant controller holds the weight of what hangs in the hand now; it would give way to it."""
+        felt = rotated(self.arm.tool_pose().orientation, self.arm.wrench()[:3])[2]
+        # what hangs there pulls down; what the hand is pressed on pushes up, and is let go
+        self._carried = np.array([0.0, 0.0, min(max(-felt, 0.0), _PAYLOAD)])
 
     def hold(self) -> None:
         """The arm stays where it is now."""

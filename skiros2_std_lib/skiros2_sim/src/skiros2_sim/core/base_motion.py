@@ -40,6 +40,7 @@ _BUMP = 5.0
 
 
 class _Phase(Enum):
+    SLOWS = auto()  # from what it did before
     PLANS = auto()
     TURNS = auto()  # towards its next leg, or the goal's yaw
     DRIVES = auto()  # along its leg
@@ -53,10 +54,10 @@ class BaseMotion:
     def __init__(self, world: World, robot: Robot, goal: Place) -> None:
         self.outcome: Outcome | None = None
         self._world, self._robot, self._goal = world, robot, goal
-        self._phase = _Phase.PLANS
+        self._phase = _Phase.SLOWS
         self._legs: list[Leg] = []
         self._line = 0.0  # the yaw with which it is on its leg (rad)
-        self._speed = self._turn = 0.0  # what the base is told now
+        self._speed, _, self._turn = robot.velocity()  # what the base is told now
         self._looked = self._wait = self._blocked = 0.0  # s: since it looked, until it plans, in which it was blocked
         self._corrections = 0
         self._ending: Outcome | None = None  # what comes out when it stands
@@ -94,6 +95,10 @@ class BaseMotion:
                 self.outcome = self._ending
             return
         match self._phase:
+            case _Phase.SLOWS:
+                self._command(0.0, 0.0, dt)
+                if self._stands():
+                    self._phase = _Phase.PLANS
             case _Phase.PLANS:
                 self._plan(place)
             case _Phase.TURNS:

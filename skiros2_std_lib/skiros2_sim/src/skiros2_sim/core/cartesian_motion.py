@@ -107,6 +107,7 @@ class CartesianMotion:
                 goal.angular_speed or ANGULAR_SPEED,
             )
             controller.switch(goal.controller or controller.active)
+            controller.carry()
             if goal.stiffness:
                 controller.stiffness = tuple(goal.stiffness)
         except Refused as error:
@@ -193,6 +194,8 @@ class CartesianMotion:
         return self._at_the_end(pose, dt)
 
     def _at_the_end(self, pose: Pose, dt: float) -> Outcome | None:
+        if self._nearest == math.inf:  # what it has taken up on its way
+            self._controller.carry()
         off, turned = distances(pose, self._target)
         speed = math.hypot(*self._arm.tool_velocity()[0])
         own = _TOLERANCES[int(self._controller.compliant)]

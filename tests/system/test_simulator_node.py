@@ -277,7 +277,7 @@ def test_without_a_display_and_with_a_broken_scene_it_runs_and_ends_when_it_is_t
     env = {key: value for key, value in other.master.env.items() if key != "DISPLAY"}
     program = other.run("skiros2_sim", "simulator_node", name="sim", params=params, env=env)
     program.wait_for_line("the simulated world is ready", WAIT)
-    for told in ("cannot open its window", "nowhere.urdf", "'no name!' is no name of ROS", "its size is not used"):
+    for told in ("cannot open a window", "nowhere.urdf", "'no name!' is no name of ROS", "its size is not used"):
         assert told in program.output
     assert "/mobile_manipulator/move_base/goal" in {name for kind, name, _ in other.master.registrations({"/sim"})}
     os.kill(other.master.node_pid("/sim"), signal.SIGTERM)

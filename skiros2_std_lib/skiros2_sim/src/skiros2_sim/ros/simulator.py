@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import logging
-import subprocess
-import sys
 from pathlib import Path
 
 import rospy
 from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
+from skiros2_common.core.errors import Refused
 from skiros2_common.ros.node import end_beside_main
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
+from skiros2_sim.core.scene_spec import SceneSpec
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.cameras import Cameras
@@ -169,8 +169,7 @@ def main() -> None:
     model = WorldModel(ontology_folder(), folder, initial=initial)
     elements = LocalWorldModel("simulator", model).get_scene()
     scene = read_scene(elements, model.ontology.is_subclass, (folder,))
-    gui = options.gui and _window_opens()
-    world = World(scene, options.seed, gui, options.position_noise, options.yaw_noise)
+    world = _made(scene, options)
     for problem in world.problems:
         log.warning("%s", problem)
     if rospy.is_shutdown():  # told to end while the world was made
@@ -183,11 +182,12 @@ def main() -> None:
     rospy.spin()
 
 
-def _window_opens() -> bool:
-    """Whether PyBullet can open its window; says so when it cannot. It would end the process: another one tries."""
-    program = "import pybullet; print('opened' if pybullet.connect(pybullet.GUI) >= 0 else 'refused')"
-    tried = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
-    if tried.stdout.rstrip().endswith("opened"):
-        return True
-    log.warning("PyBullet cannot open its window (is there a display?): the simulator goes on without")
-    return False
+def _made(scene: SceneSpec, options: Options) -> World:
+    """The world; without a window where none can be opened."""
+    noise = (options.position_noise, options.yaw_noise)
+    if options.gui:
+        try:
+            return World(scene, options.seed, True, *noise)
+        except Refused as error:
+            log.warning("%s: the simulator goes on without", error)
+    return World(scene, options.seed, False, *noise)

@@ -96,24 +96,24 @@ class Floor:
     """What stands around a base that has to get somewhere."""
 
     def __init__(self, footprint: Footprint, obstacles: Sequence[Obstacle]) -> None:
-        self._footprint = footprint
         self._outline = footprint.outline()
         self._obstacles = tuple(obstacles)
         self._free_radius = footprint.radius + _MARGIN
 
     def in_the_way(self, place: Place) -> str | None:
         """The id of what the base would stand in there."""
-        return self._hit([place])
+        return _hit(self._outline, self._obstacles, [place])
 
     def first_hit(self, start: Place, legs: Sequence[Leg], ahead: float) -> str | None:
-        """The id of what the next `ahead` metres of the way lead into."""
+        """The id of what the next `ahead` metres of the way lead into; what it stands in already it may leave."""
+        others = self._not_touched(start)
         here = start
         for leg in legs:
             length = math.hypot(leg.x - here.x, leg.y - here.y)
             if length > 1e-6:
                 part = min(1.0, ahead / length)
                 end = Place(here.x + part * (leg.x - here.x), here.y + part * (leg.y - here.y), heading(here, leg))
-                hit = self._hit(_between(Place(here.x, here.y, end.yaw), end))
+                hit = _hit(self._outline, others, _between(Place(here.x, here.y, end.yaw), end))
                 if hit is not None:
                     return hit
                 here = Place(leg.x, leg.y, end.yaw)
@@ -125,7 +125,7 @@ class Floor:
     def way(self, start: Place, goal: Place) -> list[Leg]:
         """The legs from one place to the other; the turn to the goal's yaw comes after the last one. Raises Refused
         with the id of what is in the way."""
-        hit = self._hit([goal])
+        hit = self.in_the_way(goal)
         if hit is not None:
             raise Refused(f"the goal is inside {hit!r}")
         direct = self._direct(start, goal)
@@ -157,13 +157,14 @@ class Floor:
                 arrived = Place(goal.x, goal.y, ahead)
                 ways = [_turning(start, ahead), _between(turned, arrived), _turning(arrived, goal.yaw)]
                 leg_list = [leg]
-            if all(self._hit(way, _TIGHT) is None for way in ways):
+            if all(_hit(self._outline, self._obstacles, way) is None for way in ways):
                 return leg_list
         return None
 
     def _way_out(self, place: Place, what: str) -> _WayOut:
         """The nearest place straight before or behind this one where the base can turn."""
         blocking = None
+        others = self._not_touched(place)
         for step in range(int(_WAY_OUT / _CELL) + 1):
             for backward in (True, False):
                 length = step * _CELL
@@ -171,8 +172,8 @@ class Floor:
                 free = Place(place.x + sign * math.cos(place.yaw), place.y + sign * math.sin(place.yaw), place.yaw)
                 if self._near(free.x, free.y) is not None:
                     continue
-                blocking = self._hit(_between(place, free))
-                if blocking is None or blocking == self._hit([place]):
+                blocking = _hit(self._outline, others, _between(place, free))
+                if blocking is None:
                     return _WayOut(free, backward, length)
         blocking = blocking or self._near(place.x, place.y)
         raise Refused(f"no way out of the {what}, {blocking!r} is in the way")
@@ -185,21 +186,9 @@ class Floor:
                 return obstacle.id
         return None
 
-    def _hit(self, places: Sequence[Place], room: float = _TIGHT) -> str | None:
-        """The id of the first obstacle that the base's rectangle touches in one of the places."""
-        if not places:
-            return None
-        ox, oy = self._outline
-        at = np.array(places)
-        c, s = np.cos(at[:, 2])[:, None], np.sin(at[:, 2])[:, None]
-        x = at[:, 0][:, None] + c * ox - s * oy
-        y = at[:, 1][:, None] + s * ox + c * oy
-        first: tuple[int, str] | None = None
-        for obstacle in self._obstacles:
-            touched = np.flatnonzero((obstacle.distance(x, y) < room).any(axis=1))
-            if len(touched) and (first is None or touched[0] < first[0]):
-                first = int(touched[0]), obstacle.id
-        return first[1] if first else None
+    def _not_touched(self, place: Place) -> list[Obstacle]:
+        """What the base does not stand in there."""
+        return [obstacle for obstacle in self._obstacles if _hit(self._outline, [obstacle], [place]) is None]
 
     def _search(self, start: Place, goal: Place) -> list[tuple[float, float]]:
         """Corner points of the shortest way of the circle, without the start (A* on a grid, then corners cut)."""
@@ -315,6 +304,20 @@ class _Grid:
 
 
 _STEPS = tuple((dr, dc, math.hypot(dr, dc)) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if (dr, dc) != (0, 0))
+
+
+def _hit(outline: tuple[Array, Array], obstacles: Sequence[Obstacle], places: Sequence[Place]) -> str | None:
+    """The id of the first obstacle that the base's rectangle touches in one of the places."""
+    at = np.array(places)
+    c, s = np.cos(at[:, 2])[:, None], np.sin(at[:, 2])[:, None]
+    x = at[:, 0][:, None] + c * outline[0] - s * outline[1]
+    y = at[:, 1][:, None] + s * outline[0] + c * outline[1]
+    first: tuple[int, str] | None = None
+    for obstacle in obstacles:
+        touched = np.flatnonzero((obstacle.distance(x, y) < _TIGHT).any(axis=1))
+        if len(touched) and (first is None or touched[0] < first[0]):
+            first = int(touched[0]), obstacle.id
+    return first[1] if first else None
 
 
 def _is_near(obstacle: Obstacle, start: Place, goal: Place) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -106,3 +107,17 @@ def test_data_that_is_not_of_its_type(tmp_path: Path) -> None:
         writer.write(own, 2_000_000_000, b"\xff" * 40)
     with pytest.raises(BagError, match=r"/wm/monitor at 2\.000 s: the change cannot be read"):
         Run.open(tmp_path / "run.bag").changes()
+
+
+def test_types_are_as_the_bag_defines_them(tmp_path: Path) -> None:
+    """Also those that everybody knows otherwise."""
+    definition = "std_msgs/Header header\nint32 value\n"
+    header = "MSG: std_msgs/Header\nstring frame\n"
+    text = f"{definition}{'=' * 80}\n{header}"
+    inner = hashlib.md5(b"string frame").hexdigest()
+    md5 = hashlib.md5(f"{inner} header\nint32 value".encode()).hexdigest()
+    with Writer(tmp_path / "run.bag") as writer:
+        own = writer.add_connection("/x", "some_msgs/msg/Odd", msgdef=text, md5sum=md5)
+        writer.write(own, 1, b"\x01\0\0\0a\x07\0\0\0")
+    (message,) = Run.open(tmp_path / "run.bag").messages()
+    assert (message.content.header.frame, message.content.value) == ("a", 7)

@@ -81,10 +81,10 @@ class BagFile:
         store = get_typestore(Stores.ROS1_NOETIC)
         try:
             types = get_types_from_msg(message.definition, name)
-            for known in types:
-                if known in store.fielddefs and known != name and store.fielddefs[known] != types[known]:
-                    del store.fielddefs[known]
-            store.register({key: value for key, value in types.items() if key not in store.fielddefs})
+            for known, fields in types.items():  # as the bag has them, also where others go by that name by now
+                if store.fielddefs.get(known) != fields:
+                    store.fielddefs.pop(known, None)
+                    store.register({known: fields})
             found = store.generate_msgdef(name)[1]
         except (TypesysError, *DAMAGE) as error:
             raise BagError(f"{place}: its definition in the bag makes no sense: {error}") from error

@@ -20,6 +20,7 @@ from skiros2_bags.ros.recorder import Recorder
 from skiros2_common.command_line.answer import OK, REFUSED, USAGE
 from skiros2_common.command_line.frame import INTERRUPTED, Parser, given_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging
 
 #: How often a master that is not there is looked for (s).
@@ -74,6 +75,7 @@ def _record(given: argparse.Namespace) -> int:
         time.sleep(_MASTER_PERIOD)
     rospy.init_node("recorder")
     bridge_logging()
+    watch_master()
     recorder = Recorder(writer, selection, given.robots)
     _say(f"recording to {output}")
     rospy.spin()

@@ -25,7 +25,7 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 #: How long a process may take to end when asked to (s), before it is killed. roslaunch gives its nodes 15 s.
 END_TIMEOUT = 20.0
 #: How long a part of the system may take to start (s).
-START_TIMEOUT = 30.0
+START_TIMEOUT = 60.0
 #: How long the recorder may lag behind what is published (s).
 RECORDER_LAG = 1.0
 #: What asks the demo to end.

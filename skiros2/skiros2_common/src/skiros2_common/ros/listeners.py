@@ -17,18 +17,31 @@ _POLL = 0.005  # s
 _NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)
 
 
+class Listeners:
+    """The nodes that the master knows, at its creation, as subscribers of a publisher's topic. Asks it once.
+
+    :param patience: s of wall time, after which those that are not connected count as gone.
+    """
+
+    def __init__(self, publisher: Any, patience: float = PATIENCE) -> None:
+        self._publisher = publisher
+        self._end = time.monotonic() + patience
+        try:
+            _, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+        except _NO_ANSWER:
+            subscribers = []
+        self._wanted = next((len(nodes) for topic, nodes in subscribers if topic == publisher.resolved_name), 0)
+
+    def are_connected(self) -> bool:
+        """Whether all of them are connected, or had the time to be; also without a master that answers."""
+        return self._publisher.get_num_connections() >= self._wanted or time.monotonic() >= self._end
+
+
 def wait_for_listeners(publisher: Any, patience: float = PATIENCE) -> None:
     """Waits until all nodes are connected that the master knows as subscribers of a publisher's topic.
 
-    Without a master that answers, it does not wait.
-
     :param patience: s at most.
     """
-    end = time.monotonic() + patience
-    try:
-        _, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
-    except _NO_ANSWER:
-        return
-    wanted = next((len(nodes) for topic, nodes in subscribers if topic == publisher.resolved_name), 0)
-    while publisher.get_num_connections() < wanted and time.monotonic() < end:
+    listeners = Listeners(publisher, patience)
+    while not listeners.are_connected():
         time.sleep(_POLL)

@@ -7,6 +7,8 @@ from typing import Any
 
 from actionlib import CommState
 
+from skiros2_common.ros.listeners import Listeners
+
 
 class ServerWatch:
     """Watches the server of one action client, from its creation on.
@@ -19,6 +21,7 @@ class ServerWatch:
         self._heard: Any = self._client.last_status_msg
         self._heard_at = time.monotonic()
         self._ended_at: float | None = None
+        self._listeners: Listeners | None = None
 
     @property
     def name(self) -> str:
@@ -26,18 +29,21 @@ class ServerWatch:
         return str(self._client.ns)
 
     def is_connected(self) -> bool:
-        """Whether a goal would reach the server, and its answer this client."""
+        """Whether a goal would reach the server and all others that listen to goals, and its answer this client."""
         # As SimpleActionClient.wait_for_server, which sleeps, and for ever when simulated time stands still.
         client = self._client
         if not client.last_status_msg:
             return False
         server = client.last_status_msg._connection_header["callerid"]
-        return (
+        is_connected = (
             client.pub_goal.impl.has_connection(server)
             and client.pub_cancel.impl.has_connection(server)
             and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
             and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
         )
+        if is_connected and self._listeners is None:
+            self._listeners = Listeners(client.pub_goal)
+        return is_connected and self._listeners is not None and self._listeners.are_connected()
 
     def silence(self) -> float:
         """For how long the server has said nothing, as seen by the calls of this method (s of wall time).

@@ -15,7 +15,6 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
-from skiros2_common.ros.listeners import wait_for_listeners
 from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_msgs import msg as msgs
 
@@ -175,7 +174,6 @@ class SkillRunner:
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
         self._taken = _Taken()
-        self._is_heard = False
 
     def run(
         self,
@@ -197,9 +195,6 @@ class SkillRunner:
                 raise TimedOut(f"{self._watch.name}: no manager answers within {patience:g} s")
             time.sleep(_POLL)
         with self._lock:
-            if not self._is_heard:
-                self._is_heard = True
-                wait_for_listeners(self._client.pub_goal)
             return SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._taken)
 
     def close(self) -> None:

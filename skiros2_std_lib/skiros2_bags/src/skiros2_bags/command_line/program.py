@@ -110,5 +110,5 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "changes": (worlds.changes, _changes, _TIMES),
     "diff": (comparing.diff, _diff, "Status 1: there are differences."),
     "plot": (plotting.plot, _plot),
-    "restore": (restoring.restore, _restore, _TIMES, "Status 1: the world model refuses it; 3: there is none."),
+    "restore": (restoring.restore, _restore, _TIMES, "Status 2 too: the world model refuses; 3: there is none."),
 }

@@ -67,12 +67,11 @@ def _record(given: argparse.Namespace) -> int:
     output = given.output or Path(time.strftime("run_%Y-%m-%d_%H-%M-%S.bag"))
     selection = Selection(pattern(given.also), pattern(given.without))
     writer = BagWriter(output.absolute(), given.compression, given.force)
-    waited = False
-    while not rosgraph.is_master_online():
-        if not waited:
-            _say(f"waits for the master {rosgraph.get_master_uri()}")
-        waited = True
-        time.sleep(_MASTER_PERIOD)
+    try:
+        _wait_for_master()
+    except KeyboardInterrupt:
+        writer.close()
+        raise
     rospy.init_node("recorder")
     bridge_logging()
     watch_master()
@@ -87,6 +86,14 @@ def _record(given: argparse.Namespace) -> int:
     for finding in findings:
         _say(f"{'ok' if finding.holds else 'MISSING'}: {finding.text}")
     return OK if all(finding.holds for finding in findings) else REFUSED
+
+
+def _wait_for_master() -> None:
+    if rosgraph.is_master_online():
+        return
+    _say(f"waits for the master {rosgraph.get_master_uri()}")
+    while not rosgraph.is_master_online():
+        time.sleep(_MASTER_PERIOD)
 
 
 def _say(text: str) -> None:

@@ -157,6 +157,7 @@ def test_it_moves_until_contact(robot: MovedRobot, controller: str) -> None:
     assert np.linalg.norm(motion.feedback().wrench[:3]) >= 5.0
     robot.world.step(60)
     assert np.linalg.norm(robot.arm.wrench()[:3]) < 30.0, "it does not push on"
+    succeeded(robot.run(robot.line((x, y, TABLE_TOP + 0.05), max_force=1.0)))  # less than it feels: it may go away
 
 
 def test_a_motion_until_contact_that_meets_nothing_fails(robot: MovedRobot) -> None:

@@ -45,6 +45,8 @@ _BEHIND, _TURNED_BEHIND = 0.03, 0.2
 _NO_NEARER = 0.75
 #: Speed below which it stands (m/s), and how much nearer counts as nearer (m).
 _AT_REST, _NEARER = 0.02, 0.0005
+#: By how much what it felt at its start may grow.
+_GROWN = 1.1
 #: Over how long what it feels is averaged (s): single steps of the physics have peaks.
 _FELT_OVER = 0.02
 #: How long braking takes when it is cancelled (s).
@@ -92,6 +94,8 @@ class CartesianMotion:
         self._nearest, self._since = math.inf, 0.0
         self._back = 0.0  # s that it has gone back
         self._felt = np.array(self._arm.wrench())
+        # what presses on it at its start does not keep it from going away
+        self._at_first = float(np.linalg.norm(self._felt[:3])), float(np.linalg.norm(self._felt[3:]))
         # what it carries pulls on it from the start on: contact is what it feels beyond that, in the map
         self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
         self._touched = touched(self._world, self._part)
@@ -168,11 +172,11 @@ class CartesianMotion:
         contact = float(np.linalg.norm(in_map - self._carried))
         if 0.0 < self._goal.contact_force <= contact:
             return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._reason()}")
-        for felt, limit, what in (
-            (force, self._goal.max_force or MAX_FORCE, "N"),
-            (torque, self._goal.max_torque or MAX_TORQUE, "Nm"),
+        for felt, at_first, limit, what in (
+            (force, self._at_first[0], self._goal.max_force or MAX_FORCE, "N"),
+            (torque, self._at_first[1], self._goal.max_torque or MAX_TORQUE, "Nm"),
         ):
-            if felt > limit:
+            if felt > max(limit, _GROWN * at_first):
                 text = f"felt {felt:.1f} {what}, {limit:g} {what} are allowed{self._reason()}"
                 return self._stop(State.ABORTED, FORCE_LIMIT, text)
         return None

@@ -76,9 +76,9 @@ class SimulatorClient:
         return self._clients[name]
 
     def close(self) -> None:
+        """Closes the clients; the simulator is its user's."""
         for client in self._clients.values():
             client.action_client.stop()
-        self.ros.stop()
 
     def _service(self, name: str, kind: Any) -> Callable[..., Any]:
         return self.ros.service(f"/sim/{name}", kind, WAIT)
@@ -95,6 +95,10 @@ def pose_stamped(position: tuple[float, ...], orientation: tuple[float, ...] = (
 
 def shared_simulator(ros_master: RosMaster) -> Iterator[SimulatorClient]:
     """For a fixture of a module."""
-    client = SimulatorClient(Ros(ros_master))
-    yield client
-    client.close()
+    ros = Ros(ros_master)
+    try:
+        client = SimulatorClient(ros)
+        yield client
+        client.close()
+    finally:
+        ros.stop()

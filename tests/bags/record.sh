@@ -7,18 +7,19 @@ set -euo pipefail
 bag=$(realpath -m "$1")
 read -ra launch <<<"$2"
 shift 2
+robot=${ROBOT:-mobile_manipulator}
 home=$(mktemp -d)
 export ROS_MASTER_URI=http://localhost:${PORT:-12399} ROS_HOSTNAME=localhost ROS_HOME=$home HOME=$home
 export PYTHONPATH=$(dirname "$(realpath "$0")")/../libraries:${PYTHONPATH:-}
-trap 'kill -INT $(jobs -p) 2>/dev/null; wait; rm -rf "$home"' EXIT
+trap 'kill -INT $(jobs -p) 2>/dev/null; wait; grep -iE "error|warn|died" "$home/system.txt" | tail -n 5; rm -rf "$home"' EXIT
 roscore -p "${PORT:-12399}" >"$home/master.txt" 2>&1 &
 until rosparam list >/dev/null 2>&1; do sleep 0.1; done
-rosrun skiros2_bags record -o "$bag" --force --robots mobile_manipulator --compression bz2 \
-  --without '/rosout.*|/tf.*|/mobile_manipulator/execute/feedback' >"$home/recorder.txt" 2>&1 &
+rosrun skiros2_bags record -o "$bag" --force --robots "$robot" --compression bz2 \
+  --without "/rosout.*|/tf.*|/$robot/execute/feedback" >"$home/recorder.txt" 2>&1 &
 recorder=$!
 until grep -q 'recording to' "$home/recorder.txt"; do sleep 0.1; done
 roslaunch --skip-log-check --no-summary "${launch[@]}" >"$home/system.txt" 2>&1 &
-until rosservice list 2>/dev/null | grep -q /mobile_manipulator/command; do sleep 0.1; done
+until rosservice list 2>/dev/null | grep -q "/$robot/command"; do sleep 0.1; done
 sleep 2 # discovery
 "$@" || true
 sleep 1

@@ -19,6 +19,8 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.ros.listeners import wait_for_listeners
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.changes import RESET, Change, snapshot_number
+from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
 
@@ -53,6 +55,11 @@ class Observer:
     def is_connected(self) -> bool:
         """Whether all that is listened to is there."""
         return all(s.get_num_connections() for s in self._subscribers)
+
+    def has_heard(self, snapshot_id: str) -> bool:
+        """Whether the change that led to a state of the world model has come, or a later one."""
+        number = snapshot_number(snapshot_id)
+        return any(event.change.number >= number for event in self.events.changes)
 
     def _on_change(self, message: Any) -> None:
         with self._lock:
@@ -170,9 +177,6 @@ class SceneFollower:
 
 def fetched_scene(node: str) -> Scene:
     """The scene of a world model that is a node."""
-    from skiros2_world_model.core.changes import RESET, Change
-    from skiros2_world_model.core.following import follow
-
     answer = rospy.ServiceProxy(f"{node}/snapshot", srvs.WmSnapshot)("")
     elements = tuple(msg2given_element(m, 0) for m in answer.elements)
     scene = Scene()

@@ -20,8 +20,9 @@ from skiros2_bags.testing.past_world import operations_of, scene_before, world_o
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
-from skiros2_bags.testing.task_runs import TaskRun
+from skiros2_bags.testing.task_runs import TaskRun, changes_of_tasks
 from skiros2_bags.testing.tick_times import tick_times
+from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.changes import Change
@@ -52,7 +53,7 @@ class Rerun:
         self._times = {
             message.order: tick for run in runs for message, tick in zip(run.told, tick_times(run.told), strict=True)
         }
-        self._own = _own_changes(recording, runs)
+        self._own = {event.order: event for event in changes_of_tasks(recording, runs)}
         self._first = min(run.begin for run in runs)
         scene = scene_before(recording, self._first)
         self.model = world_of(scene, workspace)
@@ -75,6 +76,7 @@ class Rerun:
         enter(self.clock)
         enter(replaced(time, "time", lambda: self._begin + self.clock.now))
         enter(replaced(actionlib, "SimpleActionClient", self.actions.client))
+        enter(replaced(ServerWatch, "is_connected", lambda watch: watch._client.is_connected()))
         if self._is_simulated:
             enter(replaced(rospy.core, "is_initialized", lambda: True))
             self._exit.callback(rospy.rostime._set_rostime, None)
@@ -173,19 +175,3 @@ class Rerun:
 
     def _where(self, event: Event) -> str:
         return f"{event.time - self._begin:.3f} s" if not math.isinf(event.order) else "at the end"
-
-
-def _own_changes(recording: Recording, runs: Sequence[TaskRun]) -> dict[int, Changed]:
-    """The changes that the tasks have made, by their orders: those of their managers while they ran."""
-    found = {}
-    for event in recording.changes:
-        if any(r.manager == event.change.author and r.begin <= event.order <= _latest(recording, r) for r in runs):
-            found[event.order] = event
-    return found
-
-
-def _latest(recording: Recording, run: TaskRun) -> int:
-    """The order of the last message that may be of a task's doing: the monitor of the world model may lag."""
-    end = run.told[-1]
-    following = [e.order for e in recording.changes if e.order > end.order and e.time <= end.time + 0.02]
-    return following[-1] if following else end.order

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from skiros2_bags.core.normal import Tolerance, change_differences, element_differences, same_text, summary
 from skiros2_bags.testing.divergence import CONTEXT, Divergence, path_of
 from skiros2_bags.testing.recording import Changed, Events, Seen, Told
-from skiros2_bags.testing.task_runs import TaskRun, task_runs
+from skiros2_bags.testing.task_runs import TaskRun, changes_of_tasks, task_runs
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Change
 from skiros2_world_model.core.scene import Scene
@@ -23,9 +23,6 @@ SLOWER, SECONDS = 1.0, 3.0
 
 #: What processors print that run their children side by side.
 _PARALLEL = ("|",)
-
-#: What skills that were registered have.
-_MODULE = "skiros:PythonModule"
 
 #: Relations from a robot to what its manager has registered.
 _HAS_SKILL = "skiros:hasSkill"
@@ -181,15 +178,11 @@ def _compare_changes(expected: Events, got: Events, manager: str, tolerance: Tol
 
 
 def _by_element(events: Events, manager: str) -> dict[str, list[Changed]]:
-    runs = [r for r in task_runs(events) if r.manager == manager]
     found: dict[str, list[Changed]] = defaultdict(list)
-    for event in events.changes:
+    for event in changes_of_tasks(events, [r for r in task_runs(events) if r.manager == manager]):
         change = event.change
-        if change.author == manager and any(r.begin <= event.order <= r.end for r in runs):
-            key = ", ".join(e.id for e in change.elements)
-            key = key or ", ".join(f"{r['src']} {r['type']} {r['dst']}" for r in change.relations)
-            if key and not any(_MODULE in e._props for e in change.elements):
-                found[key].append(replace(event, change=_without_skills(change)))
+        ids = [e.id for e in change.elements] or [f"{r['src']} {r['type']} {r['dst']}" for r in change.relations]
+        found[", ".join(ids)].append(replace(event, change=_without_skills(change)))
     return found
 
 

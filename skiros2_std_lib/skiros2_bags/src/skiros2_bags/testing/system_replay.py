@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import rospy
 
 from skiros2_bags.core.errors import BagError
@@ -16,6 +18,7 @@ from skiros2_bags.testing.recording import Acted, Changed, Recording
 from skiros2_bags.testing.run_comparison import compare_runs, compare_scenes
 from skiros2_bags.testing.system_nodes import start_skill_manager, start_task_manager, start_world_model
 from skiros2_bags.testing.task_runs import TaskRun, task_runs
+from skiros2_msgs import srv as srvs
 
 #: The actions of a task manager whose goals make robots move.
 ACHIEVE = "/tm/achieve"
@@ -103,13 +106,15 @@ def _replay(
 
 def _wait_for_ends(lab: Lab, observer: Observer, number: int) -> None:
     """Waits until all tasks were told to have ended; fewer may have come."""
-    end = rospy.get_time() + _LAG
+    end = time.monotonic() + _LAG
 
     def told() -> bool:
         found = task_runs(observer.events)
-        return (len(found) >= number and all(run.ended for run in found)) or rospy.get_time() > end
+        return (len(found) >= number and all(run.ended for run in found)) or time.monotonic() > end
 
     lab.wait_for(told, "the last progress", 2 * _LAG)
+    last = rospy.ServiceProxy("/wm/snapshot", srvs.WmSnapshot)("").snapshot_id
+    lab.wait_for(lambda: observer.has_heard(last), "the last change of the world model")
 
 
 def _is_reasoner(event: Changed) -> bool:

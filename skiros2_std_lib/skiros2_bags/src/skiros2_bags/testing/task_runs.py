@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_bags.testing.recording import Acted, Events, Told
+from skiros2_bags.testing.recording import Acted, Changed, Events, Told
+
+#: What skills have that were registered.
+_MODULE = "skiros:PythonModule"
 
 #: A task whose start is not in the bag began at most so long before it was first told of (s).
 _BEFORE_FIRST = 0.5
@@ -70,6 +74,21 @@ def task_runs(recording: Events) -> list[TaskRun]:
         ended = max((r.end + 1 for r in runs if r.manager == run.manager and r.end < first.order), default=0)
         run.begin = max(before, ended)
     return runs
+
+
+def changes_of_tasks(events: Events, runs: Sequence[TaskRun]) -> list[Changed]:
+    """What the managers of some tasks have changed since the first of these began, but for the skills they registered.
+
+    The end of a task is no end for its changes: what the world model tells may come later than what the manager tells.
+    """
+    begin = {run.manager: min(r.begin for r in runs if r.manager == run.manager) for run in runs}
+    return [
+        event
+        for event in events.changes
+        if event.order >= begin.get(event.change.author, math.inf)
+        and not any(_MODULE in element._props for element in event.change.elements)
+        and (event.change.elements or event.change.relations)
+    ]
 
 
 def _goals_of(recording: Events, runs: Sequence[TaskRun]) -> dict[int, Acted]:

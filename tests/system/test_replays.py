@@ -1,0 +1,115 @@
+"""Recorded runs played again on real nodes: what has not changed passes, and each planted change is found where it can
+be seen."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from support.ros import ROOT, install_environment
+
+BAG = ROOT / "tests" / "bags" / "timed_drive.bag"
+WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+
+pytestmark = pytest.mark.timeout(240)
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A change in the code of a package: a text in one of its files, and what it becomes."""
+
+    package: str
+    file: str
+    text: str
+    becomes: str
+
+    def plant(self, folder: Path) -> Path:
+        """Copies the package to the folder, changed. Returns what is to be on Python's path."""
+        source = next(ROOT.glob(f"skiros2*/{self.package}/src/{self.package}"))
+        copy = folder / self.file.replace("/", "-") / self.package
+        shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+        file = copy / self.file
+        content = file.read_text()
+        assert content.count(self.text) == 1, f"{self.text!r} in {file}"
+        file.write_text(content.replace(self.text, self.becomes))
+        return copy.parent
+
+
+SKILL = Planted(
+    "skiros2_demo_skills", "transport_skills.py",
+    '"skiros:at", "RelationState": True', '"skiros:at", "RelationState": False',
+)  # fmt: skip
+CONDITION = Planted(
+    "skiros2_demo_skills", "transport_skills.py",
+    '"RobotElsewhere", "skiros:at", "Robot", "TargetLocation", False',
+    '"RobotElsewhere", "skiros:at", "Robot", "TargetLocation", True',
+)  # fmt: skip
+PLANNER = Planted("skiros2_task", "core/task.py", "return holds(self.goal, self.init)", "return True")
+WORLD_MODEL = Planted(
+    "skiros2_world_model", "core/transaction.py", "if relation not in wanted:", "if relation in wanted and False:"
+)
+
+
+def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
+    """Plays the bag again. Returns the status of the program, and what it says."""
+    environment = install_environment()
+    if change is not None:
+        path = change.plant(folder / (change.becomes.replace("/", "-")[-20:]))
+        environment["PYTHONPATH"] = f"{path}:{environment['PYTHONPATH']}"
+    command = [
+        sys.executable,
+        "-m",
+        "skiros2_bags.testing.replay_program",
+        str(BAG),
+        kind,
+        "--workspace",
+        str(WORKSPACE),
+    ]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("kind", "cases"),
+    [
+        (
+            "trace",
+            [
+                (None, 0, "as recorded"),
+                (SKILL, 1, "root / drive fails"),
+                (CONDITION, 1, "no such task"),
+                (PLANNER, 1, "no such task"),
+            ],
+        ),
+        (
+            "skill_manager",
+            [
+                (None, 0, "as recorded"),
+                (SKILL, 1, "root / drive fails"),
+                (CONDITION, 1, "RobotElsewhere"),
+            ],
+        ),
+        (
+            "task_manager",
+            [
+                (None, 0, "as recorded"),
+                (CONDITION, 1, "no plan"),
+                (PLANNER, 1, "nothing to do"),
+            ],
+        ),
+        ("world_model", [(None, 0, "as recorded"), (WORLD_MODEL, 1, "skiros:at")]),
+    ],
+)
+def test_a_replay_finds_what_was_changed_and_nothing_else(
+    kind: str, cases: list[tuple[Planted | None, int, str]], tmp_path: Path
+) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda case: played(kind, case[0], tmp_path), cases))
+    for (change, status, text), (got, said) in zip(cases, found, strict=True):
+        assert (got, text in said) == (status, True), f"{kind}, {change}: status {got}\n{said}"

@@ -11,7 +11,14 @@ from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_bags.core.normal import Tolerance, same_text
-from skiros2_bags.testing.recording import Acted, Recording
+from skiros2_bags.testing.recording import Acted, Recording, Seen, Told
+
+#: How far apart in the bag a message of an action and the progress of the tick that it belongs to may be (s). Recorders
+#: and nodes on a busy machine lag; what was told of the node says which tick it was.
+LAG = 0.25
+
+#: What a primitive tells in the tick in which it sends a goal, and in those before.
+GOAL_SENT, WAITING = "Goal sent", "Waiting for the action server"
 
 #: Fields of goals that are other ones at each run.
 _VOLATILE = frozenset({"header", "stamp", "goal_id", "seq"})
@@ -21,7 +28,7 @@ class Actions:
     """The actions of a recording, as the clients of a replay see them.
 
     Goals are matched with the recorded ones of the same sender in their order; what was said of these is given to the
-    client when it is its turn (`tell`). To be used by one thread.
+    client before the ticks (`answer`). To be used by one thread.
 
     :param tolerance: of numbers in goals.
     """
@@ -30,8 +37,14 @@ class Actions:
         self._goals = [e for e in recording.acted if e.part == "goal"]
         self._tolerance = tolerance
         self._sent: dict[str, SimpleClient] = {}  # by the recorded goal's id
-        self._said: dict[str, list[Acted]] = {}  # of goals that are not sent yet
-        self._passed: set[int] = set()  # the orders of goals that were there
+        self._answers: dict[str, list[Acted]] = {}  # by the recorded goal's id
+        for event in recording.acted:
+            if event.part in ("feedback", "result"):
+                self._answers.setdefault(event.goal_id, []).append(event)
+        self._matched: set[str] = set()  # ids of recorded goals
+        self._now = 0.0  # the time of the tick
+        self._messages: set[str] = set()  # of nodes that run
+        self._sends = False  # whether a node tells in it that it has sent a goal
         #: The manager that is being ticked.
         self.sender = ""
         #: What was wrong with the goals that were sent: what it is, as recorded, and now.
@@ -41,22 +54,27 @@ class Actions:
         """What `actionlib.SimpleActionClient(name, kind)` is meanwhile."""
         return SimpleClient(self, name if name.startswith("/") else f"/{name}")
 
-    def tell(self, event: Acted) -> None:
-        """Plays a message of a server, or notes that a goal was there."""
-        if event.part == "goal":
-            self._passed.add(event.order)
-            return
-        client = self._sent.get(event.goal_id)
-        if client is None:
-            self._said.setdefault(event.goal_id, []).append(event)
-        else:
-            client.hear(event)
+    def answer(self, before: Told, told: Told, node_of: Callable[[Any], tuple[Seen | None, Seen | None]]) -> None:
+        """Gives the clients what their servers had said by a tick.
+
+        :param before, told: what was told before and after that tick; the same in the first.
+        :param node_of: what was told, before and then, of the node that a skill belongs to.
+        """
+        self._now = told.time
+        old = {node.place for node in before.nodes if _tells_goal(node)} if before is not told else set()
+        self._messages = {node.message for node in told.nodes if node.state == "R"}
+        self._sends = any(_tells_goal(node) and node.place not in old for node in told.nodes)
+        for client in self._sent.values():
+            client.catch_up(told, node_of)
 
     # -- for the clients ---------------------------------------------------------------------------------------------
 
     def is_due(self, action: str) -> bool:
-        """Whether the recorded sender has sent its next goal to that action by now."""
-        return any(goal.order in self._passed for goal in self._waiting(action))
+        """Whether the recorded sender has sent its next goal to that action by the present tick."""
+        goal = next(self._waiting(action), None)
+        if goal is None or abs(goal.time - self._now) > LAG:
+            return goal is not None and goal.time < self._now
+        return self._sends and f"{WAITING} {action}" not in self._messages  # it came close to the tick
 
     def send(self, client: SimpleClient, goal: Any) -> None:
         """Matches a goal with the recorded one."""
@@ -68,16 +86,17 @@ class Actions:
         if differences:
             field, wanted, found = differences[0]
             self.wrong.append((f"a goal to {client.ns}, field {field}", wanted, found))
+        self._sent = {i: c for i, c in self._sent.items() if c is not client}
         self._sent[expected.goal_id] = client
-        for event in self._said.pop(expected.goal_id, []):
-            client.hear(event)
+        self._matched.add(expected.goal_id)
+        client.awaited = list(self._answers.get(expected.goal_id, []))
 
     def _waiting(self, action: str) -> Iterator[Acted]:
         """The recorded goals of the present sender that were not sent yet."""
         return (
             goal
             for goal in self._goals
-            if goal.action == action and goal.caller == self.sender and goal.goal_id not in self._sent
+            if goal.action == action and goal.caller == self.sender and goal.goal_id not in self._matched
         )
 
 
@@ -91,6 +110,8 @@ class SimpleClient:
         self.action_client = self
         self.gh: SimpleClient | None = None  # the goal's handle, which is the client itself
         self._actions = actions
+        #: What the server is still to say, in order.
+        self.awaited: list[Acted] = []
         self._result: Acted | None = None
         self._done_cb: Callable[[int, Any], None] | None = None
         self._feedback_cb: Callable[[Any], None] | None = None
@@ -104,7 +125,7 @@ class SimpleClient:
 
     def is_connected(self) -> bool:
         """Whether the recorded client could send its goal by now."""
-        return self.gh is not None or self._actions.is_due(self.ns)
+        return self._actions.is_due(self.ns)
 
     def wait_for_server(self, timeout: Any = None) -> bool:
         return self.is_connected()
@@ -124,10 +145,29 @@ class SimpleClient:
         if active_cb is not None:
             active_cb()
 
-    def hear(self, event: Acted) -> None:
-        """Takes a message of the server."""
-        if self.gh is None:
-            return  # the goal is not followed any more
+    def catch_up(self, told: Told, node_of: Callable[[Any], tuple[Seen | None, Seen | None]]) -> None:
+        """Hears what the server had said by a tick.
+
+        What came close to the tick may have been heard in it or later. A primitive steps once for each feedback and
+        once more, so its progress code tells how many it has heard; and it has heard the result when it has ended.
+        """
+        surely = sum(event.time <= told.time - LAG for event in self.awaited)
+        at_most = sum(event.time <= told.time + LAG for event in self.awaited)
+        number = sum(event.order < told.order for event in self.awaited)
+        before, now = node_of(getattr(self._feedback_cb or self._done_cb, "__self__", None))
+        if now is not None and now.state in "SF":
+            number = at_most
+        elif now is not None and before is not None and before.state == now.state == "R":
+            number = now.code - before.code - 1
+            if number == 0 and now.message != before.message:
+                number = 1  # the result, after which it goes on with another goal
+            elif not surely:
+                number = min(number, sum(event.part == "feedback" for event in self.awaited))
+        for _ in range(min(max(number, surely), at_most)):
+            if self.awaited:
+                self._hear(self.awaited.pop(0))
+
+    def _hear(self, event: Acted) -> None:
         if event.part == "feedback" and self._feedback_cb is not None:
             self._feedback_cb(event.content)
         if event.part == "result":
@@ -141,7 +181,7 @@ class SimpleClient:
     cancel_all_goals = cancel_goal
 
     def stop_tracking_goal(self) -> None:
-        self.gh = None
+        self.gh, self.awaited = None, []
 
     def stop(self) -> None:
         """Nothing is connected."""
@@ -161,6 +201,10 @@ class SimpleClient:
 
     def get_goal_status_text(self) -> str:
         return self._result.text if self._result is not None else ""
+
+
+def _tells_goal(node: Seen) -> bool:
+    return node.message == GOAL_SENT and node.state == "R"
 
 
 def message_differences(expected: Any, got: Any, tolerance: Tolerance, at: str = "") -> Iterator[tuple[str, str, str]]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from skiros2_bags.core.world_history import world_at
 from skiros2_bags.testing.recording import Changed, Recording
-from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_world_model.core.changes import (
     ADD,
     REMOVE,
@@ -17,10 +18,13 @@ from skiros2_world_model.core.changes import (
     Add,
     Change,
     Operation,
+    Patch,
     Relate,
     Remove,
     Update,
+    relation_dict,
 )
+from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT, Scene
 from skiros2_world_model.core.world_model import WorldModel
@@ -71,6 +75,48 @@ def operations_of(change: Change, scene: Scene) -> list[Operation]:
         given = _plain(element)
         written.append(Update(given) if element.id in scene else Add(given))
     return [*written, *_relates(change.relations, change.action == ADD)]
+
+
+@functools.cache
+def input_operations(recording: Recording) -> dict[int, list[Operation]]:
+    """What makes each change of a recording where other changes may be missing: only what it made otherwise.
+
+    :returns: by the order of the change.
+    """
+    scene = Scene()
+    found: dict[int, list[Operation]] = {}
+    for event in recording.changes:
+        found[event.order] = _patches(event.change, scene)
+        follow(scene, event.change)
+    return found
+
+
+def _patches(change: Change, scene: Scene) -> list[Operation]:
+    known = [scene.element(e.id) for e in change.elements]
+    if change.action in (REMOVE, REMOVE_RECURSIVE, RESET) or None in known:
+        return operations_of(change, scene)
+    patches: list[Operation] = []
+    for before, element in zip(known, change.elements, strict=True):
+        assert before is not None
+        was, now = before._props, element._props
+        came, went = _relations_of(element) - _relations_of(before), _relations_of(before) - _relations_of(element)
+        changes = ElementChanges(
+            {key: prop for key, prop in now.items() if key not in was or was[key].values != prop.values},
+            [key for key in was if key not in now],
+            [relation_dict(*relation) for relation in sorted(came)],
+            [relation_dict(*relation) for relation in sorted(went)],
+            element.label if element.label != before.label else None,
+            element.type if element.type != before.type else None,
+        )
+        patches.append(Patch(element.id, changes))
+    return [*patches, *_relates(change.relations, change.action == ADD)]
+
+
+def _relations_of(element: Element) -> set[tuple[str, str, str]]:
+    return {
+        (element.id if r["src"] == "-1" else r["src"], r["type"], element.id if r["dst"] == "-1" else r["dst"])
+        for r in element._rels
+    }
 
 
 def requests_of(events: Sequence[Changed]) -> list[list[Changed]]:

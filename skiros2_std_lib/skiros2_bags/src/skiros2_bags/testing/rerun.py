@@ -90,7 +90,7 @@ def _other_readings(recording: Recording, reading: Reading, at: Event) -> Iterat
     """Other ways to read the bag near an event, the likely ones first."""
     if not isinstance(at, Told):
         return
-    near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and isinstance(e, Acted | Changed)]
+    near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
     moved = dict(reading.places)
     for event in near:
@@ -101,6 +101,10 @@ def _other_readings(recording: Recording, reading: Reading, at: Event) -> Iterat
         step = JITTER + _clock_step(e for e in recording.events if isinstance(e, Ticked))
         for shift in (step, -step):
             yield replace(reading, shifts=(*reading.shifts, (at.order, shift)))
+
+
+def _is_input(event: Event) -> bool:
+    return isinstance(event, Changed) or (isinstance(event, Acted) and event.part == "cancel")
 
 
 def _clock_step(ticks: Iterable[Ticked]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -16,7 +17,7 @@ from skiros2_bags.core.normal import Tolerance, change_differences, summary
 from skiros2_bags.testing.action_stand_ins import Actions
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.past_reasoners import add_reasoners
-from skiros2_bags.testing.past_world import operations_of, scene_before, world_of
+from skiros2_bags.testing.past_world import input_operations, scene_before, world_of
 from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
@@ -55,6 +56,7 @@ class Rerun:
         }
         self._own = {event.order: event for event in changes_of_tasks(recording, runs)}
         self._first = min(run.begin for run in runs)
+        self._inputs = input_operations(recording)
         scene = scene_before(recording, self._first)
         self.model = world_of(scene, workspace)
         add_reasoners(self.model)
@@ -64,7 +66,6 @@ class Rerun:
         self.clock = FakeClock(0.0)
         self._is_simulated = any(isinstance(e, Ticked) for e in recording.events)
         self._made: list[Change] = []
-        self._compared = 0
         self.managers = {
             name: RerunManager(name, self.model, self.actions, played) for name in {run.manager for run in runs}
         }
@@ -79,7 +80,7 @@ class Rerun:
         enter(replaced(ServerWatch, "is_connected", lambda watch: watch._client.is_connected()))
         if self._is_simulated:
             enter(replaced(rospy.core, "is_initialized", lambda: True))
-            self._exit.callback(rospy.rostime._set_rostime, None)
+            enter(replaced(rospy.rostime, "_rostime_current", rospy.rostime._rostime_current))  # set while it plays
         self.model.add_listener(self._on_change)
         for manager in self.managers.values():
             manager.load()
@@ -99,10 +100,8 @@ class Rerun:
             return None
         elif isinstance(event, Changed):
             if event.order not in self._own:
-                change = event.change
-                self.model.transact(operations_of(change, self.model.scene()), change.author)
+                self.model.transact(self._inputs[event.order], event.change.author)
         elif isinstance(event, Acted):
-            self.actions.tell(event)
             if event.part == "cancel":
                 self._cancel(event)
         elif isinstance(event, Told) and event.order in self._runs:
@@ -114,16 +113,15 @@ class Rerun:
         wrong = self._wrong_change()
         if wrong is not None:
             return wrong
-        own = list(self._own.values())
-        if len(own) > len(self._made):
-            missing = own[len(self._made)]
-            what = f"the world model, by {missing.change.author}"
-            return Divergence(self._where(missing), what, summary(missing.change), "nothing")
-        if len(self._made) > len(own):
-            change = self._made[len(own)]
-            what = f"the world model, by {change.author}"
-            return Divergence("at the end", what, "no further change", summary(change))
-        return None
+        left = [_subject(change) for change in self._made]
+        for event in self._own.values():
+            if _subject(event.change) not in left:
+                what = f"the world model, by {event.change.author}"
+                return Divergence(self._where(event), what, summary(event.change), "nothing")
+            left.remove(_subject(event.change))
+        return (
+            Divergence("at the end", "the world model", "no further change", f"a change of {left[0]}") if left else None
+        )
 
     # -- inside ------------------------------------------------------------------------------------------------------
 
@@ -137,6 +135,7 @@ class Rerun:
         if task is None:
             task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerance)
         due = [e.change for e in list(self._own.values())[len(self._made) :] if e.order < told.order]
+        self.actions.answer(task.told, told, task.nodes_at(told))
         wrong = task.tick(told, due)
         if wrong is None and not self.actions.wrong:
             return None
@@ -163,15 +162,26 @@ class Rerun:
             self._made.append(change)
 
     def _wrong_change(self) -> Divergence | None:
-        """The first change that is another one than recorded, of those that were made in both."""
-        own = list(self._own.values())
-        for event, got in list(zip(own, self._made, strict=False))[self._compared :]:
-            differences = change_differences(event.change, got, self._tolerance)
+        """The first change that is another one than recorded, of those that were made in both.
+
+        Those of an element are compared in their order; which of several elements a tick writes first may differ.
+        """
+        made: dict[str, list[Change]] = defaultdict(list)
+        for change in self._made:
+            made[_subject(change)].append(change)
+        for event in self._own.values():
+            waiting = made[_subject(event.change)]
+            got = waiting.pop(0) if waiting else None
+            differences = change_differences(event.change, got, self._tolerance) if got is not None else []
             if differences:
-                what = f"the world model, by {got.author}"
+                what = f"the world model, by {event.change.author}"
                 return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
-            self._compared += 1
         return None
 
     def _where(self, event: Event) -> str:
         return f"{event.time - self._begin:.3f} s" if not math.isinf(event.order) else "at the end"
+
+
+def _subject(change: Change) -> str:
+    """What a change is about."""
+    return ", ".join([e.id for e in change.elements] or [str(sorted(r.items())) for r in change.relations])

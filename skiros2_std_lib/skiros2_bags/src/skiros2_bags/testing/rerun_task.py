@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from skiros2_bags.core.errors import BagError
@@ -39,7 +39,8 @@ class RerunTask:
         self.run = run
         self._manager = manager
         self._tolerance = tolerance
-        self._told: Told = run.told[0]
+        #: What was told last.
+        self.told: Told = run.told[0]
         self._due: list[Change] = []
         self._refusal = ""
         try:
@@ -62,7 +63,7 @@ class RerunTask:
         """
         if self._refusal:
             return "the task is refused", "it runs", self._refusal
-        before, self._told, self._due = self._told, told, list(due)
+        before, self.told, self._due = self.told, told, list(due)
         if told.nodes[0].state == "R" and told.nodes[0].message.startswith(_PAUSED):
             return None
         if told.nodes[0].message.startswith("Preempted") and self._task.preempted_at is None:
@@ -77,11 +78,22 @@ class RerunTask:
             self._manager.ticked = None
         return self._compared(told)
 
+    def nodes_at(self, told: Told) -> Callable[[Any], tuple[Seen | None, Seen | None]]:
+        """What tells, of the node that an instance of a skill belongs to, how it was told of before and how then."""
+        before, now = ({seen.place: seen for seen in message.nodes} for message in (self.told, told))
+        places = {id(getattr(node, "_instance", None)): place for place, node in _places(self._task.root)}
+
+        def nodes(skill: Any) -> tuple[Seen | None, Seen | None]:
+            place = places.get(id(skill)) if skill is not None else None
+            return (before.get(place), now.get(place)) if place is not None else (None, None)
+
+        return nodes
+
     def told_of(self, skill: Any) -> Seen | None:
         """What the recording tells, at this tick, of the node that an instance of a skill belongs to."""
         for place, node in _places(self._task.root):
             if getattr(node, "_instance", None) is skill:
-                return next((seen for seen in self._told.nodes if seen.place == place), None)
+                return next((seen for seen in self.told.nodes if seen.place == place), None)
         return None
 
     def take_due(self) -> list[Change]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ class Planted:
     def plant(self, folder: Path) -> Path:
         """Copies the package to the folder, changed. Returns what is to be on Python's path."""
         source = next(ROOT.glob(f"skiros2*/{self.package}/src/{self.package}"))
-        copy = folder / self.file.replace("/", "-") / self.package
+        copy = Path(tempfile.mkdtemp(dir=folder)) / self.package
         shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
         file = copy / self.file
         content = file.read_text()
@@ -60,8 +61,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
     """Plays the bag again. Returns the status of the program, and what it says."""
     environment = install_environment()
     if change is not None:
-        path = change.plant(folder / (change.becomes.replace("/", "-")[-20:]))
-        environment["PYTHONPATH"] = f"{path}:{environment['PYTHONPATH']}"
+        environment["PYTHONPATH"] = f"{change.plant(folder)}:{environment['PYTHONPATH']}"
     command = [
         sys.executable,
         "-m",
@@ -99,7 +99,6 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
             "task_manager",
             [
                 (None, 0, "as recorded"),
-                (CONDITION, 1, "no plan"),
                 (PLANNER, 1, "nothing to do"),
             ],
         ),

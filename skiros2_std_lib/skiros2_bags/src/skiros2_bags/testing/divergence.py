@@ -45,8 +45,8 @@ def path_of(nodes: Sequence[Seen], place: tuple[int, ...]) -> str:
 def first_difference(expected: Sequence[Seen], got: Sequence[Seen], tolerance: Tolerance) -> tuple[int, ...] | None:
     """The place of the node that tells best why two trees differ; None when they do not.
 
-    That is the first one that is another skill; else the lowest that has failed now, and had not; else the first that
-    is there in one of them only; else the lowest.
+    That is the first one that is another skill; else the lowest that has failed in one of them only; else the first
+    that is there in one of them only; else the lowest.
     """
     wanted, found = {n.place: n for n in expected}, {n.place: n for n in got}
     wrong: list[tuple[int, int, tuple[int, ...]]] = []
@@ -57,8 +57,8 @@ def first_difference(expected: Sequence[Seen], got: Sequence[Seen], tolerance: T
         elif one.type != other.type:
             wrong.append((0, len(place), place))
         elif not same_node(one, other, tolerance):
-            has_failed = other.state == "F" and one.state != "F"
-            wrong.append((1 if has_failed else 3, -len(place), place))
+            one_has_failed = (other.state == "F") != (one.state == "F")
+            wrong.append((1 if one_has_failed else 3, -len(place), place))
     return min(wrong)[2] if wrong else None
 
 

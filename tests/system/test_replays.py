@@ -59,7 +59,7 @@ WORLD_MODEL = Planted(
 
 def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
     """Plays the bag again. Returns the status of the program, and what it says."""
-    environment = install_environment()
+    environment = dict(install_environment())
     if change is not None:
         environment["PYTHONPATH"] = f"{change.plant(folder)}:{environment['PYTHONPATH']}"
     command = [

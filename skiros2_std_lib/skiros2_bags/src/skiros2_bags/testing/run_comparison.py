@@ -86,15 +86,15 @@ def compare_scenes(expected: Scene, got: Scene, tolerance: Tolerance) -> Diverge
 
 
 def steps_of(run: TaskRun) -> list[Step]:
-    """The changes of the states of a task's nodes, in order."""
+    """The changes of the states of a task's nodes, in order; of those in one tick, the ends come from the leaves up."""
     steps: list[Step] = []
     before: dict[tuple[int, ...], str] = {}
     for message in run.told:
-        for node in message.nodes:
-            if node.state != before.get(node.place, "."):
-                time = message.time - run.told[0].time
-                steps.append(Step(time, path_of(message.nodes, node.place), node))
-            before[node.place] = node.state
+        time = message.time - run.told[0].time
+        changed = [node for node in message.nodes if node.state != before.get(node.place, ".")]
+        changed.sort(key=lambda node: (1, -len(node.place)) if node.state in "SF" else (0, 0))
+        steps += [Step(time, path_of(message.nodes, node.place), node) for node in changed]
+        before.update({node.place: node.state for node in message.nodes})
     return steps
 
 

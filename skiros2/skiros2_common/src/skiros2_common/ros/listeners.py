@@ -11,7 +11,7 @@ import rosgraph
 import rospy
 
 #: How long to wait for listeners that are registered, but may be gone (s of wall time).
-PATIENCE = 0.5
+PATIENCE = 1.0
 
 _POLL = 0.005  # s
 _NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)

@@ -25,7 +25,12 @@ class Hand(Protocol):
 
 
 class Disturbance(Protocol):
-    """Told how the goal goes on, it strikes once when its time has come."""
+    """Told how the goal goes on, it strikes once when its time has come.
+
+    :ivar done: whether it has.
+    """
+
+    done: bool
 
     def steps(self, steps: Sequence[Step]) -> str:
         """The steps of the plan, with their states, are so now. Returns what it has done, in words; "" is nothing."""
@@ -46,12 +51,12 @@ class Moved:
         self._product = world.things[product]
         self._tray = _empty_neighbour(world, product, goal)
         self._chance = chance
-        self._done = False
+        self.done = False
 
     def steps(self, steps: Sequence[Step]) -> str:
-        if self._done or not any(name_of(step) == "drive" and step["state"] == "running" for step in steps):
+        if self.done or not any(name_of(step) == "drive" and step["state"] == "running" for step in steps):
             return ""
-        self._done = True
+        self.done = True
         above = (self._tray.size[2] + self._product.size[2]) / 2 + 0.002
         x, y = (self._chance.uniform(-0.02, 0.02) for _ in range(2))
         place = Pose((x, y, above), from_euler(0.0, 0.0, self._chance.uniform(-0.2, 0.2)))
@@ -69,7 +74,7 @@ class Slip:
         self._hand = hand
         self._gripper = gripper
         self._slips = False
-        self._done = False
+        self.done = False
 
     def steps(self, steps: Sequence[Step]) -> str:
         if not self._slips or not any(step["state"] == "failed" for step in steps):
@@ -79,9 +84,9 @@ class Slip:
         return f"{self._gripper.name} has its grip back"
 
     def tree(self, nodes: Sequence[Any]) -> str:
-        if self._done or not any("lift" in node.label and node.state == node.RUNNING for node in nodes):
+        if self.done or not any("lift" in node.label and node.state == node.RUNNING for node in nodes):
             return ""
-        self._done = self._slips = True
+        self.done = self._slips = True
         self._hand.slip(self._gripper.id, True)
         return f"{self._gripper.name} loses its grip"
 

@@ -95,14 +95,15 @@ def told(runs: Iterable[Run]) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=20, help="of each kind, with seeds from 1 on (%(default)s)")
+    parser.add_argument("--runs", type=int, default=20, help="of each kind, each with another seed (%(default)s)")
+    parser.add_argument("--first", type=int, default=1, help="the first seed (%(default)s)")
     parser.add_argument("--folder", type=Path, default=ROOT / "build/use_case", help="for the runs that fail")
     parser.add_argument("kinds", nargs="*", default=list(KINDS), help=f"{', '.join(KINDS)} (default: all)")
     arguments = parser.parse_args()
     if unknown := set(arguments.kinds) - set(KINDS):
         parser.error(f"no kind {', '.join(sorted(unknown))}; there are: {', '.join(KINDS)}")
     done = []
-    for seed in range(1, arguments.runs + 1):
+    for seed in range(arguments.first, arguments.first + arguments.runs):
         for kind in arguments.kinds:
             run = run_demo(kind, seed, arguments.folder)
             print(f"{kind:<12} seed {seed:<3} {run.seconds:5.1f} s  {run.complaint or 'ok'}", flush=True)

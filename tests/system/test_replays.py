@@ -82,7 +82,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
             "trace",
             [
                 (None, 0, "as recorded"),
-                (SKILL, 1, "root / drive fails"),
+                (SKILL, 1, "no longer skiros:at"),
                 (CONDITION, 1, "no such task"),
                 (PLANNER, 1, "no such task"),
             ],
@@ -91,7 +91,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
             "skill_manager",
             [
                 (None, 0, "as recorded"),
-                (SKILL, 1, "root / drive fails"),
+                (SKILL, 1, "no longer skiros:at"),
                 (CONDITION, 1, "RobotElsewhere"),
             ],
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import rospy
 
+from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.normal import Tolerance, change_differences, element_differences, summary
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.kinds import Settings
@@ -25,7 +26,11 @@ def replay_world_model(recording: Recording, settings: Settings, lab: Lab) -> Di
 
     It runs without reasoners: what these have completed is in the recorded changes, and so in the requests.
     """
-    first = next(e for e in recording.changes if e.change.action == RESET)
+    first = next((e for e in recording.changes if e.change.action == RESET), None)
+    if first is None:
+        raise BagError(
+            f"{recording.path}: no whole scene on wm/monitor; expected it at the start"
+        )
     scene = scene_before(recording, first.order + 1)
     start_world_model(lab, scene, settings.workspace, [])
     transact = rospy.ServiceProxy(f"{NODE}/transaction", srvs.WmTransaction, persistent=True)

@@ -187,7 +187,7 @@ def _events(order: int, message: Message) -> Iterator[Event]:
         clock = message.content.clock
         yield Ticked(order, time, clock.sec + clock.nanosec / 1e9)
     elif topic == PARAMETERS:
-        yield Parameters(order, time, _flat(json.loads(message.content.data)))
+        yield Parameters(order, time, _parameters(message))
     elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
         action = topic.removesuffix("/cancel")
         yield Acted(order, time, action, "cancel", message.content.id, None, message.caller)
@@ -195,6 +195,13 @@ def _events(order: int, message: Message) -> Iterator[Event]:
         action, _, part = topic.rpartition("/")
         if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
             yield _acted(Event(order, time), action, part, _ros_message(message), message.caller)
+
+
+def _parameters(message: Message) -> dict[str, Any]:
+    try:
+        return _flat(json.loads(message.content.data))
+    except (ValueError, RecursionError) as error:
+        raise BagError(f"{message.topic} at {message.time:.3f} s: expected parameters as JSON: {error}") from error
 
 
 def _ros_message(message: Message) -> Any:

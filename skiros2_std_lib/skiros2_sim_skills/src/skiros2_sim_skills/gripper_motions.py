@@ -29,7 +29,6 @@ from skiros2_sim_skills.core.places import (
 )
 from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
 from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
-from skiros2_std_skills.client_primitive import STOPPED
 from skiros2_std_skills.clock import Stopwatch
 
 #: Fingers nearer to each other hold nothing (m).
@@ -145,7 +144,10 @@ class watch_grasp(_GripperMotion):
         return super().onStart() if held else True
 
     def onPreempt(self) -> State:
-        return super().onPreempt() if self._held is not None else self.fail("Stopped", STOPPED)
+        # This is its usual end: what it watches over is over.
+        if self._held is not None:
+            super().onPreempt()
+        return self.success("Watched to the end")
 
     def doing(self) -> str:
         return "Watching the grip"

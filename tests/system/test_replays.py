@@ -84,7 +84,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
                 (None, 0, "as recorded"),
                 (SKILL, 1, "no longer skiros:at"),
                 (CONDITION, 1, "no such task"),
-                (PLANNER, 1, "no such task"),
+                (PLANNER, 1, "the end of goal"),
             ],
         ),
         (

@@ -28,9 +28,7 @@ def replay_world_model(recording: Recording, settings: Settings, lab: Lab) -> Di
     """
     first = next((e for e in recording.changes if e.change.action == RESET), None)
     if first is None:
-        raise BagError(
-            f"{recording.path}: no whole scene on wm/monitor; expected it at the start"
-        )
+        raise BagError(f"{recording.path}: no whole scene on wm/monitor; expected it at the start")
     scene = scene_before(recording, first.order + 1)
     start_world_model(lab, scene, settings.workspace, [])
     transact = rospy.ServiceProxy(f"{NODE}/transaction", srvs.WmTransaction, persistent=True)

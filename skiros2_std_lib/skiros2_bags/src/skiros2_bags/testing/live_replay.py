@@ -120,7 +120,7 @@ class Player:
         for event in sorted(inputs, key=lambda e: e.order):
             if event.order in self._goals:
                 goal = self._goals[event.order]
-                self._wait_for(lambda goal=goal: self._ended_before(goal), f"the goals before {goal.goal_id}", goal)
+                self._wait_for(lambda goal=goal: self._ended_before(goal), f"the goals before {goal.goal_id}")
                 self._sent[goal.goal_id] = self._clients[goal.action].send_goal(goal.content)
                 anchor, anchored_at = event.time, time.monotonic()
                 continue
@@ -132,7 +132,7 @@ class Player:
                 self._sent[event.goal_id].cancel()
         for goal in self._goals.values():
             if self._recording.result(goal) is not None:
-                self._wait_for(lambda goal=goal: self._is_done(goal), f"the end of goal {goal.goal_id}", goal)
+                self._wait_for(lambda goal=goal: self._is_done(goal), f"the end of goal {goal.goal_id}")
 
     def close(self) -> None:
         for client in self._clients.values():
@@ -148,9 +148,10 @@ class Player:
         handle = self._sent.get(goal.goal_id)
         return handle is not None and handle.get_comm_state() == actionlib.CommState.DONE
 
-    def _wait_for(self, condition: Callable[[], bool], what: str, goal: Acted) -> None:
-        recorded = self._recording.events[-1].time - self._recording.events[0].time
-        self._lab.wait_for(condition, what, SLOWER * recorded + PATIENCE)
+    def _wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        results = ((goal, self._recording.result(goal)) for goal in self._goals.values())
+        longest = max((result.time - goal.time for goal, result in results if result is not None), default=0.0)
+        self._lab.wait_for(condition, what, SLOWER * longest + PATIENCE)
 
 
 class SceneFollower:

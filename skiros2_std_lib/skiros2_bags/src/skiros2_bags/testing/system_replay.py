@@ -18,6 +18,7 @@ from skiros2_bags.testing.recording import Acted, Changed, Recording
 from skiros2_bags.testing.run_comparison import compare_runs, compare_scenes
 from skiros2_bags.testing.system_nodes import start_skill_manager, start_task_manager, start_world_model
 from skiros2_bags.testing.task_runs import TaskRun, task_runs
+from skiros2_common.core.errors import TimedOut
 from skiros2_msgs import srv as srvs
 
 #: The actions of a task manager whose goals make robots move.
@@ -90,7 +91,10 @@ def _replay(
     player = Player(recording, goals, inputs, follower.apply, lab)
     player.connect()
     lab.wait_for(lambda: observer.is_connected, "the nodes' topics")
-    player.play()
+    try:
+        player.play()
+    except TimedOut as late:
+        return Divergence("in between", "a goal that has ended in the recording", "its end", str(late))
     _wait_for_ends(lab, observer, len(runs))
     if servers is not None:
         servers.close()

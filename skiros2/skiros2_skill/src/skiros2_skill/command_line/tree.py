@@ -157,7 +157,8 @@ def _count(nodes: Sequence[_Node]) -> Branch:
 
 
 def name_of(progress: Any) -> str:
-    return str(progress.label or progress.type)
+    """Its label; a node that only groups others has none."""
+    return str(progress.label or ("group" if progress.type == ":Skill" else progress.type))
 
 
 def message_of(progress: Any) -> str:

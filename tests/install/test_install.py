@@ -33,7 +33,7 @@ PROGRAMS = {
     "skiros2_skill": {"check_skills", "skill_manager_node"},
     "skiros2_task": {"task_manager_node"},
     "skiros2_gui": {"skiros_gui"},
-    "skiros2_demo_skills": {"pick_place_demo"},
+    "skiros2_sim_skills": {"pick_place_demo"},
 }
 pytestmark = pytest.mark.timeout(600)
 

@@ -258,3 +258,16 @@ def test_a_robot_that_does_not_go_away_is_told() -> None:
     with carts(Place(0.0, 0.0, 0.0), Place(3.0, 0.0, 0.0)) as world:
         (outcome,) = all_run(world, [driven(world, 3.0)])
     assert outcome.text == "blocked for 15 s: the goal is inside 'cora:Robot-1'"
+
+
+def test_one_that_what_it_carries_shakes_stands_all_the_same(
+    robot: MovedRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot.robot, "velocity", lambda: (0.02, 0.0, 0.02))
+    succeeded(robot.run(robot.drive(0.5, 0.0)))
+
+
+def test_a_base_that_does_not_get_on_says_so(robot: MovedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot.robot, "set_base_velocity", lambda *velocity: None)
+    outcome = robot.run(robot.drive(1.0, 0.0))
+    assert (outcome.state, outcome.text) == (State.ABORTED, "the base does not get on")

@@ -26,8 +26,12 @@ _BRAKES_HARD = 3.0
 #: How exactly it gets there (m, rad), and how exactly it ends each leg and each turn to be sure of that.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 0.01, 0.01
 _EXACT, _EXACT_ANGLE = 0.002, 0.003
-#: Speeds below which it stands (m/s, rad/s).
+#: It stands when it is told to (m/s, rad/s), and has moved less than that (m, rad) for so long (s). Not by its speed: what it
+#: carries may shake it.
 _STANDS, _STANDS_TURN = 0.005, 0.01
+_MOVED, _MOVED_ANGLE, _STANDS_AFTER = 0.002, 0.003, 0.1
+#: It does not get on when it is told to move and has moved less for so long (s).
+_STUCK_AFTER = 5.0
 #: How far it looks ahead (m) and how often (s).
 _AHEAD, _LOOK_EVERY = 1.5, 0.1
 #: How long things may be in its way, in all (s); how often it looks for another way (s), and how long it lets a robot
@@ -60,6 +64,8 @@ class BaseMotion:
         self._speed, _, self._turn = robot.velocity()  # what the base is told now
         self._looked = self._wait = self._blocked = 0.0  # s: since it looked, until it plans, in which it was blocked
         self._corrections = 0
+        self._mark, self._still = self.place(), _STANDS_AFTER  # where it was last, and for how long it has been there (s)
+        self._stuck = 0.0  # s in which it should have moved, and has not
         self._ending: Outcome | None = None  # what comes out when it stands
         self._touched = touched(world, robot.name + "/")
         refusal = self._refusal()
@@ -87,6 +93,7 @@ class BaseMotion:
         if self.outcome is not None:
             return
         place = self.place()
+        self._notice(place, dt)
         self._look(place, dt)
         if self._ending is not None:
             self._command(0.0, 0.0, dt)
@@ -164,6 +171,19 @@ class BaseMotion:
                 self._wait_for(f"{hit!r} is in the way", _GIVE_WAY if goes_first else 0.1)
                 self._phase = _Phase.BRAKES
 
+    def _notice(self, place: Place, dt: float) -> None:
+        """Notices whether it moves; ends when it does not, but should."""
+        moved = math.hypot(place.x - self._mark.x, place.y - self._mark.y)
+        if moved > _MOVED or abs(wrapped(place.yaw - self._mark.yaw)) > _MOVED_ANGLE:
+            self._mark, self._still, self._stuck = place, 0.0, 0.0
+            return
+        self._still += dt
+        drives = self._phase in (_Phase.TURNS, _Phase.DRIVES) and self._ending is None
+        self._stuck = self._stuck + dt if drives else 0.0
+        if self._stuck > _STUCK_AFTER:
+            touches = new_touches(self._world, self._robot.name + "/", {})
+            self._ending = Outcome(State.ABORTED, f"the base does not get on{because(touches)}")
+
     def _turn_there(self, place: Place, dt: float) -> None:
         yaw = heading(place, self._legs[0]) if self._legs else self._goal.yaw
         left = wrapped(yaw - place.yaw)
@@ -210,9 +230,8 @@ class BaseMotion:
         self._robot.set_base_velocity(self._speed, 0.0, self._turn)
 
     def _stands(self) -> bool:
-        vx, vy, turn = self._robot.velocity()
         told = abs(self._speed) < _STANDS and abs(self._turn) < _STANDS_TURN
-        return told and math.hypot(vx, vy) < _STANDS and abs(turn) < _STANDS_TURN
+        return told and self._still >= _STANDS_AFTER
 
     def _refusal(self) -> str:
         """Why the goal cannot be; "" when it may."""

@@ -89,7 +89,8 @@ class Actions:
         self._sent = {i: c for i, c in self._sent.items() if c is not client}
         self._sent[expected.goal_id] = client
         self._matched.add(expected.goal_id)
-        client.awaited = list(self._answers.get(expected.goal_id, []))
+        # A recorder hears a result and the last feedback, of two topics, in any order; a client too.
+        client.awaited = sorted(self._answers.get(expected.goal_id, []), key=lambda event: event.part == "result")
 
     def _waiting(self, action: str) -> Iterator[Acted]:
         """The recorded goals of the present sender that were not sent yet."""
@@ -157,15 +158,30 @@ class SimpleClient:
         before, now = node_of(getattr(self._feedback_cb or self._done_cb, "__self__", None))
         if now is not None and now.state in "SF":
             number = at_most
+            if now.state == "S" and before is not None and before.state == "R":
+                number -= self._forget_late_feedback(at_most, now.code - before.code - 1)
         elif now is not None and before is not None and before.state == now.state == "R":
             number = now.code - before.code - 1
             if number == 0 and now.message != before.message:
-                number = 1  # the result, after which it goes on with another goal
+                # the result, after which it goes on with another goal
+                number = 1
+                self._forget_late_feedback(at_most, 0)
             elif not surely:
                 number = min(number, sum(event.part == "feedback" for event in self.awaited))
         for _ in range(min(max(number, surely), at_most)):
             if self.awaited:
                 self._hear(self.awaited.pop(0))
+
+    def _forget_late_feedback(self, of: int, heard: int) -> int:
+        """A server may tell its result before its last feedback, which nobody hears then. Returns how many those are.
+
+        :param of: how many of the answers have come.
+        :param heard: how many of them are feedback that was heard.
+        """
+        feedback = [event for event in self.awaited[:of] if event.part == "feedback"]
+        late = feedback[heard:] if 0 <= heard < len(feedback) < of else []
+        self.awaited = [event for event in self.awaited if event not in late]
+        return len(late)
 
     def _hear(self, event: Acted) -> None:
         if event.part == "feedback" and self._feedback_cb is not None:

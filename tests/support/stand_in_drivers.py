@@ -173,6 +173,8 @@ class _Watch:
     def late_result(self, handle: Any) -> float:
         return 0.0
 
+    untaken = late_result
+
 
 def install(monkeypatch: pytest.MonkeyPatch, drivers: StandInDrivers) -> None:
     """Has the skills of this process talk to these drivers."""

@@ -239,6 +239,15 @@ def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pyte
     assert "has not been heard of" in skill.progress_msg
 
 
+def test_a_goal_that_does_not_reach_its_server_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 1.0)
+    skill = loaded(job_action)
+    skill.start()
+    skill.client.action_client.manager.register_send_goal_fn(lambda goal: None)
+    assert run(skill) is State.Failure
+    assert skill.progress_msg == f"The action server {server.name} has not taken the goal: it was lost"
+
+
 @pytest.fixture
 def slow_ticker() -> Iterator[Ticker]:
     """Ticks a task once in the time of these tests, unless it is woken."""

@@ -88,6 +88,8 @@ class PrimitiveActionClient(ClientPrimitive):
             return self.onDone(status, result)
         if self.client.gh is not None and self._watch.late_result(self.client.gh) > SERVER_TIMEOUT:
             return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", LOST)
+        if self.client.gh is not None and self._watch.untaken(self.client.gh) > SERVER_TIMEOUT:
+            return self.fail(f"The action server {self._watch.name} has not taken the goal: it was lost", LOST)
         if self._watch.silence() > SERVER_TIMEOUT:
             text = f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s"
             return self.fail(text, NO_ANSWER)

@@ -20,7 +20,7 @@ class ServerWatch:
         self._client = getattr(client, "action_client", client)
         self._heard: Any = self._client.last_status_msg
         self._heard_at = time.monotonic()
-        self._ended_at: float | None = None
+        self._overdue: dict[int, float] = {}  # since when (s), by the state in which an answer is waited for
         self._listeners: Listeners | None = None
 
     @property
@@ -60,9 +60,17 @@ class ServerWatch:
 
         A result is lost when the server was started anew under its name just before: the connections seem to be there.
         """
-        if handle.get_comm_state() != CommState.WAITING_FOR_RESULT:
-            self._ended_at = None
+        return self._waiting(handle, CommState.WAITING_FOR_RESULT)
+
+    def untaken(self, handle: Any) -> float:
+        """For how long the server has not said that it has got a goal that was sent, likewise (s).
+
+        A goal is lost as a result is.
+        """
+        return self._waiting(handle, CommState.WAITING_FOR_GOAL_ACK)
+
+    def _waiting(self, handle: Any, state: int) -> float:
+        if handle.get_comm_state() != state:
+            self._overdue.pop(state, None)
             return 0.0
-        if self._ended_at is None:
-            self._ended_at = time.monotonic()
-        return time.monotonic() - self._ended_at
+        return time.monotonic() - self._overdue.setdefault(state, time.monotonic())

@@ -26,8 +26,8 @@ _BRAKES_HARD = 3.0
 #: How exactly it gets there (m, rad), and how exactly it ends each leg and each turn to be sure of that.
 POSITION_TOLERANCE, ANGLE_TOLERANCE = 0.01, 0.01
 _EXACT, _EXACT_ANGLE = 0.002, 0.003
-#: It stands when it is told to (m/s, rad/s), and has moved less than that (m, rad) for so long (s). Not by its speed: what it
-#: carries may shake it.
+#: It stands when it is told to (m/s, rad/s), and has moved less than that (m, rad) for so long (s). Not by its speed:
+#: what it carries may shake it.
 _STANDS, _STANDS_TURN = 0.005, 0.01
 _MOVED, _MOVED_ANGLE, _STANDS_AFTER = 0.002, 0.003, 0.1
 #: It does not get on when it is told to move and has moved less for so long (s).
@@ -64,7 +64,7 @@ class BaseMotion:
         self._speed, _, self._turn = robot.velocity()  # what the base is told now
         self._looked = self._wait = self._blocked = 0.0  # s: since it looked, until it plans, in which it was blocked
         self._corrections = 0
-        self._mark, self._still = self.place(), _STANDS_AFTER  # where it was last, and for how long it has been there (s)
+        self._mark, self._still = self.place(), _STANDS_AFTER  # where it was last, and for how long it is there (s)
         self._stuck = 0.0  # s in which it should have moved, and has not
         self._ending: Outcome | None = None  # what comes out when it stands
         self._touched = touched(world, robot.name + "/")

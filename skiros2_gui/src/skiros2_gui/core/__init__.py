@@ -1,0 +1,1 @@
+"""What the window holds and does, without Qt and without ROS."""

@@ -1,0 +1,162 @@
+"""The window's content, the same in rqt and by itself: the tabs, what is up, and what went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from python_qt_binding.QtCore import QEvent, QObject, Qt
+from python_qt_binding.QtGui import QKeySequence
+from python_qt_binding.QtWidgets import (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QShortcut,
+    QTabWidget,
+    QTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.core.events import ConnectionChanged, ManagersChanged
+from skiros2_gui.core.health import missing
+from skiros2_gui.core.inbox import Inbox
+from skiros2_gui.core.system import System
+from skiros2_gui.core.window import Window
+from skiros2_gui.qt.bridge import Bridge
+from skiros2_gui.qt.error_bar import ErrorBar
+from skiros2_gui.qt.run_tab import RunTab
+from skiros2_gui.qt.skills_tab import SkillsTab
+from skiros2_gui.qt.status_line import StatusLine
+from skiros2_gui.qt.tab import Tab
+from skiros2_gui.qt.world_tab import WorldTab
+
+#: The tabs, in their order.
+TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
+
+#: Where the space bar has a meaning of its own.
+_EDITORS = (QLineEdit, QTextEdit, QPlainTextEdit, QComboBox, QAbstractSpinBox, QAbstractButton)
+
+
+class MainWidget(QWidget):
+    """The one widget of the window.
+
+    :param connect: makes the connection to the system, given the inbox for what is heard of it.
+    """
+
+    def __init__(self, connect: Callable[[Inbox], System], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("skiros")
+        self.setWindowTitle("SkiROS")
+        self._bridge = Bridge(self)
+        self.system = connect(self._bridge.inbox)
+        self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.inbox)
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.pages = [_Page(made(self.shared), self.shared) for made in TABS]
+        for page in self.pages:
+            self.tabs.addTab(page, page.tab.title)
+        self.error_bar = ErrorBar(self.shared.problems)
+        self.status = StatusLine(self.shared)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.tabs, 1)
+        column.addWidget(self.error_bar)
+        column.addWidget(self.status)
+        for keys, call in (
+            (QKeySequence(QKeySequence.Find), lambda: self.tab.find()),
+            (QKeySequence("Alt+1"), lambda: self.tabs.setCurrentIndex(0)),
+            (QKeySequence("Alt+2"), lambda: self.tabs.setCurrentIndex(1)),
+            (QKeySequence("Alt+3"), lambda: self.tabs.setCurrentIndex(2)),
+        ):
+            QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
+        QApplication.instance().installEventFilter(self)
+        self._is_closed = False
+        self._bridge.attach(self.shared)
+
+    @property
+    def tab(self) -> Tab:
+        """The tab that is shown."""
+        return self.pages[self.tabs.currentIndex()].tab
+
+    def settings(self) -> dict[str, Any]:
+        """What is to be the same the next time, as JSON has it."""
+        return {
+            "tab": self.tab.title,
+            "tabs": {page.tab.title: page.tab.settings() for page in self.pages},
+        }
+
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        """Takes what `settings` gave some time; what cannot be used of it is left, and said."""
+        of_tabs = settings.get("tabs")
+        for index, page in enumerate(self.pages):
+            title = page.tab.title
+            if settings.get("tab") == title:
+                self.tabs.setCurrentIndex(index)
+            known = of_tabs.get(title) if isinstance(of_tabs, Mapping) else None
+            if isinstance(known, Mapping):
+                try:
+                    page.tab.restore(known)
+                except (TypeError, ValueError, LookupError, AttributeError) as error:
+                    self.shared.problems.tell(f"restoring the settings of {title}", error)
+
+    def shut_down(self) -> None:
+        """Ends all that the window has going on. It does not wait for calls that are under way."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        QApplication.instance().removeEventFilter(self)
+        self._bridge.close()
+        for page in self.pages:
+            page.tab.close_tab()
+        self.system.close()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The space bar starts and stops, where the focus is not in something that takes it itself."""
+        if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Space and event.modifiers() == Qt.NoModifier:
+            focus = QApplication.focusWidget()
+            is_here = focus is not None and self.isAncestorOf(focus)
+            if is_here and watched is focus and not event.isAutoRepeat() and not _takes_space(focus):
+                self.tab.toggle()
+                return True
+        return super().eventFilter(watched, event)
+
+
+class _Page(QWidget):
+    """A tab, and above it a line when something is missing that it needs."""
+
+    def __init__(self, tab: Any, window: Window) -> None:
+        super().__init__()
+        self.tab = tab
+        self._window = window
+        self.banner = QLabel()
+        self.banner.setObjectName("banner")
+        self.banner.setTextFormat(Qt.PlainText)
+        self.banner.setWordWrap(True)
+        self.banner.setMargin(6)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.banner)
+        column.addWidget(tab, 1)
+        window.subscribe(ConnectionChanged, lambda _: self._show())
+        window.subscribe(ManagersChanged, lambda _: self._show())
+        self._show()
+
+    def _show(self) -> None:
+        text = missing(self._window.system.parts, self.tab.needs)
+        self.banner.setText(text)
+        self.banner.setVisible(bool(text))
+        self.tab.setEnabled(not text or not self.tab.needs)
+
+
+def _takes_space(focus: QWidget) -> bool:
+    if isinstance(focus, QAbstractItemView):
+        return focus.state() == QAbstractItemView.EditingState
+    return isinstance(focus, _EDITORS)

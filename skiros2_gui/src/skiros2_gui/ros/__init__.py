@@ -1,0 +1,1 @@
+"""The window's connection to the nodes of a running system."""

@@ -1,0 +1,250 @@
+"""A whole system in this process, without ROS: the world model, robots with their skills, and what is told of them."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros.utils import ParamsEncoder, decodeParam
+from skiros2_gui.core.events import ConnectionChanged, ManagersChanged, Progressed, WorldChanged
+from skiros2_gui.core.inbox import Inbox
+from skiros2_gui.core.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
+from skiros2_skill.command_line.description import Skill, read_skill
+from skiros2_skill.core.breakpoints import Breakpoint
+from skiros2_skill.core.history import REFUSED, History, Record
+from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.task import Task
+from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.ros.registration import Registration
+from skiros2_world_model.core.changes import RESET, Change
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.reader import SceneReader
+
+_STATES = {State.Success: 1, State.Failure: 2, State.Running: 3}
+_IDLE = 4
+
+_ALL = -1
+
+
+@dataclass
+class Node:
+    """A node of a task, with the fields of `SkillProgress`."""
+
+    robot: str
+    task_id: int
+    id: int
+    parent_label: str
+    parent_id: int
+    type: str
+    label: str
+    params: list[Any]
+    processor: str
+    state: int
+    progress_code: int
+    progress_period: float
+    progress_time: float
+    progress_message: str
+
+
+@dataclass
+class Why:
+    """The answer to why."""
+
+    ok: bool
+    text: str
+    json: str
+
+
+class LocalManager:
+    """A robot with skills, which are ticked by a thread; `close` ends it.
+
+    :param name: the node name, with its slash.
+    :param skills: classes of implementations.
+    :param told: called with each progress, in the thread that ticks.
+    :param robot: the label of the robot in the scene, which has to be there.
+    """
+
+    def __init__(
+        self,
+        wm: LocalWorldModel,
+        name: str,
+        skills: Sequence[type],
+        told: Callable[[Progressed], None],
+        robot: str,
+    ) -> None:
+        self._name = name
+        self._wm = wm
+        self._told = told
+        self._library = SkillLibrary(wm)
+        for skill in skills:
+            self._library.add(skill)
+        prefix, _, local = robot.rpartition(":")
+        self._registration = Registration(wm, prefix, local, name)
+        self._registration.enter(self._library.implementations())
+        self._history = History()
+        self._ticker = Ticker(on_progress=self._on_progress)
+        wm.add_listener(self._ticker.on_change)
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    def close(self) -> None:
+        """Ends its tasks and its thread."""
+        self._wm.remove_listener(self._ticker.on_change)
+        self._ticker.stop()
+
+    def skills(self) -> list[Skill]:
+        return [
+            read_skill(
+                i.type,
+                i.label,
+                [json.dumps(p, cls=ParamsEncoder) for p in i.declared.params.getParamMap().values()],
+            )
+            for i in self._library.implementations()
+        ]
+
+    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+        ticks = 1 if action == "tick_once" else 0
+        if action in ("start", "tick_once"):
+            number = self._make(skills) if task_id == _ALL else task_id
+            self._ticker.start(number, ticks)
+            return number
+        if action not in ("preempt", "pause"):
+            raise UnknownName(f"unknown action {action!r}, expected one of: start, preempt, pause, tick_once")
+        for number in [t.id for t in self._ticker.tasks()] if task_id == _ALL else [task_id]:
+            (self._ticker.preempt if action == "preempt" else self._ticker.pause)(number)
+        return task_id
+
+    def tasks(self, task_id: int = _ALL) -> list[Sequence[Any]]:
+        return [self._nodes(task) for task in self._ticker.tasks() if task_id in (_ALL, task.id)]
+
+    def why(self, task_id: int) -> Any:
+        record = self._history.get(task_id)
+        return Why(True, str(record), json.dumps([e.to_dict() for e in record.explanations]))
+
+    def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
+        known = self._ticker.breakpoints
+        if action == "add":
+            number = known.add(Breakpoint(kind, pattern, when))
+        elif action == "remove":
+            for one in list(known.all()) if number == _ALL else [number]:
+                known.remove(one)
+        listed = [{"number": n, "kind": b.kind, "pattern": b.pattern, "when": b.when} for n, b in known.all().items()]
+        return number, listed
+
+    def _make(self, skills: Sequence[Any]) -> int:
+        requests = [
+            SkillRequest(s.type, s.label, {p.key: p for p in (decodeParam(text) for text in s.params)}) for s in skills
+        ]
+        try:
+            nodes = make_nodes(requests, self._library, self._wm)
+        except Exception as error:
+            explanation = why_refused(requests, self._library, self._wm, -1)
+            told = [explanation] if explanation is not None else []
+            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), told))
+            raise Refused(f"start by window refused: {error}") from error
+        task = self._ticker.new_task(self._wm, "window")
+        task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred)
+        task.root(*nodes)
+        self._history.begin(task)
+        return task.id
+
+    def _on_progress(self, task: Task) -> None:
+        if task.ended.is_set():
+            self._history.end(task)
+        self._told(Progressed(self._name, self._nodes(task), time.time()))
+
+    def _nodes(self, task: Task) -> list[Node]:
+        return [
+            Node(
+                self._name, task.id, n.id, n.parent_label, n.parent_id, n.type, n.label, [], n.processor,
+                _STATES.get(n.state, _IDLE), n.progress_code, n.progress_period, n.progress_time, n.progress_message,
+            )
+            for n in task.progress()
+        ]  # fmt: skip
+
+
+class LocalSystem:
+    """The port over a world model of this process.
+
+    :param wm: the author of its changes is the window's.
+    """
+
+    def __init__(self, inbox: Inbox, wm: LocalWorldModel | None = None) -> None:
+        self._inbox = inbox
+        self._wm = wm if wm is not None else LocalWorldModel("window")
+        self._is_up = True
+        self._since = time.time()
+        self._managers: dict[str, LocalManager] = {}
+        self.planner: Planner | None = None
+        self._wm.add_listener(self._on_change)
+
+    @property
+    def parts(self) -> list[Part]:
+        managers = [Part(MANAGER, name, True, self._since) for name in self._managers]
+        return [Part(WORLD_MODEL, "wm", self._is_up, self._since), *managers]
+
+    @property
+    def world(self) -> LocalWorldModel:
+        return self._wm
+
+    @property
+    def scene(self) -> SceneReader:
+        return self._wm.model.reader
+
+    @property
+    def ontology(self) -> Ontology:
+        return self._wm.model.ontology
+
+    @property
+    def managers(self) -> dict[str, Manager]:
+        return dict(self._managers)
+
+    def add_manager(self, name: str, skills: Sequence[type], robot: str = "skiros:test_robot") -> LocalManager:
+        """A robot comes up.
+
+        :param name: the node name, with its slash.
+        :param robot: its label; one that is not there is added.
+        """
+        if not any(e.label == robot for e in self._robots()):
+            element = Element("cora:Robot", robot)
+            element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+            self._wm.add_element(element)
+        made = LocalManager(self._wm, name, skills, self._inbox.put, robot)
+        self._managers[name] = made
+        self._inbox.put(ManagersChanged())
+        return made
+
+    def remove_manager(self, name: str) -> None:
+        """A robot goes."""
+        self._managers.pop(name).close()
+        self._inbox.put(ManagersChanged())
+
+    def set_up(self, is_up: bool) -> None:
+        """The world model is there, or not, as the window hears of it."""
+        self._is_up, self._since = is_up, time.time()
+        self._inbox.put(ConnectionChanged())
+
+    def close(self) -> None:
+        self._wm.remove_listener(self._on_change)
+        for manager in self._managers.values():
+            manager.close()
+        self._managers.clear()
+
+    def _robots(self) -> list[Any]:
+        return self._wm.resolve_elements(Element("cora:Robot"))
+
+    def _on_change(self, change: Change) -> None:
+        is_other = change.action == RESET
+        of_ontology = is_other or not (change.elements or change.relations)
+        self._inbox.put(WorldChanged((change,), is_other, of_ontology))

@@ -16,16 +16,19 @@ NEWS_PERIOD = 40
 
 
 class Bridge(QObject):
-    """The inbox and the jobs of one window. Nothing runs while nothing comes in."""
+    """The inbox and the jobs of one window. Nothing runs while nothing comes in.
+
+    It has no parent, and the inbox and the jobs hold it: other threads may bring things when the window is gone already.
+    """
 
     _ended = Signal()
     _came = Signal()
 
-    def __init__(self, parent: QObject | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.problems = Problems()
-        self.jobs = Jobs(self.problems, self._ended.emit)
-        self.inbox = Inbox(self._came.emit)
+        self.jobs = Jobs(self.problems, lambda: self._ended.emit())
+        self.inbox = Inbox(lambda: self._came.emit())
         self._window: Window | None = None
         self._last = 0.0
         self._timer = QTimer(self)

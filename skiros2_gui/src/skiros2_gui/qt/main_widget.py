@@ -53,7 +53,7 @@ class MainWidget(QWidget):
         super().__init__(parent)
         self.setObjectName("skiros")
         self.setWindowTitle("SkiROS")
-        self._bridge = Bridge(self)
+        self._bridge = Bridge()
         self.system = connect(self._bridge.inbox)
         self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.inbox)
         self.tabs = QTabWidget()

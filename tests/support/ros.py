@@ -156,6 +156,11 @@ class RosMaster:
         uri = self._ask("lookupNode", node)
         return int(xmlrpc.client.ServerProxy(uri).getPid("/tests")[2])  # type: ignore[index, call-overload]
 
+    def service_address(self, service: str) -> tuple[str, int]:
+        """Where the node that offers a service takes connections."""
+        host, _, port = self._ask("lookupService", service).removeprefix("rosrpc://").rpartition(":")
+        return host, int(port)
+
     def _state(self) -> Any:
         return self._ask("getSystemState")
 

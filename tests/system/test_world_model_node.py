@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import signal
+import socket
 import threading
 import time
 from pathlib import Path
@@ -555,6 +556,21 @@ def test_calls_of_many_threads_do_not_mix(ros: Ros, start):
     for thread in threads:
         thread.join()
     assert not wrong
+
+
+@pytest.mark.timeout(45)  # of the 60 s that rospy listens to a stranger
+@pytest.mark.parametrize("words", [b"", b"\x10\x00", b"POST /RPC2 HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+def test_who_connects_and_does_not_speak_ros_keeps_nobody_waiting(ros: Ros, start, words):
+    start()
+    get = rospy.ServiceProxy("/wm/get", srvs.WmGet)
+    address = ros.master.service_address("/wm/get")
+    with socket.create_connection(address) as stranger:
+        stranger.sendall(words)
+        assert get(action="get", element=msgs.WmElement(id=SCENE)).elements
+        if len(words) > 4:
+            stranger.settimeout(30.0)
+            with pytest.raises(ConnectionResetError):
+                stranger.recv(1)
 
 
 def test_two_writers_that_change_different_properties_of_one_element_lose_nothing(ros: Ros, start):

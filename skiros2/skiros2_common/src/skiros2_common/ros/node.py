@@ -14,6 +14,7 @@ import rosgraph
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.inbound import greet_in_threads
 from skiros2_common.ros.master_watch import watch_master
 
 #: Exit status of a node whose parameters or files are wrong, so that no restart can help (EX_CONFIG of sysexits.h).
@@ -71,6 +72,7 @@ def run_node(name: str, main: Callable[[], None], **init_options: object) -> Non
         rospy.init_node(name, **init_options)
     except rospy.ROSInitException as error:
         _die(f"{name}: {error}", 1)
+    greet_in_threads()
     bridge_logging(bool(rospy.get_param("~verbose", False)))
     watch_master()
     try:

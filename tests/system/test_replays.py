@@ -3,7 +3,9 @@ be seen."""
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -13,10 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from support.ros import ROOT, install_environment
+from support.programs import Program, descendants
+from support.ros import ROOT, install_environment, wait_until
 
 BAG = ROOT / "tests" / "bags" / "timed_drive.bag"
 WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
+
+#: How Python runs the program, and the plugin of pytest.
+PROGRAM = ("-m", "skiros2_bags.testing.replay_program")
+PLUGIN = ("-m", "pytest", "-p", "skiros2_bags.testing", "-p", "no:cacheprovider")
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -52,25 +59,26 @@ CONDITION = Planted(
     '"RobotElsewhere", "skiros:at", "Robot", "TargetLocation", True',
 )  # fmt: skip
 PLANNER = Planted("skiros2_task", "core/task.py", "return holds(self.goal, self.init)", "return True")
+ENDLESS = Planted(
+    "skiros2_demo_skills", "timed_motions.py", "if passed < duration:", "if passed < 1000 * duration:"
+)  # fmt: skip
 WORLD_MODEL = Planted(
     "skiros2_world_model", "core/transaction.py", "if relation not in wanted:", "if relation in wanted and False:"
 )
 
 
-def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
-    """Plays the bag again. Returns the status of the program, and what it says."""
+def planted(change: Planted | None, folder: Path) -> dict[str, str]:
+    """The environment of a program that has the change."""
     environment = dict(install_environment())
     if change is not None:
         environment["PYTHONPATH"] = f"{change.plant(folder)}:{environment['PYTHONPATH']}"
-    command = [
-        sys.executable,
-        "-m",
-        "skiros2_bags.testing.replay_program",
-        str(BAG),
-        kind,
-        "--workspace",
-        str(WORKSPACE),
-    ]
+    return environment
+
+
+def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
+    """Plays the bag again. Returns the status of the program, and what it says."""
+    environment = planted(change, folder)
+    command = [sys.executable, *PROGRAM, str(BAG), kind, "--workspace", str(WORKSPACE)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200)
     return done.returncode, done.stdout + done.stderr
 
@@ -112,3 +120,29 @@ def test_a_replay_finds_what_was_changed_and_nothing_else(
         found = list(pool.map(lambda case: played(kind, case[0], tmp_path), cases))
     for (change, status, text), (got, said) in zip(cases, found, strict=True):
         assert (got, text in said) == (status, True), f"{kind}, {change}: status {got}\n{said}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "number", "status"),
+    [
+        ((*PROGRAM, str(BAG), "trace"), signal.SIGTERM, 128 + signal.SIGTERM),
+        ((*PLUGIN, "--replay", str(BAG), "--replay-kind", "trace"), signal.SIGHUP, -signal.SIGHUP),
+    ],
+    ids=["program", "pytest"],
+)
+def test_a_replay_that_is_told_to_end_takes_its_nodes_with_it(
+    arguments: tuple[str, ...], number: int, status: int, tmp_path: Path
+) -> None:
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    environment = {**planted(ENDLESS, tmp_path), "TMPDIR": str(temporary)}
+    program = Program([sys.executable, *arguments], environment, cwd=tmp_path)
+    try:
+        wait_until(lambda: any("skill_manager_node" in str(p) for p in descendants(program.pid)), 60, "a skill manager")
+        family = descendants(program.pid)
+        os.kill(program.pid, number)
+        assert program.wait() == status
+        wait_until(lambda: not any(process.running for process in family), what="the end of all nodes")
+        assert list(temporary.iterdir()) == []
+    finally:
+        program.stop()

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 from pathlib import Path
 from random import Random
-from types import FrameType
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
 
 import actionlib
 import rospy
 
 from skiros2_bags.core.checking import Finding
+from skiros2_common.core.end_signals import status_of
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.own_system import SystemDown
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.disturbances import Disturbance, Moved, Slip
@@ -25,7 +25,7 @@ from skiros2_demo.pictures import Pictures
 from skiros2_demo.plan_text import name_of
 from skiros2_demo.simulation import Simulation
 from skiros2_demo.story import Story
-from skiros2_demo.system import END_SIGNALS, System, SystemDown
+from skiros2_demo.system import System
 from skiros2_demo.world_state import Thing, WorldState
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
 from skiros2_msgs.srv import ResourceGetDescriptions
@@ -73,16 +73,12 @@ class Demo:
             self._story.say(
                 f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}"
             )
-            try:
-                in_truth = self._run(system)
-            finally:
-                rospy.signal_shutdown("the demo is over")
-            bag = system.bag
-        pursuit = run_check.read_run(bag)
+            in_truth = self._run(system)
+        pursuit = run_check.read_run(system.bag)
         self._story.title("What changed in the world")
         for line in changes(pursuit.before, pursuit.after) or ["nothing"]:
             self._story.say(f"  {line}")
-        held = self._show(f"Proof from the bag alone ({bag})", run_check.check(pursuit))
+        held = self._show(f"Proof from the bag alone ({system.bag})", run_check.check(pursuit))
         if in_truth:
             held &= self._show("Proof from the simulated world", in_truth)
         if self._options.disturb:
@@ -92,9 +88,8 @@ class Demo:
     def _run(self, system: System) -> list[Finding]:
         """Returns what is so in the simulated world."""
         began_at = time.monotonic()
-        system.start_master()
         system.start_recording(ROBOT)
-        rospy.init_node("manufacturing_system", disable_signals=True)
+        system.init_node("manufacturing_system")
         onlooker = Onlooker(ROBOT)
         system.launch(*_launch(self._options))
         simulated = not self._options.timed
@@ -205,20 +200,11 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     if options.timed and (options.disturb or options.gui):
         parser.error("--timed has no simulated world to disturb or to show")
-    ended_by = 0
-
-    def end(number: int, _: FrameType | None) -> NoReturn:
-        nonlocal ended_by
-        ended_by = number
-        raise KeyboardInterrupt
-
-    for number in END_SIGNALS:
-        signal.signal(number, end)
     try:
         return 0 if Demo(options, sys.stdout).run() else 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         sys.stderr.write("\npick_place_demo: stopped; everything that it started has ended\n")
-        return 128 + ended_by
+        return status_of(interrupt)
     except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
         sys.stderr.write(f"pick_place_demo: {error}\n")
         return 1

@@ -70,5 +70,6 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
         SKILL_MANAGER: replay_skill_managers,
         TASK_MANAGER: replay_task_manager,
     }
-    with Lab("replay") as lab:
+    with Lab() as lab:
+        lab.init_node("replay")
         return players[kind](recording, settings, lab)

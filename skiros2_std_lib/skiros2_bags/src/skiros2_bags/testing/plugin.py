@@ -14,6 +14,7 @@ test, or to where pytest was started.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ import pytest
 
 from skiros2_bags.core.normal import NARROW, Tolerance
 from skiros2_bags.testing.kinds import KINDS, RERUN, Settings, replay
+from skiros2_bags.testing.replay_program import WHILE_STDIN
 
 #: What a program that tells a divergence ends with.
 _DIVERGED = 1
@@ -106,11 +108,32 @@ def played_again(bag: Path, kind: str, settings: Settings) -> str | None:
     if kind == RERUN:
         found = replay(bag, kind, settings)
         return None if found is None else str(found)
-    command = [sys.executable, "-m", "skiros2_bags.testing.replay_program", str(bag), kind, *_arguments(settings)]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
-    if done.returncode not in (0, _DIVERGED):
-        raise RuntimeError(f"{bag} ({kind}) cannot be played: {done.stderr.strip() or done.stdout.strip()}")
-    return done.stdout.strip() if done.returncode == _DIVERGED else None
+    program = (sys.executable, "-m", "skiros2_bags.testing.replay_program", WHILE_STDIN)
+    status, told, complaint = _run_to_end([*program, str(bag), kind, *_arguments(settings)])
+    if status not in (0, _DIVERGED):
+        raise RuntimeError(f"{bag} ({kind}) cannot be played: {complaint or told}")
+    return told if status == _DIVERGED else None
+
+
+def _run_to_end(command: list[str]) -> tuple[int, str, str]:
+    """Runs a program that ends itself when its standard input ends: that too when this process ends meanwhile.
+
+    Returns its status, and what it wrote to stdout and stderr.
+    """
+    stdin, writing = os.pipe()
+    with os.fdopen(writing, "wb") as kept:
+        try:
+            program = subprocess.Popen(
+                command, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+            )
+        finally:
+            os.close(stdin)
+        try:
+            told, complaint = program.communicate()
+        finally:
+            kept.close()
+            program.wait()
+    return program.returncode, told.strip(), complaint.strip()
 
 
 def _arguments(settings: Settings) -> list[str]:

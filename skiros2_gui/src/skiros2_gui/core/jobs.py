@@ -87,6 +87,14 @@ class Jobs:
         self._begin(job)
         self._tell_busy()
 
+    def post(self, call: Callable[[], None]) -> None:
+        """Has a call made in the window's thread soon. Any thread; calls that are posted keep their order."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._ended.append(_Job(_nothing, lambda _: call(), None, "", ""))
+        self._wake()
+
     def deliver(self) -> None:
         """Hands out what has come of calls."""
         while not self._is_closed:
@@ -94,9 +102,12 @@ class Jobs:
                 if not self._ended:
                     return
                 job = self._ended.popleft()
-            self._under_way.remove(job)
+            was_run = job in self._under_way
+            if was_run:
+                self._under_way.remove(job)
             self._hand_out(job)
-            self._tell_busy()
+            if was_run:
+                self._tell_busy()
 
     def close(self) -> None:
         """Drops what waits, and what comes of the calls that are under way; they are not waited for."""
@@ -172,3 +183,7 @@ class Jobs:
     def _tell_busy(self) -> None:
         for hook in self._busy_hooks:
             hook()
+
+
+def _nothing() -> None:
+    """What is posted has been done already."""

@@ -30,10 +30,12 @@ from skiros2_gui.core.system import System
 from skiros2_gui.core.window import Window
 from skiros2_gui.qt.bridge import Bridge
 from skiros2_gui.qt.error_bar import ErrorBar
+from skiros2_gui.qt.mishaps import Mishaps
 from skiros2_gui.qt.run_tab import RunTab
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.qt.status_line import StatusLine
 from skiros2_gui.qt.tab import Tab
+from skiros2_gui.qt.theme import is_dark, style_sheet
 from skiros2_gui.qt.world_tab import WorldTab
 
 #: The tabs, in their order.
@@ -78,6 +80,9 @@ class MainWidget(QWidget):
             QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
         QApplication.instance().installEventFilter(self)
         self._is_closed = False
+        self._is_dark: bool | None = None
+        self._set_colours()
+        self._mishaps = Mishaps(self.shared.problems)
         self._bridge.attach(self.shared)
 
     @property
@@ -112,10 +117,23 @@ class MainWidget(QWidget):
             return
         self._is_closed = True
         QApplication.instance().removeEventFilter(self)
+        self._mishaps.close()
         self._bridge.close()
         for page in self.pages:
             page.tab.close_tab()
         self.system.close()
+
+    def changeEvent(self, event: QEvent) -> None:
+        """The colours follow the palette: that of rqt, of the desktop, or of the window's own menu."""
+        if event.type() == QEvent.PaletteChange:
+            self._set_colours()
+        super().changeEvent(event)
+
+    def _set_colours(self) -> None:
+        dark = is_dark(self)
+        if dark != self._is_dark:
+            self._is_dark = dark
+            self.setStyleSheet(style_sheet(dark))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The space bar starts and stops, where the focus is not in something that takes it itself."""

@@ -18,6 +18,7 @@ class StatusLine(QWidget):
 
     def __init__(self, window: Window, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.setObjectName("status_line")
         self._window = window
         self.parts: list[QLabel] = []
         self._row = QHBoxLayout(self)

@@ -39,6 +39,9 @@ class AtOnce(Jobs):
         else:
             self._now(call, done, failed, what)
 
+    def post(self, call: Callable[[], None]) -> None:
+        call()
+
     def release(self) -> None:
         """Carries out what waits."""
         waiting, self._waiting = self._waiting, []

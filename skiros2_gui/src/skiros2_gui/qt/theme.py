@@ -1,0 +1,94 @@
+"""Dark and light: the colours of the window, which follow the desktop unless the user chooses."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtGui import QColor, QPalette
+from python_qt_binding.QtWidgets import QApplication, QStyleFactory, QWidget
+
+#: What can be chosen.
+SYSTEM, LIGHT, DARK = "system", "light", "dark"
+CHOICES = (SYSTEM, LIGHT, DARK)
+
+_LIGHT = {
+    QPalette.Window: "#f4f4f2", QPalette.WindowText: "#1d1f21", QPalette.Base: "#ffffff",
+    QPalette.AlternateBase: "#f5f6f8", QPalette.Text: "#1d1f21", QPalette.Button: "#ebebe9",
+    QPalette.ButtonText: "#1d1f21", QPalette.BrightText: "#b3261e", QPalette.Highlight: "#1f6fb2",
+    QPalette.HighlightedText: "#ffffff", QPalette.ToolTipBase: "#ffffff", QPalette.ToolTipText: "#1d1f21",
+    QPalette.Link: "#1f6fb2", QPalette.PlaceholderText: "#75797d", QPalette.Light: "#ffffff",
+    QPalette.Midlight: "#f7f7f5", QPalette.Mid: "#c3c5c7", QPalette.Dark: "#9a9c9e", QPalette.Shadow: "#6f7173",
+}  # fmt: skip
+_DARK = {
+    QPalette.Window: "#26292d", QPalette.WindowText: "#e6e7e8", QPalette.Base: "#1c1e21",
+    QPalette.AlternateBase: "#22252a", QPalette.Text: "#e6e7e8", QPalette.Button: "#33373c",
+    QPalette.ButtonText: "#e6e7e8", QPalette.BrightText: "#ff8a80", QPalette.Highlight: "#3d8fd1",
+    QPalette.HighlightedText: "#ffffff", QPalette.ToolTipBase: "#33373c", QPalette.ToolTipText: "#e6e7e8",
+    QPalette.Link: "#6db3f2", QPalette.PlaceholderText: "#8b9095", QPalette.Light: "#4a4f55",
+    QPalette.Midlight: "#3d4147", QPalette.Mid: "#565b61", QPalette.Dark: "#17191b", QPalette.Shadow: "#0c0d0e",
+}  # fmt: skip
+_DISABLED = (QPalette.WindowText, QPalette.Text, QPalette.ButtonText, QPalette.HighlightedText)
+
+#: Signal colours, in light and in dark.
+_SIGNALS = {
+    "success": ("#1b7f3b", "#5fd38d"),
+    "failure": ("#b3261e", "#ff8a80"),
+    "running": ("#1f6fb2", "#6db3f2"),
+    "paused": ("#8a5a00", "#f2c14e"),
+    "idle": ("#75797d", "#8b9095"),
+    "changed": ("#8a5a00", "#f2c14e"),
+}
+
+
+def is_dark(widget: QWidget | None = None) -> bool:
+    """Whether a widget is drawn light on dark."""
+    palette = widget.palette() if widget is not None else QApplication.palette()
+    return bool(palette.color(QPalette.Window).lightness() < 128)
+
+
+def signal_colour(name: str, widget: QWidget | None = None) -> QColor:
+    """A colour that says something, readable on the base of the widget's theme.
+
+    :param name: `success`, `failure`, `running`, `paused`, `idle` or `changed`.
+    """
+    return QColor(_SIGNALS[name][is_dark(widget)])
+
+
+def palette_of(dark: bool) -> QPalette:
+    """The palette of the one or the other."""
+    palette = QPalette()
+    for role, colour in (_DARK if dark else _LIGHT).items():
+        palette.setColor(role, QColor(colour))
+    for role in _DISABLED:
+        palette.setColor(QPalette.Disabled, role, QColor("#7c8186" if dark else "#9a9da0"))
+    palette.setColor(QPalette.Disabled, QPalette.Highlight, QColor("#4a4f55" if dark else "#c3c5c7"))
+    return palette
+
+
+def apply_theme(application: QApplication, choice: str) -> None:
+    """Draws an application so, at once.
+
+    :param choice: one of `CHOICES`; the desktop's own where it is none.
+    """
+    if application.property("desktop_palette") is None:
+        application.setProperty("desktop_palette", application.palette())
+        application.setProperty("desktop_style", application.style().objectName())
+    desktop = application.property("desktop_palette")
+    if choice in (LIGHT, DARK):
+        application.setStyle(QStyleFactory.create("Fusion"))
+        application.setPalette(palette_of(choice == DARK))
+    else:
+        application.setStyle(QStyleFactory.create(application.property("desktop_style")))
+        application.setPalette(desktop)
+
+
+def style_sheet(dark: bool) -> str:
+    """What palettes do not say, of the parts of the main widget."""
+    failure, running = _SIGNALS["failure"][dark], _SIGNALS["success"][dark]
+    banner = "#4a3a12" if dark else "#fff3d1"
+    bar = "#4a2624" if dark else "#fbe4e2"
+    return f"""
+        #banner {{ background: {banner}; border-bottom: 1px solid {_SIGNALS["changed"][dark]}; }}
+        #error_bar {{ background: {bar}; border: none; border-top: 1px solid {failure}; }}
+        #error_sign {{ color: {failure}; font-weight: bold; }}
+        QLabel[part_is_up="true"] {{ color: {running}; }}
+        QLabel[part_is_up="false"] {{ color: {failure}; font-weight: bold; }}
+    """

@@ -1,0 +1,233 @@
+"""The window by itself, for machines without rqt."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from python_qt_binding.QtCore import QSettings, QSocketNotifier, Qt
+from python_qt_binding.QtGui import QCloseEvent, QKeySequence
+from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
+
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.theme import CHOICES, SYSTEM, apply_theme
+from skiros2_gui.ros.system import RosSystem
+
+log = logging.getLogger(__name__)
+
+#: The exit status without a display.
+NO_DISPLAY = 2
+
+#: How long the end waits for a master to take the registrations back (s).
+_PATIENCE = 2.0
+
+_THEMES = {"system": "As the desktop", "light": "Light", "dark": "Dark"}
+
+_KEYS = """\
+Space\tstart or stop what is selected
+Arrows\tmove in lists and trees
+Ctrl+F\tfind
+Alt+1, 2, 3\tSkills, Running, World model
+Ctrl++, Ctrl+-, Ctrl+0\tlarger, smaller, usual text
+Ctrl+Q\tclose the window"""
+
+
+class StandaloneWindow(QMainWindow):
+    """The main widget with a menu. What the user has set is kept.
+
+    :param settings: where it is kept.
+    """
+
+    def __init__(self, content: MainWidget, settings: QSettings) -> None:
+        super().__init__()
+        self.setObjectName("standalone")
+        self.setWindowTitle("SkiROS")
+        self.content = content
+        self._settings = settings
+        self._usual_size = QApplication.font().pointSizeF()
+        self.setCentralWidget(content)
+        self._fill_menu()
+        self._restore()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Keeps what is to be the same the next time, and ends all that goes on."""
+        self._settings.setValue("geometry", self.saveGeometry())
+        self._settings.setValue("content", json.dumps(self.content.settings()))
+        self._settings.sync()
+        self.content.shut_down()
+        super().closeEvent(event)
+
+    def set_theme(self, choice: str) -> None:
+        """Draws the window so, and keeps that.
+
+        :param choice: one of `theme.CHOICES`.
+        """
+        apply_theme(QApplication.instance(), choice)
+        self._settings.setValue("theme", choice)
+
+    def zoom(self, steps: int) -> None:
+        """Makes the text larger, or smaller; 0: as large as usual."""
+        font = QApplication.font()
+        size = font.pointSizeF() + steps if steps else self._usual_size
+        font.setPointSizeF(min(max(size, 6.0), 32.0))
+        QApplication.setFont(font)
+        self._settings.setValue("text_size", font.pointSizeF())
+
+    def _fill_menu(self) -> None:
+        menu = self.menuBar().addMenu("&Window")
+        themes = menu.addMenu("&Colours")
+        group = QActionGroup(self)
+        self.themes: dict[str, QAction] = {}
+        for choice in CHOICES:
+            action = themes.addAction(_THEMES[choice])
+            action.setObjectName(f"theme_{choice}")
+            action.setCheckable(True)
+            action.triggered.connect(lambda _, chosen=choice: self.set_theme(chosen))
+            group.addAction(action)
+            self.themes[choice] = action
+        for text, keys, steps in (
+            ("&Larger text", "Ctrl++", 1),
+            ("&Smaller text", "Ctrl+-", -1),
+            ("&Usual text", "Ctrl+0", 0),
+        ):
+            action = menu.addAction(text)
+            action.setShortcuts([QKeySequence(keys), *([QKeySequence("Ctrl+=")] if steps == 1 else [])])
+            action.triggered.connect(lambda _, by=steps: self.zoom(by))
+        menu.addSeparator()
+        end = menu.addAction("&Close")
+        end.setShortcut(QKeySequence("Ctrl+Q"))
+        end.triggered.connect(self.close)
+        self.menuBar().addMenu("&Help").addAction("&Keyboard").triggered.connect(self._show_keys)
+
+    def _restore(self) -> None:
+        choice = self._settings.value("theme", SYSTEM)
+        choice = choice if choice in CHOICES else SYSTEM
+        self.themes[choice].setChecked(True)
+        apply_theme(QApplication.instance(), choice)
+        size = _number(self._settings.value("text_size"))
+        if size is not None:
+            self.zoom(round(size - self._usual_size))
+        geometry = self._settings.value("geometry")
+        if geometry is None or not self.restoreGeometry(geometry):
+            em = self.fontMetrics().height()
+            area = QApplication.primaryScreen().availableGeometry()
+            self.resize(min(80 * em, area.width()), min(52 * em, area.height()))
+        self.content.restore(_content(self._settings.value("content")))
+
+    def _show_keys(self) -> None:
+        rows = (line.split("\t") for line in _KEYS.splitlines())
+        table = "".join(f"<tr><td><b>{keys}</b>&nbsp;&nbsp;&nbsp;</td><td>{what}</td></tr>" for keys, what in rows)
+        QMessageBox.information(self, "Keyboard", f"<table>{table}</table>")
+
+
+def main(argv: Sequence[str]) -> int:
+    """Opens the window and returns when it was closed.
+
+    :param argv: the program's name and arguments for Qt.
+    :returns: the exit status.
+    """
+    trouble = display_trouble()
+    if trouble:
+        sys.stderr.write(f"skiros_gui: {trouble}\n")
+        return NO_DISPLAY
+    logging.basicConfig(format="%(levelname)s: %(message)s")
+    for attribute in (Qt.AA_EnableHighDpiScaling, Qt.AA_UseHighDpiPixmaps):
+        QApplication.setAttribute(attribute)
+    QApplication.setHighDpiScaleFactorRoundingPolicy(Qt.HighDpiScaleFactorRoundingPolicy.PassThrough)
+    application = QApplication(list(argv))
+    application.setApplicationName("skiros_gui")
+    application.setApplicationDisplayName("SkiROS")
+    window = StandaloneWindow(MainWidget(RosSystem), QSettings("skiros2", "window"))
+    ends = EndBySignal(window)
+    window.show()
+    status = int(application.exec_())
+    ends.close()
+    _leave_ros()
+    return status
+
+
+class EndBySignal:
+    """SIGINT and SIGTERM close a window, as the user does: Python itself would only look when Qt has something to do."""
+
+    def __init__(self, window: Any) -> None:
+        self._reader, self._writer = socket.socketpair()
+        for end in (self._reader, self._writer):
+            end.setblocking(False)
+        self._notifier = QSocketNotifier(self._reader.fileno(), QSocketNotifier.Read)
+        self._notifier.activated.connect(self._on_signal)
+        self._window = window
+        self._before = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        self._handlers = {number: signal.signal(number, _ignored) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def close(self) -> None:
+        """The signals do what they did before."""
+        self._notifier.setEnabled(False)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._before)
+        self._reader.close()
+        self._writer.close()
+
+    def _on_signal(self) -> None:
+        self._reader.recv(64)
+        self._window.close()
+        QApplication.quit()
+
+
+def display_trouble() -> str:
+    """Why no window can be drawn here, in words; "" where one can. Qt itself ends the program with a crash."""
+    platform = os.environ.get("QT_QPA_PLATFORM", "")
+    if platform.partition(":")[0] not in ("", "xcb") or os.environ.get("WAYLAND_DISPLAY"):
+        return ""
+    display = os.environ.get("DISPLAY", "")
+    if not display:
+        return "there is no display to open the window on: DISPLAY is not set"
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:  # Qt may do without it
+        return ""
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    opened = x11.XOpenDisplay(None)
+    if not opened:
+        return f"the display {display} (DISPLAY) cannot be opened"
+    x11.XCloseDisplay(opened)
+    return ""
+
+
+def _leave_ros() -> None:
+    """Takes this node's registrations back, if it has become one; a master that does not answer is not waited for."""
+    rospy = sys.modules.get("rospy")
+    if rospy is None or not rospy.core.is_initialized():
+        return
+    end = threading.Thread(target=rospy.signal_shutdown, args=("the window was closed",), daemon=True)
+    end.start()
+    end.join(_PATIENCE)
+
+
+def _ignored(number: int, frame: Any) -> None:
+    """The signal has been written to the wake-up socket."""
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _content(text: Any) -> dict[str, Any]:
+    try:
+        content = json.loads(text or "{}")
+    except (TypeError, ValueError) as error:
+        log.warning("the kept settings of the window cannot be read: %s", error)
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -155,7 +155,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 class EndBySignal:
-    """SIGINT and SIGTERM close a window, as the user does: Python itself would only look when Qt has something to do."""
+    """SIGINT and SIGTERM close a window as the user does; Python alone would look when Qt has something to do."""
 
     def __init__(self, window: Any) -> None:
         self._reader, self._writer = socket.socketpair()

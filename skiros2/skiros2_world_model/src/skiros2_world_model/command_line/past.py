@@ -11,10 +11,11 @@ from typing import Protocol
 from skiros2_common.command_line.answer import REFUSED, Answer
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.command_line.changes import changed_lines, difference
 from skiros2_world_model.command_line.reading import element_answer, predicates_of, scene_tree
-from skiros2_world_model.command_line.values import entry_json, point, shown_time
+from skiros2_world_model.command_line.values import entry_json, point
+from skiros2_world_model.core.differences import changed_lines, difference
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.shown import shown_time
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 #: So many changes of one request are shown, unless all are wanted.

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from skiros2_common.command_line.answer import Answer
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
-from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
-from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.command_line.values import element_json, shown, shown_values, summary
-from skiros2_world_model.core.datatypes import PYTHON_TYPES
-from skiros2_world_model.core.prefixes import Prefixes
+from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.shown import shown, shown_values, summary
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 CONTAINS = "skiros:contain"
-
-#: Terms as N3 writes them, or nothing.
-_TERM = re.compile(r'<[^>]*>|"(?:[^"\\]|\\.)*"(?:\^\^<[^>]*>|@[\w-]+)?|[^\s<"]\S*|')
-_LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"(?:\^\^<([^>]*)>|@[\w-]+)?', re.DOTALL)
-_ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
 
 
 def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
@@ -183,58 +175,8 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
             raise WmException(f"{arguments.file}: cannot be read: {getattr(error, 'strerror', error)}") from None
     else:
         text = arguments.sparql
-    prefixes = Prefixes()
-    answer = wm.query_ontology(text, False, arguments.context)
-    rows = [[_value(term, prefixes) for term in _terms(row)] for row in answer]
-    names = _variables(text)
-    if rows and len(names) != len(rows[0]):
-        names = []
+    names, rows = query_table(wm, text, arguments.context)
     lines = table(screen, [["" if v is None else shown(v) for v in row] for row in rows], names)
     if names and not rows:
         lines = ["no rows"]
     return Answer(lines, [dict(zip(names, row, strict=True)) for row in rows] if names else rows)
-
-
-def _variables(sparql: str) -> list[str]:
-    """The names of a query's columns; none when they are not listed."""
-    text = re.sub(r"#[^\n]*(?=\n)|<[^>\s]*>", " ", sparql)
-    match = re.search(r"\bSELECT\b\s*(?:DISTINCT\b|REDUCED\b)?(.*?)(?:\bFROM\b|\bWHERE\b|\{)", text, re.S | re.I)
-    if match is None:
-        return []
-    columns = re.sub(r"\((?:[^()]|\([^()]*\))*\bAS\s+[?$](\w+)\s*\)", r" ?\1 ", match[1], flags=re.I)
-    return re.findall(r"[?$](\w+)", columns)
-
-
-def _terms(row: str) -> list[str]:
-    """The terms of a row, "" for what is not bound."""
-    terms = []
-    at = 0
-    while True:
-        match = _TERM.match(row, at)
-        assert match is not None
-        terms.append(match[0])
-        at = match.end() + 1
-        if at > len(row):
-            return terms
-
-
-def _value(term: str, prefixes: Prefixes) -> Any:
-    """A term in N3 as a name or a Python value; None for nothing."""
-    if not term:
-        return None
-    if term.startswith("<"):
-        return prefixes.name(term[1:-1])
-    literal = _LITERAL.fullmatch(term)
-    if literal is None:
-        return term
-    text = re.sub(r"\\u([0-9A-Fa-f]{4})|\\U([0-9A-Fa-f]{8})|\\(.)", _unescaped, literal[1], flags=re.S)
-    kind = PYTHON_TYPES.get(prefixes.name(literal[2] or ""), str)
-    try:
-        return from_text(text, kind)
-    except WrongValue:
-        return text
-
-
-def _unescaped(match: re.Match[str]) -> str:
-    digits = match[1] or match[2]
-    return chr(int(digits, 16)) if digits else _ESCAPES.get(match[3], match[3])

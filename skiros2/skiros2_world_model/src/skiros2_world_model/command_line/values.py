@@ -1,56 +1,17 @@
-"""What the world model holds, as text and as JSON."""
+"""What the world model holds as JSON, and points of its history as users write them."""
 
 from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _TIME_FORMATS = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M", "%Y-%m-%d")
-
-#: Left out of what is told of an element on one line.
-_MINOR = re.compile(
-    r"skiros:((Position|Size|Velocity)[XYZ]|Orientation[XYZW]|(Base|LinkedTo|PushTo)?FrameId|PushToFrameId"
-    r"|TfTimeStamp|PublishTf|DiscreteReasoner|Template)"
-)
-_POSITION = ("skiros:PositionX", "skiros:PositionY", "skiros:PositionZ")
-
-
-def shown(value: Any) -> str:
-    """A value: texts as they are, numbers in few digits."""
-    return f"{value:.7g}" if isinstance(value, float) else str(value)
-
-
-def shown_values(values: Iterable[Any]) -> str:
-    return ", ".join(map(shown, values))
-
-
-def shown_element(element: Element) -> str:
-    """An element by its id and label."""
-    return f'{element.id} "{element.label}"' if element.label else element.id
-
-
-def summary(element: Element) -> str:
-    """The position and the main properties of an element on one line."""
-    parts = []
-    position = [element.value_of(key) for key in _POSITION]
-    if None not in position:
-        parts.append(f"at ({shown_values(position)})")
-    for key, prop in sorted(element._props.items()):
-        if prop.values and not _MINOR.fullmatch(key):
-            parts.append(f"{local_name(key)}={shown_values(prop.values)}")
-    return "  ".join(parts)
-
-
-def shown_relation(relation: RelationDict) -> str:
-    return f"{relation['src']} {relation['type']} {relation['dst']}"
 
 
 def element_json(element: Element) -> dict[str, Any]:
@@ -112,8 +73,3 @@ def point(text: str, now: float) -> Point:
             except (ValueError, OverflowError):
                 continue
     raise WrongValue(f"{text!r} is no time: expected 14:05, 2026-11-21 14:05, 10m (ago; s, m, h, d) or #NUMBER")
-
-
-def shown_time(stamp: float) -> str:
-    """A time (s since the epoch) as local date and time."""
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(stamp))

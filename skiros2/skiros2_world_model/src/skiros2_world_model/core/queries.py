@@ -58,6 +58,25 @@ def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str
     return [eid for eid in found if _type_of(scene, eid) in types]
 
 
+def held_only_by(
+    scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = ""
+) -> list[str]:
+    """An element and what is under it, without what something else holds too: what goes when it is removed.
+
+    :param relation_filter, type_filter: as for `branch_ids`.
+    """
+    predicates = ontology.subproperties(full_name(relation_filter))
+    gone = dict.fromkeys([root, *branch_ids(scene, ontology, root, relation_filter, type_filter)])
+    waiting = list(gone)
+    while waiting:
+        eid = waiting.pop()
+        held = any(src not in gone for src, _, _ in scene.relations("", predicates, eid))
+        if eid in gone and eid != root and held:
+            del gone[eid]
+            waiting += [dst for _, _, dst in scene.relations(eid, predicates) if dst in gone]
+    return list(gone)
+
+
 def relations_between(scene: Scene, ontology: Ontology, src: str, pred: str, dst: str) -> Iterator[RelationDict]:
     """The relations whose predicate is that one or under it; an empty part matches any."""
     for found in scene.relations(src, _predicates(ontology, pred), dst):

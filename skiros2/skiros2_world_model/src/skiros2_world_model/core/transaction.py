@@ -25,7 +25,7 @@ from skiros2_world_model.core.changes import (
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.queries import branch_ids, containment_cycle, told
+from skiros2_world_model.core.queries import containment_cycle, held_only_by, told
 from skiros2_world_model.core.scene import ROOT, Node, Scene
 from skiros2_world_model.core.templates import copies_of
 
@@ -190,7 +190,8 @@ class Transaction:
         root = self._node(operation.id).id
         gone = [root]
         if operation.recursive:
-            gone = self._held_only_by(root, operation.relation_filter, operation.type_filter)
+            filters = operation.relation_filter, operation.type_filter
+            gone = held_only_by(self._scene, self._ontology, root, *filters)
             self.removed_recursively = True
         if ROOT in gone:
             raise Refused(f"{self._author}: {ROOT} is the root of the scene and cannot be removed")
@@ -203,20 +204,6 @@ class Transaction:
             self.added.pop(eid, None)
             self.updated.pop(eid, None)
         return root
-
-    def _held_only_by(self, root: str, relation_filter: str, type_filter: str) -> list[str]:
-        """An element and what is under it, without what something else holds too."""
-        predicates = self._ontology.subproperties(full_name(relation_filter))
-        ids = branch_ids(self._scene, self._ontology, root, relation_filter, type_filter)
-        gone = dict.fromkeys([root, *ids])
-        waiting = list(gone)
-        while waiting:
-            eid = waiting.pop()
-            held = any(src not in gone for src, _, _ in self._scene.relations("", predicates, eid))
-            if eid in gone and eid != root and held:
-                del gone[eid]
-                waiting += [dst for _, _, dst in self._scene.relations(eid, predicates) if dst in gone]
-        return list(gone)
 
     # -- relations ---------------------------------------------------------------------------------------------
 

@@ -14,10 +14,10 @@ from skiros2_bags.core.world_changes import TimedChange
 from skiros2_common.command_line.answer import Answer
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.command_line.changes import changed_lines, difference
 from skiros2_world_model.command_line.reading import element_answer, scene_tree
 from skiros2_world_model.command_line.values import element_json
 from skiros2_world_model.core.changes import RESET, Change
+from skiros2_world_model.core.differences import changed_lines, difference
 from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.command_line.values import shown_element, shown_relation, shown_values, summary
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.shown import shown_element, shown_relation, shown_values, summary
 
 
 def changed_lines(entry: HistoryEntry) -> list[str]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, Protocol
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES
 from skiros2_world_model.core.prefixes import Prefixes
-from skiros2_world_model.core.world_model_abstract_interface import OntologyPort
 
 #: Terms as N3 writes them, or nothing.
 _TERM = re.compile(r'<[^>]*>|"(?:[^"\\]|\\.)*"(?:\^\^<[^>]*>|@[\w-]+)?|[^\s<"]\S*|')
@@ -17,7 +16,13 @@ _LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"(?:\^\^<([^>]*)>|@[\w-]+)?', re.DOTAL
 _ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
 
 
-def query_table(wm: OntologyPort, sparql: str, context: str = "") -> tuple[list[str], list[list[Any]]]:
+class Asked(Protocol):
+    """What answers queries: a world model, or the ontologies alone."""
+
+    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
+
+
+def query_table(wm: Asked, sparql: str, context: str = "") -> tuple[list[str], list[list[Any]]]:
     """What a query gives: the names of the columns (none when the query does not list them), and the rows.
 
     A cell is a name, a Python value, or None where nothing is bound.

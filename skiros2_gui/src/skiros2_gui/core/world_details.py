@@ -1,0 +1,154 @@
+"""An element as the window shows it: its properties with types and units, and its relations both ways."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.names import id_order, local_name
+from skiros2_common.core.property import Property
+from skiros2_gui.core.world_scene import LOOSE, SceneMirror
+from skiros2_gui.core.world_vocabulary import Vocabulary
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.shown import shown_values
+
+_TYPE_WORDS = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
+#: The order in which properties are shown; those that fit none come between the third and the fourth.
+_ORDER = tuple(
+    re.compile(pattern)
+    for pattern in (
+        r"skiros:Position[XYZ]",
+        r"skiros:Orientation[XYZW]",
+        r"skiros:Size[XYZ]",
+        r"(?!skiros:((Base|LinkedTo|PushTo)?FrameId|PublishTf|TfTimeStamp|DiscreteReasoner|Template)$).*",
+        r".*",
+    )
+)
+
+
+@dataclass(frozen=True)
+class PropertyRow:
+    """A property of an element.
+
+    :param values: what it has; texts, numbers and bools, or lists and dicts.
+    :param kind: the Python type of its values.
+    :param unit: of the numbers; "" none.
+    :param description: what the ontologies say of it; "" nothing.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    kind: type
+    unit: str = ""
+    description: str = ""
+
+    @property
+    def name(self) -> str:
+        """As it is shown."""
+        return local_name(self.key)
+
+    @property
+    def text(self) -> str:
+        """The values as they are shown, without the unit."""
+        return shown_values(self.values)
+
+    @property
+    def kind_text(self) -> str:
+        """The type of the values in a word."""
+        return _TYPE_WORDS.get(self.kind, self.kind.__name__)
+
+    @property
+    def is_editable(self) -> bool:
+        """Whether a text of one value, or of several on a line each, can be written for it."""
+        return self.kind in (float, int, bool, str)
+
+
+@dataclass(frozen=True)
+class RelationRow:
+    """A relation of an element.
+
+    :param other: what it leads to, or comes from: an element, or a template.
+    :param is_element: whether that is an element of the scene.
+    :param outgoing: whether the element is its subject.
+    """
+
+    predicate: str
+    other: str
+    other_text: str
+    is_element: bool
+    outgoing: bool
+    description: str = ""
+
+    @property
+    def name(self) -> str:
+        """The relation as it is shown, read from the element."""
+        return local_name(self.predicate)
+
+
+@dataclass(frozen=True)
+class Details:
+    """All that is shown of an element.
+
+    :param author, stamp: who changed it last, and when (s since the epoch; 0.0: not known).
+    """
+
+    id: str
+    type: str
+    label: str
+    type_description: str
+    author: str
+    stamp: float
+    properties: tuple[PropertyRow, ...]
+    relations: tuple[RelationRow, ...]
+
+
+def details_of(mirror: SceneMirror, vocabulary: Vocabulary, eid: str) -> Details | None:
+    """What is shown of an element; None when there is no such element."""
+    node = mirror.scene.node(eid)
+    if node is None:
+        return None
+    rows = [property_row(vocabulary, node.type, key, prop) for key, prop in node.properties.items()]
+    outgoing = [(pred, dst, True) for _, pred, dst in mirror.scene.relations(eid)]
+    incoming = [(pred, src, False) for src, pred, _ in mirror.scene.relations(dst=eid)]
+    relations = [
+        RelationRow(pred, other, shown_name(mirror, other), other in mirror.scene, is_out, vocabulary.description(pred))
+        for pred, other, is_out in sorted(
+            [*outgoing, *incoming], key=lambda r: (r[2], r[0] not in mirror.spatial, r[0], id_order(r[1]))
+        )
+    ]
+    return Details(
+        eid,
+        node.type,
+        node.label,
+        vocabulary.description(node.type),
+        node.made.author,
+        node.made.stamp,
+        tuple(sorted(rows, key=_property_order)),
+        tuple(relations),
+    )
+
+
+def property_row(vocabulary: Vocabulary, etype: str, key: str, prop: Property) -> PropertyRow:
+    """A property as it is shown."""
+    kind = vocabulary.value_type(etype, key, prop.dataType())
+    return PropertyRow(key, tuple(prop.values), kind, vocabulary.unit(key), vocabulary.description(key))
+
+
+def shown_name(mirror: SceneMirror, eid: str) -> str:
+    """An element in the tree and in lists: its label, if it has one, and its id without prefix."""
+    if eid == LOOSE:
+        return "Not placed"
+    node = mirror.scene.node(eid)
+    short = local_name(eid)
+    if node is None:
+        return short
+    if eid == ROOT:
+        return "Scene"
+    label = local_name(node.label)
+    return f"{label}  ({short})" if label else short
+
+
+def _property_order(row: PropertyRow) -> tuple[int, str]:
+    rank = next(i for i, pattern in enumerate(_ORDER) if pattern.fullmatch(row.key))
+    return rank, "~W" if row.key == "skiros:OrientationW" else row.name

@@ -1,0 +1,135 @@
+"""The user's own changes of the scene, and undo and redo of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from skiros2_common.core.errors import Refused
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.world_undo import joined, undoing
+from skiros2_world_model.core.changes import Outcome
+from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.world_model_abstract_interface import WmConflict
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+#: So many changes can be taken back.
+MOST_KEPT = 100
+#: So many own changes wait for the answer to their request.
+_MOST_HEARD = 500
+#: So often undo is tried when elements change under it.
+_TRIES = 5
+
+
+@dataclass
+class Edit:
+    """A change by the user.
+
+    :param text: what it was, in words: "remove LargeBox-3".
+    :param made: what it has made other.
+    """
+
+    text: str
+    made: HistoryEntry
+
+
+@dataclass
+class _Sent:
+    """A request that was carried out, and that was not heard of yet in the changes of the scene."""
+
+    text: str
+    states: list[str]
+    kept_by: list[Edit]
+
+
+class Edits:
+    """What was done by hand in this window, for undo and redo. Used by the Qt thread alone.
+
+    What a change made is taken from the scene itself, as it is told of: with all that reasoners have added to it. So
+    undo takes that back too, and redo is the undo of the undo.
+    """
+
+    def __init__(self) -> None:
+        self.undone: list[Edit] = []
+        self.done: list[Edit] = []
+        self._heard: dict[str, HistoryEntry] = {}
+        self._sent: list[_Sent] = []
+
+    @property
+    def undo_text(self) -> str:
+        """What undo would take back; "" when there is nothing."""
+        return self.done[-1].text if self.done else ""
+
+    @property
+    def redo_text(self) -> str:
+        """What redo would do again; "" when there is nothing."""
+        return self.undone[-1].text if self.undone else ""
+
+    def sent(self, text: str, outcome: Outcome) -> None:
+        """A change by the user was carried out."""
+        self.undone.clear()
+        self._await(text, outcome, self.done)
+
+    def undid(self, edit: Edit, outcome: Outcome) -> None:
+        """An edit of `done` was taken back."""
+        if edit in self.done:
+            self.done.remove(edit)
+            self._await(edit.text, outcome, self.undone)
+
+    def redid(self, edit: Edit, outcome: Outcome) -> None:
+        """An edit of `undone` was done again."""
+        if edit in self.undone:
+            self.undone.remove(edit)
+            self._await(edit.text, outcome, self.done)
+
+    def heard(self, changes: dict[str, HistoryEntry]) -> None:
+        """Changes of this window's author have come, by snapshot id."""
+        self._heard.update(changes)
+        while len(self._heard) > _MOST_HEARD:
+            del self._heard[next(iter(self._heard))]
+        self._match()
+
+    def forget(self) -> None:
+        """The scene is another one: nothing can be taken back."""
+        for kept in (self.done, self.undone, self._heard, self._sent):
+            kept.clear()
+
+    def _await(self, text: str, outcome: Outcome, kept_by: list[Edit]) -> None:
+        states = [change.snapshot_id for change in outcome.changes]
+        if states:
+            self._sent.append(_Sent(text, states, kept_by))
+            self._match()
+
+    def _match(self) -> None:
+        while self._sent and all(state in self._heard for state in self._sent[0].states):
+            sent = self._sent.pop(0)
+            made = joined([self._heard.pop(state) for state in sent.states])
+            if made:
+                sent.kept_by.append(Edit(sent.text, made))
+                del sent.kept_by[:-MOST_KEPT]
+
+
+def take_back(world: WorldModelAbstractInterface, edit: Edit, who: Callable[[str], str]) -> Outcome:
+    """Undoes an edit of the scene. Blocks for the world model.
+
+    :param who: as for `undoing`; called in this thread.
+    :raises Refused: somebody has changed what it made.
+    :raises WmException: the world model refuses, or does not answer.
+    """
+    for tried in range(_TRIES):
+        operations = undoing(edit.made, world.find_element, who)
+        if not operations:
+            raise Refused("there is nothing left of it")
+        try:
+            return world.transact(operations)
+        except WmConflict:
+            if tried == _TRIES - 1:
+                raise
+            world.catch_up()
+    raise AssertionError("unreachable")
+
+
+def elements_text(elements: Sequence[Element]) -> str:
+    """Some elements in few words."""
+    first = ", ".join(e.id for e in elements[:3])
+    return first if len(elements) <= 3 else f"{first} and {len(elements) - 3} more"

@@ -1,0 +1,318 @@
+"""The scene tab: what it shows, and what the user does there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import ElementSelected, WorldChanged
+from skiros2_gui.core.window import Window
+from skiros2_gui.core.world_details import Details, details_of
+from skiros2_gui.core.world_edits import Edits, take_back
+from skiros2_gui.core.world_requests import Requests
+from skiros2_gui.core.world_scene import TOP, SceneMirror
+from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
+from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+#: So long the changes of others are marked (s).
+MARKED_FOR = 8.0
+
+#: Calls that change the world model are made in their order.
+LANE = "world"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Somebody else has changed an element.
+
+    :param stamp: when this window heard of it (s of a steady clock).
+    """
+
+    author: str
+    what: str
+    stamp: float
+
+
+class WorldView(Protocol):
+    """Who shows the tab."""
+
+    def show_scene(self) -> None:
+        """The scene is another one: `mirror` and `vocabulary` are new."""
+
+    def show_details(self) -> None:
+        """Another element is selected, or something of the selected one is other."""
+
+    def show_selection(self) -> None:
+        """The selection was not changed by the view itself."""
+
+    def show_edits(self) -> None:
+        """What can be undone or done again is other."""
+
+    def show_marks(self, ids: Sequence[str]) -> None:
+        """These elements are marked now, or not any more."""
+
+
+class WorldPresenter:
+    """The state of the scene tab. Used by the Qt thread alone; all that takes time is done by jobs.
+
+    :param clock: a steady clock (s).
+    """
+
+    def __init__(self, window: Window, clock: Callable[[], float] = time.monotonic) -> None:
+        self.window = window
+        self.mirror: SceneMirror | None = None
+        self.vocabulary: Vocabulary | None = None
+        self.edits = Edits()
+        self.selected = ""
+        self.marks: dict[str, Mark] = {}
+        self.view: WorldView | None = None
+        self._clock = clock
+        self._waiting: list[Change] | None = None  # what has come while the scene is being read
+        self._is_stale = False
+        window.subscribe(WorldChanged, self._on_changed)
+        window.subscribe(ElementSelected, self._on_selected)
+        if window.system.world is not None:
+            self.read()
+
+    # -- the scene ---------------------------------------------------------------------------------------------
+
+    def read(self) -> None:
+        """Reads the scene and the ontologies anew."""
+        world = self.window.system.world
+        if world is None:
+            return
+        if self._waiting is not None:
+            self._is_stale = True  # what is being read may be from before
+            return
+        self._waiting = []
+        self.window.jobs.run(lambda: read_scene(world), self._took, self._not_read, what="reading the scene")
+
+    def _took(self, found: tuple[SceneMirror, Vocabulary]) -> None:
+        changes, self._waiting = self._waiting or [], None
+        if self._is_stale:
+            self._is_stale = False
+            self.read()
+            return
+        self.mirror, self.vocabulary = found
+        self.edits.forget()
+        self.marks.clear()
+        if self.selected not in self.mirror.scene:
+            self.selected = ""
+        if self.view is not None:
+            self.view.show_scene()
+            self.view.show_details()
+            self.view.show_edits()
+        self._follow(changes)
+
+    def _not_read(self, error: Exception) -> None:
+        self._waiting, self._is_stale = None, False
+        self.window.problems.tell("reading the scene", error)
+
+    def _on_changed(self, event: WorldChanged) -> None:
+        if event.is_new or self.mirror is None:
+            self.read()
+            return
+        if self._waiting is not None:
+            self._waiting.extend(event.changes)
+        else:
+            self._follow(event.changes)
+        if event.ontology:
+            self._read_vocabulary()
+
+    def _read_vocabulary(self) -> None:
+        world = self.window.system.world
+        if world is not None:
+            self.window.jobs.run(
+                lambda: read_vocabulary(world), self._took_vocabulary, what="reading the ontologies", lane="ontologies"
+            )
+
+    def _took_vocabulary(self, vocabulary: Vocabulary) -> None:
+        if self.mirror is not None and vocabulary.spatial != self.mirror.spatial:
+            self.read()  # the tree is another one
+        else:
+            self.vocabulary = vocabulary
+            if self.view is not None:
+                self.view.show_details()
+
+    def _follow(self, changes: Sequence[Change]) -> None:
+        mirror = self.mirror
+        if mirror is None or not changes:
+            return
+        author = self._author()
+        touched = mirror.follow(changes, author)
+        if touched is None:
+            self.read()
+            return
+        now = self._clock()
+        marked: dict[str, None] = {}
+        for change in changes:
+            if change.author != author:
+                for element in change.elements:
+                    self.marks[element.id] = Mark(change.author, change.action, now)
+                    marked[element.id] = None
+                for relation in change.relations:
+                    for eid in (relation["src"], relation["dst"]):
+                        self.marks[eid] = Mark(change.author, change.action, now)
+                        marked[eid] = None
+        self.edits.heard(touched.by_change)
+        if self.selected and self.selected not in mirror.scene:
+            self.select("")
+        if self.view is None:
+            return
+        self.view.show_marks(list(marked))
+        if self.selected in touched.elements:
+            self.view.show_details()
+        if touched.by_change:
+            self.view.show_edits()
+
+    def forget_marks(self) -> None:
+        """Ends the marks whose time is over. Called now and then."""
+        over = [eid for eid, mark in self.marks.items() if self._clock() - mark.stamp >= MARKED_FOR]
+        for eid in over:
+            del self.marks[eid]
+        if over and self.view is not None:
+            self.view.show_marks(over)
+
+    # -- looking -----------------------------------------------------------------------------------------------
+
+    def select(self, eid: str, by: object = None) -> None:
+        """The user has selected an element; "" none.
+
+        :param by: who tells it, and need not be told.
+        """
+        if eid == self.selected:
+            return
+        self.selected = eid
+        self.window.tell(ElementSelected(eid, self))
+        if self.view is not None:
+            self.view.show_details()
+            if by is not self.view:
+                self.view.show_selection()
+
+    def _on_selected(self, event: ElementSelected) -> None:
+        if event.by is self or event.eid == self.selected:
+            return
+        if event.eid and (self.mirror is None or event.eid not in self.mirror.scene):
+            return
+        self.selected = event.eid
+        if self.view is not None:
+            self.view.show_details()
+            self.view.show_selection()
+
+    def details(self) -> Details | None:
+        """What is shown of the selected element; None when none is."""
+        if self.mirror is None or self.vocabulary is None:
+            return None
+        return details_of(self.mirror, self.vocabulary, self.selected)
+
+    def find(self, text: str) -> list[str]:
+        """The elements that have all words of a text in their id, label or values."""
+        return self.mirror.find(text) if self.mirror is not None else []
+
+    # -- changing ----------------------------------------------------------------------------------------------
+
+    @property
+    def requests(self) -> Requests | None:
+        """Makes the operations of what the user wants; None while there is no scene."""
+        if self.mirror is None or self.vocabulary is None:
+            return None
+        return Requests(self.mirror, self.vocabulary)
+
+    def change(
+        self,
+        text: str,
+        make: Callable[[Requests], list[Operation]],
+        done: Callable[[Outcome], None] | None = None,
+    ) -> str:
+        """Changes the scene, in one request that can be undone.
+
+        :param text: what it is, in words: "remove LargeBox-3".
+        :param make: makes the operations; none: nothing is sent.
+        :param done: called with what came of it.
+        :returns: why nothing was sent, which the error bar shows too; "" when it was.
+        """
+        requests, world = self.requests, self.window.system.world
+        if requests is None or world is None:
+            return self._refused(text, "there is no world model")
+        try:
+            operations = make(requests)
+        except SkirosError as error:
+            return self._refused(text, error)
+        if operations:
+            self._send(world, text, operations, done)
+        return ""
+
+    def _send(
+        self,
+        world: WorldModelAbstractInterface,
+        text: str,
+        operations: list[Operation],
+        done: Callable[[Outcome], None] | None,
+    ) -> None:
+        def carried_out(outcome: Outcome) -> None:
+            self.edits.sent(text, outcome)
+            self._show_edits()
+            if done is not None:
+                done(outcome)
+
+        self.window.jobs.run(lambda: world.transact(operations), carried_out, what=text, lane=LANE)
+
+    def undo(self) -> None:
+        """Takes the user's last change back."""
+        self._take_back(self.edits.done[-1:], "undo", self.edits.undid)
+
+    def redo(self) -> None:
+        """Does again what was taken back last."""
+        self._take_back(self.edits.undone[-1:], "redo", self.edits.redid)
+
+    def _take_back(self, edits: Sequence[Any], what: str, told: Callable[[Any, Outcome], None]) -> None:
+        world = self.window.system.world
+        if not edits or world is None:
+            return
+        edit = edits[0]
+
+        def carried_out(outcome: Outcome) -> None:
+            told(edit, outcome)
+            self._show_edits()
+
+        self.window.jobs.run(
+            lambda: take_back(world, edit, self._who), carried_out, what=f"{what}: {edit.text}", lane=LANE
+        )
+
+    def _who(self, eid: str) -> str:
+        """Who has changed an element last, and when. Called by jobs: it only looks."""
+        mirror = self.mirror
+        node = mirror.scene.node(eid) if mirror is not None else None
+        if node is None or not node.made.author:
+            return ""
+        return f"{node.made.author} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
+
+    def _author(self) -> str:
+        world = self.window.system.world
+        return world.author if world is not None else ""
+
+    def _show_edits(self) -> None:
+        if self.view is not None:
+            self.view.show_edits()
+
+    def _refused(self, text: str, error: SkirosError | str) -> str:
+        self.window.problems.tell(text, error)
+        return str(error)
+
+
+def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneMirror, Vocabulary]:
+    """The scene and the ontologies, made ready to be shown. Blocks for the world model.
+
+    :raises WmException: it does not answer.
+    """
+    vocabulary = read_vocabulary(world)
+    mirror = SceneMirror(world.resolve_elements(Element()), vocabulary.spatial)
+    for eid in (TOP, ROOT):
+        mirror.children(eid)
+    return mirror, vocabulary

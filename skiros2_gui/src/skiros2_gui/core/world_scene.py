@@ -1,0 +1,355 @@
+"""The window's own copy of the scene, and the tree that it makes along what places one element in another.
+
+Made whole in a worker thread, then used by the Qt thread alone: nothing that is asked of it waits for anybody.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from skiros2_common.core.names import id_order, local_name
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change, relation_dict
+from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.following import follow
+from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
+
+#: The tree's node that everything is under which nothing holds.
+LOOSE = "(held by nothing)"
+#: What the root of the scene and `LOOSE` are under.
+TOP = ""
+
+#: When more elements than this come, go or move in one change, the tree is shown anew.
+_MANY_MOVES = 500
+_CONTAINS = "skiros:contain"
+
+
+@dataclass
+class Touched:
+    """What changes have made other.
+
+    :param elements: the ids of elements whose content or relations are other, also new and gone ones.
+    :param by_change: what each of some changes made other, by the change's snapshot id.
+    """
+
+    elements: dict[str, None] = field(default_factory=dict)
+    by_change: dict[str, HistoryEntry] = field(default_factory=dict)
+
+
+class TreeView(Protocol):
+    """Who shows the tree. Each call of the first three is followed by `done` when the tree has become so."""
+
+    def inserting(self, parent: str, row: int) -> None: ...
+    def removing(self, parent: str, row: int) -> None: ...
+    def resetting(self) -> None: ...
+    def done(self) -> None: ...
+    def renewed(self, eid: str) -> None:
+        """What is shown of an element is other; its place is the same."""
+
+
+class SceneMirror:
+    """The elements of a scene as a tree. An element is shown once: under what contains it, else under what has it.
+
+    :param elements: all elements, with their outgoing relations.
+    :param spatial: the relations that place their object in their subject.
+    """
+
+    def __init__(self, elements: Iterable[Element], spatial: frozenset[str]) -> None:
+        self.scene = Scene()
+        self.spatial = spatial
+        self.view: TreeView | None = None
+        self._snapshot = ""  # the state after the last change that was followed
+        self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
+        self._children: dict[str, list[tuple[tuple[int, str, int], str]]] = {}
+        elements = list(elements)
+        for element in elements:
+            made = Provenance(max(element.version, 0), element.getLastUpdate())
+            self.scene.put(Node(element.id, element.type, element.label, element._props, made))
+        for element in elements:
+            for relation in element._rels:
+                if relation["src"] == "-1":
+                    self.scene.relate(element.id, relation["type"], relation["dst"])
+        self._newest = max((element.version for element in elements), default=0)
+        self._loose = {node.id for node in self.scene if self._parent(node.id) == LOOSE}
+
+    def __len__(self) -> int:
+        return len(self.scene)
+
+    # -- the tree ----------------------------------------------------------------------------------------------
+
+    def parent(self, eid: str) -> str:
+        """What an element is shown under."""
+        known = self._places.get(eid)
+        return known if known is not None else TOP if eid == LOOSE else self._parent(eid)
+
+    def children(self, eid: str) -> Sequence[str]:
+        """What is shown under an element, in order."""
+        return _Ids(self._sorted_children(eid))
+
+    def count(self, eid: str) -> int:
+        """How many are shown under an element."""
+        return len(self._sorted_children(eid))
+
+    def child(self, eid: str, row: int) -> str:
+        """What is shown in a row under an element."""
+        return self._sorted_children(eid)[row][1]
+
+    def row(self, eid: str) -> int:
+        """In which row an element is shown under its parent; -1 when it is not shown."""
+        siblings = self._sorted_children(self.parent(eid))
+        key = self._order(eid)
+        row = bisect.bisect_left(siblings, (key, eid))
+        return row if row < len(siblings) and siblings[row][1] == eid else -1
+
+    def has_children(self, eid: str) -> bool:
+        """Whether something is shown under an element."""
+        if eid in (TOP, LOOSE) or eid in self._children:
+            return bool(self._sorted_children(eid))
+        return any(
+            dst in self.scene and self._parent(dst) == eid for _, _, dst in self.scene.relations(eid, self.spatial)
+        )
+
+    def is_shown(self, eid: str) -> bool:
+        """Whether it is a node of the tree."""
+        return eid == LOOSE or eid in self.scene
+
+    def path(self, eid: str) -> list[str]:
+        """What an element is shown under, the topmost first; without itself."""
+        path: list[str] = []
+        while (eid := self.parent(eid)) not in (TOP, *path):
+            path.insert(0, eid)
+        return path
+
+    def holders(self, eid: str) -> list[tuple[str, str]]:
+        """The relations that place an element, and the elements that they place it in; that of the tree first."""
+        found = [(pred, src) for src, pred, _ in self.scene.relations("", self.spatial, eid) if src in self.scene]
+        return sorted(found, key=lambda pair: (pair[0] != _CONTAINS, pair[0], id_order(pair[1])))
+
+    def below(self, eid: str) -> list[str]:
+        """An element and all that is under it in the tree."""
+        found = [eid]
+        seen = {eid}
+        for one in found:
+            fresh = [child for child in self.children(one) if child not in seen]
+            seen.update(fresh)
+            found += fresh
+        return found
+
+    # -- finding -----------------------------------------------------------------------------------------------
+
+    def find(self, text: str, most: int = 1000) -> list[str]:
+        """The elements that have all words of a text in their id, label or a value, in the order of the tree's ids.
+
+        :param most: so many at most.
+        """
+        words = text.lower().split()
+        if not words:
+            return []
+        found = (node for node in self.scene if all(word in _searchable(node) for word in words))
+        return sorted((node.id for node in found), key=id_order)[:most]
+
+    # -- changes -----------------------------------------------------------------------------------------------
+
+    def follow(self, changes: Iterable[Change], wanted: str = "") -> Touched | None:
+        """Makes what some changes tell, in their order, and tells the view.
+
+        :param wanted: what each change of this author made other is noted.
+        :returns: None when one is missing, or the scene was replaced: it must be read anew.
+        """
+        touched = Touched()
+        for change in changes:
+            if not self._snapshot and change.number <= self._newest:
+                continue  # what was read has it
+            if change.action == RESET or (self._snapshot and change.prev_snapshot_id != self._snapshot):
+                return None
+            self._snapshot = change.snapshot_id
+            if change.context not in ("", SCENE) or not (change.elements or change.relations):
+                continue
+            affected = self._affected(change)
+            before = {eid: self.scene.node(eid) for eid in affected}
+            relations = self._relations(affected) if change.author == wanted else set()
+            self._apply(change, affected)
+            touched.elements.update(affected)
+            if change.author == wanted:
+                touched.by_change[change.snapshot_id] = self._entry(change, before, relations)
+        return touched
+
+    def _apply(self, change: Change, affected: dict[str, None]) -> None:
+        places = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
+        follow(self.scene, change)
+        moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != places.get(e, (TOP, 0))[0]]
+        if len(moves) > _MANY_MOVES:
+            self._renew(moves)
+        else:
+            # What is under an element goes before it, and comes after it.
+            for eid in sorted(moves, key=lambda e: -places.get(e, (TOP, 0))[1]):
+                if eid in places:
+                    self._take_out(eid, places[eid][0])
+            for eid in sorted((e for e in moves if e in self.scene), key=self._depth):
+                self._put_in(eid)
+        if self.view is not None:
+            for eid in affected:
+                if eid in self.scene:
+                    self.view.renewed(eid)
+
+    def _renew(self, moves: Iterable[str]) -> None:
+        """Forgets the order of the tree, which is made anew as it is asked for."""
+        if self.view is not None:
+            self.view.resetting()
+        self._children.clear()
+        self._places.clear()
+        for eid in moves:
+            if eid in self.scene and self._parent(eid) == LOOSE:
+                self._loose.add(eid)
+            else:
+                self._loose.discard(eid)
+        if self.view is not None:
+            self.view.done()
+
+    def _take_out(self, eid: str, parent: str) -> None:
+        siblings = self._children.get(parent)
+        entry = self._order(eid), eid
+        row = bisect.bisect_left(siblings, entry) if siblings is not None else 0
+        if siblings is not None and row < len(siblings) and siblings[row] == entry:
+            if self.view is not None:
+                self.view.removing(parent, row)
+            del siblings[row]
+            if self.view is not None:
+                self.view.done()
+        self._loose.discard(eid)
+        self._places.pop(eid, None)
+        if eid not in self.scene:
+            self._children.pop(eid, None)
+
+    def _put_in(self, eid: str) -> None:
+        parent = self._parent(eid)
+        if parent == LOOSE:
+            self._loose.add(eid)
+        siblings = self._children.get(parent)
+        entry = self._order(eid), eid
+        if siblings is not None:
+            row = bisect.bisect_left(siblings, entry)
+            if row == len(siblings) or siblings[row] != entry:
+                if self.view is not None:
+                    self.view.inserting(parent, row)
+                siblings.insert(row, entry)
+                self._places[eid] = parent
+                if self.view is not None:
+                    self.view.done()
+        if self.view is not None:
+            self.view.renewed(parent)
+
+    def _depth(self, eid: str) -> int:
+        """How deep an element is in the tree as its relations make it."""
+        above = [eid]
+        while (parent := self._parent(above[-1])) not in (TOP, LOOSE, *above):
+            above.append(parent)
+        return len(above)
+
+    def _affected(self, change: Change) -> dict[str, None]:
+        """The elements that a change makes other, the ends of the relations that come and go among them."""
+        affected = dict.fromkeys(element.id for element in change.elements)
+        for element in change.elements:
+            eid = element.id
+            before = {*self.scene.relations(eid), *self.scene.relations(dst=eid)}
+            after: set[tuple[str, str, str]] = set()
+            if change.action not in (REMOVE, REMOVE_RECURSIVE):
+                ends = ((eid if r[side] == "-1" else r[side] for side in ("src", "type", "dst")) for r in element._rels)
+                after = {(src, pred, dst) for src, pred, dst in ends}
+            for src, _, dst in before ^ after:
+                affected.update({src: None, dst: None})
+        for relation in change.relations:
+            affected.update({relation["src"]: None, relation["dst"]: None})
+        return affected
+
+    def _relations(self, elements: Iterable[str]) -> set[tuple[str, str, str]]:
+        return {r for eid in elements for r in [*self.scene.relations(eid), *self.scene.relations(dst=eid)]}
+
+    def _entry(
+        self, change: Change, before: dict[str, Node | None], relations: set[tuple[str, str, str]]
+    ) -> HistoryEntry:
+        """What a change has made other."""
+        entry = HistoryEntry(change.number, change.stamp, change.author, "change")
+        for eid, was in before.items():
+            now = self.scene.node(eid)
+            if was is not None and now is not None and _same_content(was, now):
+                continue
+            entry.before += [_element(was)] if was is not None else []
+            entry.after += [_element(now)] if now is not None else []
+        after = self._relations(before)
+        entry.related = [relation_dict(*r) for r in sorted(after - relations)]
+        entry.unrelated = [relation_dict(*r) for r in sorted(relations - after)]
+        return entry
+
+    # -- the tree's order --------------------------------------------------------------------------------------
+
+    def _parent(self, eid: str) -> str:
+        """What an element is shown under, from its relations."""
+        if eid == ROOT:
+            return TOP
+        best: tuple[bool, str, tuple[str, int]] | None = None
+        holder = LOOSE
+        for src, pred, _ in self.scene.relations("", self.spatial, eid):
+            key = (pred != _CONTAINS, pred, id_order(src))
+            if src in self.scene and src != eid and (best is None or key < best):
+                best, holder = key, src
+        return holder
+
+    def _sorted_children(self, eid: str) -> list[tuple[tuple[int, str, int], str]]:
+        known = self._children.get(eid)
+        if known is None:
+            known = self._children[eid] = sorted((self._order(child), child) for child in self._found_children(eid))
+            self._places.update((child, eid) for _, child in known)
+        return known
+
+    def _found_children(self, eid: str) -> Iterator[str]:
+        if eid == TOP:
+            if ROOT in self.scene:
+                yield ROOT
+            yield LOOSE
+        elif eid == LOOSE:
+            yield from self._loose
+        else:
+            below = {dst for _, _, dst in self.scene.relations(eid, self.spatial) if dst in self.scene}
+            yield from (child for child in below if self._parent(child) == eid)
+
+    def _order(self, eid: str) -> tuple[int, str, int]:
+        if eid == LOOSE:
+            return 1, "", 0
+        name, number = id_order(eid)
+        return 0, local_name(name).lower(), number
+
+
+class _Ids(Sequence[str]):
+    """The ids of a sorted list of children."""
+
+    def __init__(self, children: list[tuple[tuple[int, str, int], str]]) -> None:
+        self._children = children
+
+    def __len__(self) -> int:
+        return len(self._children)
+
+    def __getitem__(self, row):  # type: ignore[no-untyped-def]
+        return self._children[row][1]
+
+
+def _searchable(node: Node) -> str:
+    values = (str(value) for prop in node.properties.values() for value in prop.values if isinstance(value, str))
+    return " ".join((node.id, node.label, *values)).lower()
+
+
+def _same_content(one: Node, other: Node) -> bool:
+    if (one.type, one.label, one.properties.keys()) != (other.type, other.label, other.properties.keys()):
+        return False
+    return one.properties is other.properties or all(
+        prop is other.properties[key] or prop.values == other.properties[key].values
+        for key, prop in one.properties.items()
+    )
+
+
+def _element(node: Node) -> Element:
+    return Element.shared(node.type, node.label, node.id, node.properties, (), node.version)

@@ -1,0 +1,237 @@
+"""The scene tab without its widgets: what it shows, what the user changes, undo and redo."""
+
+from __future__ import annotations
+
+import pytest
+
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import ElementSelected, WorldChanged
+from skiros2_gui.core.window import Window
+from skiros2_gui.core.world_presenter import MARKED_FOR, WorldPresenter
+from skiros2_gui.core.world_requests import Requests
+from skiros2_gui.core.world_scene import LOOSE, TOP
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.scene import ROOT
+
+BOX = "skiros:LargeBox"
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Cell:
+    """A window on a world model of this process, and somebody else who works on it too."""
+
+    def __init__(self) -> None:
+        self.wm = LocalWorldModel("window")
+        self.other = LocalWorldModel("vision", self.wm.model)
+        self.clock = Clock()
+        self.window: Window = make_window(lambda inbox: LocalSystem(inbox, self.wm))
+        self.tab = WorldPresenter(self.window, self.clock)
+
+    def add(self, etype: str = BOX, label: str = "", parent: str = ROOT) -> str:
+        """The user adds an element; returns its id."""
+        added: list[str] = []
+        assert not self.tab.change("add", lambda r: r.add(etype, label, parent), lambda o: added.extend(o.ids))
+        self.window.take_news()
+        return added[0]
+
+    def change(self, make: object) -> str:
+        told = self.tab.change("change", make)  # type: ignore[arg-type]
+        self.window.take_news()
+        return told
+
+    def undo(self) -> None:
+        self.tab.undo()
+        self.window.take_news()
+
+    def redo(self) -> None:
+        self.tab.redo()
+        self.window.take_news()
+
+    @property
+    def problem(self) -> str:
+        newest = self.window.problems.newest
+        return newest.line if newest is not None else ""
+
+    def shown(self, eid: str = TOP) -> list[object]:
+        """The tree under an element, as nested lists."""
+        mirror = self.tab.mirror
+        assert mirror is not None
+        return [[child, self.shown(child)] if mirror.has_children(child) else child for child in mirror.children(eid)]
+
+    def content(self) -> dict[str, object]:
+        """All that is in the scene."""
+        return {
+            e.id: (e.type, e.label, {k: p.values for k, p in e._props.items()}, sorted(map(str, e._rels)))
+            for e in self.wm.resolve_elements(Element())
+        }
+
+
+@pytest.fixture
+def cell() -> Cell:
+    return Cell()
+
+
+def test_the_tree_shows_what_contains_what_and_then_what_is_nowhere(cell: Cell) -> None:
+    box = cell.add()
+    part = cell.add("skiros:Part", "skiros:starter", box)
+    loose = cell.add("skiros:Skill", parent="")
+    assert cell.shown() == [[ROOT, [[box, [part]]]], [LOOSE, [loose]]]
+
+
+def test_an_element_in_two_places_is_shown_in_the_one_that_contains_it(cell: Cell) -> None:
+    box, robot = cell.add(), cell.add("cora:Robot")
+    part = cell.add("skiros:Part", parent=box)
+    cell.change(lambda r: r.relate(robot, "skiros:hasA", part))
+    assert cell.shown(box) == [part]
+    assert cell.shown(robot) == []
+    cell.change(lambda r: r.unrelate(box, "skiros:contain", part))
+    assert cell.shown(robot) == [part]
+
+
+def test_changes_of_others_appear_at_once_and_are_marked_for_some_seconds(cell: Cell) -> None:
+    box = cell.add()
+    assert cell.tab.marks == {}
+    element = cell.other.get_element(box)
+    element.label = "skiros:renamed"
+    cell.other.update_element(element)
+    cell.window.take_news()
+    assert cell.tab.marks[box].author == "vision"
+    cell.tab.select(box)
+    details = cell.tab.details()
+    assert details is not None and (details.label, details.author) == ("skiros:renamed", "vision")
+    cell.clock.now = MARKED_FOR
+    cell.tab.forget_marks()
+    assert cell.tab.marks == {}
+
+
+def test_an_element_that_somebody_removes_is_selected_no_more(cell: Cell) -> None:
+    box = cell.add()
+    heard: list[ElementSelected] = []
+    cell.window.subscribe(ElementSelected, heard.append)
+    cell.tab.select(box)
+    cell.other.remove_element(cell.other.get_element(box))
+    cell.window.take_news()
+    assert cell.tab.selected == "" and cell.tab.details() is None
+    assert [event.eid for event in heard] == [box, ""]
+
+
+def test_values_are_checked_before_they_are_sent(cell: Cell) -> None:
+    box = cell.add()
+    assert cell.change(lambda r: r.set_values(box, "skiros:PositionX", ["0.25 m"])) == ""
+    assert cell.wm.get_element(box).value_of("skiros:PositionX") == 0.25
+    for text, why in (("a lot", "expected a number (in m), got 'a lot'"), ("2 kg", "expected m"), ("nan", "finite")):
+        assert why in cell.change(lambda r, text=text: r.set_values(box, "skiros:PositionX", [text]))
+        assert why in cell.problem
+    assert cell.wm.get_element(box).value_of("skiros:PositionX") == 0.25
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda r, box: r.set_values("skiros:Part-999", "skiros:Weight", ["1"]), "no element 'skiros:Part-999'"),
+        (lambda r, box: r.set_values(box, "skiros:contain", ["1"]), "is a relation"),
+        (lambda r, box: r.set_values(box, "skiros:Weight", ["-1"]), "cannot be negative"),
+        (lambda r, box: r.set_values(box, "skiros:OrientationX", ["3"]), "from -1 to 1"),
+        (lambda r, box: r.remove_property(box, "skiros:Color"), "has no property"),
+        (lambda r, box: r.add("skiros:Nonsense"), "no class 'skiros:Nonsense'"),
+        (lambda r, box: r.add_template("skiros:nonsense"), "no template"),
+        (lambda r, box: r.remove([ROOT]), "cannot be removed"),
+        (lambda r, box: r.move(ROOT, box), "cannot be moved"),
+        (lambda r, box: r.move(box, box), "which is in it"),
+        (lambda r, box: r.relate(box, "skiros:likes", ROOT), "know no relation"),
+        (lambda r, box: r.relate(box, "skiros:at", "skiros:Nowhere"), "no element or template"),
+        (lambda r, box: r.unrelate(box, "skiros:at", ROOT), "there is no relation"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_here(cell: Cell, make: object, why: str) -> None:
+    box = cell.add()
+    before = cell.wm.model.number
+    assert why in cell.change(lambda r: make(r, box))  # type: ignore[operator]
+    assert cell.wm.model.number == before
+
+
+def test_a_template_is_added_with_its_parts(cell: Cell) -> None:
+    cell.change(lambda r: r.add_template("skiros:test_robot"))
+    robot = next(e for e in cell.wm.resolve_elements(Element("cora:Robot")))
+    assert len(cell.shown(robot.id)) == 1  # its arm, which has a camera and a gripper
+    cell.undo()
+    assert cell.shown() == [ROOT, LOOSE]
+    cell.redo()
+    assert robot.id in str(cell.shown())
+
+
+def test_what_goes_with_an_element_is_said_before(cell: Cell) -> None:
+    box = cell.add()
+    part = cell.add("skiros:Part", parent=box)
+    held = cell.add("skiros:Part", parent=box)
+    cell.change(lambda r: r.relate(ROOT, "skiros:hasA", held))
+    requests = cell.tab.requests
+    assert isinstance(requests, Requests)
+    assert set(requests.removed_with(box)) == {box, part}
+    cell.change(lambda r: r.remove([part, box]))
+    assert cell.shown() == [[ROOT, [held]], LOOSE]
+
+
+def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) -> None:
+    box = cell.add()
+    part = cell.add("skiros:Part", parent=box)
+    cell.change(lambda r: r.relate(part, "skiros:at", box))
+    before = cell.content()
+    cell.change(lambda r: r.remove([box]))
+    cell.undo()
+    assert cell.content() == before
+    cell.redo()
+    assert cell.shown() == [ROOT, LOOSE]
+    assert cell.problem == ""
+
+
+def test_undo_is_refused_when_somebody_changed_the_same_meanwhile(cell: Cell) -> None:
+    box = cell.add()
+    cell.change(lambda r: r.set_values(box, "skiros:Weight", ["1"]))
+    element = cell.other.get_element(box)
+    element.setProperty("skiros:Weight", 2.0)
+    cell.other.update_element(element)
+    cell.window.take_news()
+    cell.undo()
+    assert "was changed by vision at" in cell.problem and "Weight is 2 by now, no more 1" in cell.problem
+    assert cell.wm.get_element(box).value_of("skiros:Weight") == 2.0
+    assert cell.tab.edits.undo_text == "change"  # it stays, and can be tried again
+
+
+def test_undo_leaves_what_others_changed_beside(cell: Cell) -> None:
+    box = cell.add()
+    cell.change(lambda r: r.set_values(box, "skiros:Weight", ["1"]))
+    element = cell.other.get_element(box)
+    element.setProperty("skiros:CadModel", "box.stl")
+    cell.other.update_element(element)
+    cell.undo()
+    assert cell.problem == ""
+    assert not cell.wm.get_element(box).hasProperty("skiros:Weight")
+    assert cell.wm.get_element(box).value_of("skiros:CadModel") == "box.stl"
+
+
+def test_an_added_element_that_others_have_put_something_in_is_not_taken_back(cell: Cell) -> None:
+    box = cell.add()
+    part = Element("skiros:Part")
+    part.addRelation(box, "skiros:contain", "-1")
+    cell.other.add_element(part)
+    cell.undo()
+    assert "it is related since" in cell.problem
+    assert cell.wm.find_element(box) is not None
+
+
+def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) -> None:
+    cell.add()
+    assert cell.tab.edits.undo_text == "add"
+    cell.window.tell(WorldChanged((), True, True))
+    assert cell.tab.edits.undo_text == ""
+    assert cell.tab.mirror is not None and len(cell.tab.mirror) == len(cell.content())

@@ -1,0 +1,159 @@
+"""What a 3D view shows of elements, also of broken ones, and what it is told of changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.marker_board import ChangedElements, MarkerBoard
+from skiros2_gui.core.markers import AXES, BOX, MESH, Showing, view_number
+from skiros2_std_reasoners.core import spatial_data as space
+from skiros2_std_reasoners.core.geometry import Pose
+from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
+
+PARENTS = {"skiros:Product": "skiros:Manipulatable", "demo:Arm": "sumo:Device", "demo:Shelf": "skiros:Location"}
+
+
+def is_subclass(child: str, parent: str) -> bool:
+    return PARENTS.get(child) == parent
+
+
+def placed(eid: str = "skiros:Product-7", label: str = "Bolt", x: float = 1.0, **properties: object) -> Element:
+    element = Element(eid.rpartition("-")[0], label, eid)
+    space.set_pose(element, Pose((x, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)))
+    space.set_text(element, space.BASE_FRAME, "map")
+    for key, value in properties.items():
+        element.setProperty(f"skiros:{key}", value)
+    return element
+
+
+def sized(x: float, y: float, z: float, **more: object) -> Element:
+    return placed(SizeX=x, SizeY=y, SizeZ=z, **more)
+
+
+@pytest.fixture
+def showing(tmp_path: Path) -> Showing:
+    (tmp_path / "bolt.stl").touch()
+    return Showing(is_subclass, [tmp_path])
+
+
+# -- shapes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_box_where_there_is_a_size(showing: Showing) -> None:
+    shown = showing.of(sized(0.2, 0.4, 0.6))
+    assert shown is not None and shown.look.shape == BOX and shown.look.size == (0.2, 0.4, 0.6)
+    assert (shown.frame, shown.pose.position, shown.look.text) == ("map", (1.0, 2.0, 3.0), "Bolt")
+    assert shown.text_position == pytest.approx((1.0, 2.0, 3.0 + 0.3 + 0.08))
+
+
+def test_the_mesh_where_the_model_is_one(showing: Showing, tmp_path: Path) -> None:
+    shown = showing.of(sized(1.0, 1.0, 1.0, CadModel="bolt.stl"))
+    assert shown is not None and (shown.look.shape, shown.look.mesh) == (MESH, f"file://{tmp_path}/bolt.stl")
+    package = showing.of(placed(CadModel="package://parts/bolt.dae"))
+    assert package is not None and package.look.mesh == "package://parts/bolt.dae"
+
+
+@pytest.mark.parametrize("model", ["arm.urdf", "nowhere.stl", "\0.stl", "x" * 5000 + ".stl", ".", "", "../.stl"])
+def test_the_box_where_the_model_is_no_mesh(showing: Showing, model: str) -> None:
+    shown = showing.of(sized(1.0, 1.0, 1.0, CadModel=model))
+    assert shown is not None and shown.look.shape == BOX
+
+
+@pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (float("nan"), 1.0, 1.0), (1e30, 1.0, 1.0)])
+def test_axes_where_there_is_no_size_that_can_be_shown(showing: Showing, size: tuple[float, float, float]) -> None:
+    shown = showing.of(sized(*size))
+    assert shown is not None and (shown.look.shape, shown.look.size) == (AXES, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda e: e.removeProperty(space.POSITION[0]),
+        lambda e: e.setProperty(space.POSITION[0], float("nan")),
+        lambda e: e.setProperty(space.POSITION[0], 1e30),
+        lambda e: e.removeProperty(space.BASE_FRAME),
+        lambda e: space.set_text(e, space.BASE_FRAME, "skiros:Product-7"),
+        lambda e: space.set_text(e, space.FRAME, "map"),
+    ],
+)
+def test_nothing_where_there_is_no_place(showing: Showing, spoil: Callable[[Element], None]) -> None:
+    element = placed()
+    spoil(element)
+    assert showing.of(element) is None
+
+
+def test_a_text_for_everything(showing: Showing) -> None:
+    texts = [showing.of(placed(label=label)) for label in ("", "demo:left_arm", "a" * 500)]
+    assert [shown.look.text for shown in texts if shown] == ["Product-7", "left_arm", "a" * 59 + "…"]
+
+
+def test_colours_tell_classes_apart_and_stay(showing: Showing) -> None:
+    elements = [placed(f"{etype}-1") for etype in (*PARENTS, "odd:Thing")]
+    colours = [shown.look.colour for element in elements if (shown := showing.of(element))]
+    assert len(set(colours)) == 4 and all(0.0 <= part <= 1.0 for colour in colours for part in colour)
+    again = [shown.look.colour for element in elements if (shown := Showing(is_subclass).of(element))]
+    assert again == colours
+
+
+def test_numbers_in_a_view_fit_its_messages() -> None:
+    assert view_number("skiros:Product-7") == 7
+    for odd in ("", "Product", "skiros:Product-99999999999", "skiros:Product--3"):
+        assert 0 <= view_number(odd) < 2**31
+
+
+# -- what has changed --------------------------------------------------------------------------------------------
+
+
+def change(number: int, action: str, *elements: Element, before: int | None = None, context: str = "scene") -> Change:
+    previous = number - 1 if before is None else before
+    return Change(number, f"s-{previous}", f"s-{number}", 0.0, "me", action, context, elements)
+
+
+def test_changes_are_gathered_by_element() -> None:
+    changed = ChangedElements()
+    assert changed.take() is None, "at first, everything is new"
+    for number, action in enumerate((ADD, UPDATE, REMOVE), 1):
+        changed.note(change(number, action, placed(f"skiros:Product-{number % 2}")))
+    changed.note(change(4, UPDATE, placed("skiros:Product-9"), context="other"))
+    assert changed.waiting.is_set() and changed.take() == {"skiros:Product-0", "skiros:Product-1"}
+    assert not changed.waiting.is_set() and changed.take() == set()
+
+
+@pytest.mark.parametrize(
+    "then", [change(2, RESET), change(5, UPDATE, placed()), change(2, UPDATE)], ids=["reset", "gap", "ontology"]
+)
+def test_what_cannot_be_told_by_element_counts_as_everything(then: Change) -> None:
+    changed = ChangedElements()
+    changed.take()
+    changed.note(change(1, ADD, placed()))
+    changed.note(then)
+    taken = changed.take()
+    assert taken is None
+    changed.give_back(taken)
+    assert changed.take() is None
+
+
+def test_only_what_looks_otherwise_is_told(showing: Showing) -> None:
+    board = MarkerBoard(showing.of)
+    one, two = placed("skiros:Product-1"), placed("skiros:Product-2")
+    assert [s.id for s in board.replace_all([one, two]).put] == [one.id, two.id]
+    two.setProperty("skiros:Weight", 3.0)
+    assert not board.replace({one.id: one, two.id: two})
+    moved = board.replace({two.id: placed(two.id, x=5.0), "skiros:Product-3": None})
+    assert [s.pose.position[0] for s in moved.put] == [5.0] and not moved.gone
+    assert [s.id for s in board.replace({one.id: None}).gone] == [one.id]
+    two.removeProperty(space.BASE_FRAME)
+    assert [s.id for s in board.replace({two.id: two}).gone] == [two.id]
+    assert board.get(two.id) is None
+
+
+def test_a_new_scene_ends_what_the_old_one_had(showing: Showing) -> None:
+    board = MarkerBoard(showing.of)
+    board.replace_all([placed("skiros:Product-1"), placed("skiros:Product-2")])
+    difference = board.replace_all([placed("skiros:Product-2"), placed("skiros:Product-3")])
+    assert [s.id for s in difference.put] == ["skiros:Product-3"]
+    assert [s.id for s in difference.gone] == ["skiros:Product-1"]

@@ -1,14 +1,22 @@
-"""The tab "Skills"."""
+"""The tab "Skills": what the robots can do, starting it, what runs, and goals."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtWidgets import QWidget
+from python_qt_binding.QtCore import QByteArray, Qt, QTimer
+from python_qt_binding.QtWidgets import QSplitter, QVBoxLayout, QWidget
 
+from skiros2_gui.core.skills_presenter import SkillsPresenter
 from skiros2_gui.core.system import MANAGER
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.skills_form import SkillForm
+from skiros2_gui.qt.skills_tasks import TaskList
+from skiros2_gui.qt.skills_tree import SkillTree
+
+#: How often it is looked anew what would come of a start, where the scene changes (ms).
+_LOOK = 500
 
 
 class SkillsTab(QWidget):
@@ -19,15 +27,62 @@ class SkillsTab(QWidget):
 
     def __init__(self, window: Window, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._window = window
+        self.skills = SkillsPresenter(window)
+        self.tree = SkillTree(self.skills)
+        self.form = SkillForm(self.skills)
+        self.tasks = TaskList(self.skills.running)
+        self.across = QSplitter(Qt.Horizontal)
+        self.across.addWidget(self.tree)
+        self.across.addWidget(self.form)
+        self.across.setStretchFactor(0, 2)
+        self.across.setStretchFactor(1, 3)
+        self.down = QSplitter(Qt.Vertical)
+        self.down.addWidget(self.across)
+        self.down.addWidget(self.tasks)
+        self.down.setStretchFactor(0, 3)
+        self.down.setStretchFactor(1, 2)
+        for splitter in (self.across, self.down):
+            splitter.setChildrenCollapsible(False)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self.down)
+        self._looking = QTimer(self)
+        self._looking.setInterval(_LOOK)
+        self._looking.timeout.connect(self._look)
+        self._looking.start()
 
     def settings(self) -> dict[str, Any]:
-        return {}
+        return {
+            **self.skills.settings(),
+            "across": _text(self.across.saveState()),
+            "down": _text(self.down.saveState()),
+        }
 
-    def restore(self, settings: Mapping[str, Any]) -> None: ...
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        self.skills.restore(settings)
+        for splitter, name in ((self.across, "across"), (self.down, "down")):
+            state = settings.get(name)
+            if isinstance(state, str):
+                splitter.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
 
-    def find(self) -> None: ...
+    def find(self) -> None:
+        self.tree.search.setFocus()
+        self.tree.search.selectAll()
 
-    def toggle(self) -> None: ...
+    def toggle(self) -> None:
+        if self.tasks.list.hasFocus():
+            self.tasks.toggle()
+        else:
+            self.skills.toggle()
 
-    def close_tab(self) -> None: ...
+    def close_tab(self) -> None:
+        self._looking.stop()
+        self.tasks.close_timers()
+
+    def _look(self) -> None:
+        if self.isVisible():
+            self.skills.look()
+
+
+def _text(state: QByteArray) -> str:
+    return bytes(state.toBase64()).decode("ascii")

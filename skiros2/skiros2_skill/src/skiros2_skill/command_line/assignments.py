@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.command_line.answer import WrongUsage
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.json_text import read_json
 from skiros2_common.core.property import as_type, from_text
 from skiros2_skill.command_line.description import Choice, Parameter, Skill, choose, did_you_mean
 
@@ -96,8 +96,8 @@ def read_values(declared: Parameter, text: str, find_element: FindElement) -> li
     """
     kind = declared.wire_type
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
+        data = read_json(text)
+    except ValueError:
         data = None
     if kind in _COLLECTIONS:
         if not isinstance(data, _COLLECTIONS[kind]):

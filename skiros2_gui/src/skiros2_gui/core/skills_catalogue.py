@@ -1,0 +1,130 @@
+"""The skills that the robots offer, as a tree to choose from: robot, skill, implementations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from skiros2_common.core.names import local_name
+from skiros2_skill.command_line.description import Parameter, Skill
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A skill of a robot that may be started.
+
+    :param manager: the node name of the robot's skill manager.
+    :param type: the skill's class.
+    :param label: of the implementation; "" leaves the choice to the robot.
+    :param implementations: those that it may be, with what they declare.
+    """
+
+    manager: str
+    type: str
+    label: str
+    implementations: tuple[Skill, ...]
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What it is known by when the list is read anew."""
+        return (self.manager, self.type, self.label)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return self.label or local_name(self.type)
+
+    @property
+    def use(self) -> str:
+        """What its starts are counted under, whichever robot does it."""
+        return f"{self.type}|{self.label}"
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """What the implementations declare, each key once; the first one that has a key says of what kind it is."""
+        found: dict[str, Parameter] = {}
+        for implementation in self.implementations:
+            for key, parameter in implementation.parameters.items():
+                found.setdefault(key, parameter)
+        return found
+
+
+@dataclass(frozen=True)
+class SkillRow:
+    """A skill with its implementations.
+
+    :param offer: the skill; where there is one implementation, this one.
+    :param children: the implementations, where there are several.
+    """
+
+    offer: Offer
+    children: tuple[Offer, ...] = ()
+
+
+@dataclass(frozen=True)
+class RobotRow:
+    """A robot with its skills, in the order in which they are shown."""
+
+    manager: str
+    skills: tuple[SkillRow, ...]
+
+
+def rows_of(
+    offered: Mapping[str, Sequence[Skill]], uses: Mapping[str, int], search: str = ""
+) -> tuple[RobotRow, ...]:
+    """The tree, the skills that are started most first.
+
+    :param offered: by the node names of the managers.
+    :param uses: how often each was started, by `Offer.use`.
+    :param search: words; only what has all of them in its names, or in those of its parameters, is kept.
+    """
+    words = search.lower().split()
+    rows = []
+    for manager in sorted(offered):
+        found = (_kept(row, words) for row in _skill_rows(manager, offered[manager]))
+        skills = [row for row in found if row is not None]
+        skills.sort(key=lambda row: (-_count(row, uses), row.offer.name.lower(), row.offer.key))
+        if skills or not words:
+            rows.append(RobotRow(manager, tuple(skills)))
+    return tuple(rows)
+
+
+def find_offer(rows: Iterable[RobotRow], key: tuple[str, str, str]) -> Offer | None:
+    """The offer of that key, None when it is not there any more."""
+    for robot in rows:
+        for row in robot.skills:
+            for offer in (row.offer, *row.children):
+                if offer.key == key:
+                    return offer
+    return None
+
+
+def _skill_rows(manager: str, skills: Sequence[Skill]) -> list[SkillRow]:
+    by_type: dict[str, list[Skill]] = {}
+    for skill in skills:
+        by_type.setdefault(skill.type, []).append(skill)
+    rows = []
+    for stype, found in by_type.items():
+        offers = tuple(Offer(manager, stype, skill.label, (skill,)) for skill in found)
+        if len(offers) == 1:
+            rows.append(SkillRow(offers[0]))
+        else:
+            rows.append(SkillRow(Offer(manager, stype, "", tuple(found)), offers))
+    return rows
+
+
+def _kept(row: SkillRow, words: Sequence[str]) -> SkillRow | None:
+    """A row with those of its children that have the words; None when neither it nor they have."""
+    if not words or _has(row.offer, words):
+        return row
+    children = tuple(offer for offer in row.children if _has(offer, words))
+    return SkillRow(row.offer, children) if children else None
+
+
+def _has(offer: Offer, words: Sequence[str]) -> bool:
+    text = " ".join((offer.manager, offer.type, offer.label, *offer.parameters)).lower()
+    return all(word in text for word in words)
+
+
+def _count(row: SkillRow, uses: Mapping[str, int]) -> int:
+    return sum(uses.get(offer.use, 0) for offer in (row.offer, *row.children))

@@ -1,0 +1,140 @@
+"""The tasks of all robots that run or have just ended, as a list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.names import local_name
+
+#: States on the wire.
+SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
+
+#: So many tasks that have ended are kept, the last ones.
+MOST_ENDED = 50
+
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class TaskRow:
+    """A task.
+
+    :param manager: the node name of its robot's manager.
+    :param skill: what it runs, in words.
+    :param state: `running`, `paused`, `succeeded`, `failed`, or `lost` when its robot has gone.
+    :param message: what it says of itself, in one line.
+    :param began: when it was first heard of (s since the epoch).
+    :param heard: when it was last heard of, likewise.
+    """
+
+    manager: str
+    task: int
+    skill: str
+    state: str
+    message: str
+    began: float
+    heard: float
+
+    @property
+    def key(self) -> Key:
+        return (self.manager, self.task)
+
+    @property
+    def is_over(self) -> bool:
+        return self.state not in ("running", "paused")
+
+
+class Tasks:
+    """Collects what tasks tell. For one thread."""
+
+    def __init__(self) -> None:
+        self._rows: dict[Key, TaskRow] = {}
+
+    @property
+    def rows(self) -> list[TaskRow]:
+        """Those that run, then those that have ended, each the newest first."""
+        return sorted(self._rows.values(), key=lambda row: (row.is_over, -row.began, row.key))
+
+    def get(self, key: Key | None) -> TaskRow | None:
+        return self._rows.get(key) if key is not None else None
+
+    def take(self, manager: str, nodes: Sequence[Any], stamp: float) -> bool:
+        """A task has come to this. Returns whether anything but the time is other than before.
+
+        :param nodes: a `SkillProgress` for each, the root first.
+        """
+        if not nodes:
+            return False
+        root = nodes[0]
+        key = (manager, int(root.id))
+        known = self._rows.get(key)
+        if known is not None and known.is_over and abs(root.progress_code) != 1:
+            known = None  # the manager was started anew, and counts from the beginning again
+        state = _state(root)
+        if known is not None and stamp < known.heard and state in ("running", "paused"):
+            return False  # it was overtaken by the answer to a question
+        row = TaskRow(
+            manager,
+            key[1],
+            _skill(nodes) or (known.skill if known is not None else ""),
+            state,
+            _message(nodes, state),
+            known.began if known is not None else stamp,
+            stamp,
+        )
+        self._rows[key] = row
+        if row.is_over:
+            self._forget()
+        return known is None or (known.state, known.message, known.skill) != (row.state, row.message, row.skill)
+
+    def expect(self, manager: str, task: int, skill: str, stamp: float) -> None:
+        """A task was started that has not told of itself yet."""
+        self._rows[(manager, task)] = TaskRow(manager, task, skill, "running", "", stamp, stamp)
+
+    def lose(self, manager: str) -> bool:
+        """A robot has gone, and its tasks with it. Returns whether there were any."""
+        lost = [row for row in self._rows.values() if row.manager == manager and not row.is_over]
+        for row in lost:
+            self._rows[row.key] = TaskRow(
+                manager, row.task, row.skill, "lost", "the robot has gone", row.began, row.heard
+            )
+        return bool(lost)
+
+    def forget_ended(self) -> None:
+        """Only those that run stay."""
+        self._rows = {key: row for key, row in self._rows.items() if not row.is_over}
+
+    def _forget(self) -> None:
+        ended = sorted((row for row in self._rows.values() if row.is_over), key=lambda row: row.heard)
+        for row in ended[:-MOST_ENDED]:
+            del self._rows[row.key]
+
+
+def _state(root: Any) -> str:
+    if abs(root.progress_code) == 1:
+        return "succeeded" if root.state == SUCCESS else "failed"
+    # While it goes on the root says nothing; a task that is held back says why.
+    return "paused" if root.progress_message else "running"
+
+
+def _skill(nodes: Sequence[Any]) -> str:
+    """The skills right under the root."""
+    root = nodes[0].id
+    names = [n.label or local_name(n.type) for n in nodes[1:] if n.parent_id == root]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
+
+
+def _message(nodes: Sequence[Any], state: str) -> str:
+    """What the task says: at its end and while it is held back the root, else the node that runs and is deepest."""
+    text = nodes[0].progress_message
+    if state == "running":
+        running = [n for n in nodes[1:] if n.state == RUNNING]
+        last = running[-1] if running else None
+        if last is not None:
+            name = last.label or local_name(last.type)
+            text = f"{name}: {last.progress_message}" if last.progress_message else name
+    line = next((line for line in text.strip().splitlines()[::-1] if line.strip()), "")
+    return "" if state == "paused" and line == "paused" else line.strip()

@@ -1,0 +1,235 @@
+"""An editor for each kind of parameter. Each shows a `Field` and tells the presenter what is done with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt
+from python_qt_binding.QtGui import QFontDatabase, QKeyEvent
+from python_qt_binding.QtWidgets import QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
+
+from skiros2_gui.core.skills_fields import Editor, ElementChoice, Field, Way
+from skiros2_gui.core.skills_presenter import SkillsPresenter
+
+_UNSET = "unset"
+
+
+def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
+    """The editor that fits a parameter."""
+    kinds: dict[Editor, type[FieldEditor]] = {
+        Editor.ELEMENT: ElementEditor,
+        Editor.NUMBER: NumberEditor,
+        Editor.TRUTH: ListEditor,
+        Editor.CHOICE: ListEditor,
+        Editor.JSON: JsonEditor,
+        Editor.TEXT: TextEditor,
+    }
+    return kinds[field.editor](field, skills)
+
+
+class FieldEditor(QWidget):
+    """Base of the editors. `input` has the focus, and the name by which it is found."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter, input: QWidget) -> None:
+        super().__init__()
+        self.field = field
+        self.input = input
+        self._skills = skills
+        input.setObjectName(f"param_{field.key}")
+        input.setAccessibleName(field.key)
+        input.setToolTip(field.declared.description or field.key)
+        self.setFocusProxy(input)
+        self.row = QHBoxLayout(self)
+        self.row.setContentsMargins(0, 0, 0, 0)
+        self.row.addWidget(input, 1)
+
+    def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
+        """What the robot would take, and what there is to choose from."""
+
+
+class TextEditor(FieldEditor):
+    """A line of text."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter, line: QLineEdit | None = None) -> None:
+        self.line = line or QLineEdit()
+        super().__init__(field, skills, self.line)
+        self.line.setText(field.text)
+        if Way.UNSET in field.ways:
+            self.line.setPlaceholderText(_UNSET)
+        self.line.textEdited.connect(lambda text: skills.write(field.key, text))
+
+
+class NumberEditor(TextEditor):
+    """A number, which the arrows make more and less."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+        super().__init__(field, skills, _NumberLine(field))
+        least, most = field.limits
+        hints = [field.declared.description or field.key]
+        if not math.isinf(least) or not math.isinf(most):
+            hints.append(f"from {least:g} to {most:g}".replace("from -inf to", "at most").replace(" to inf", " on"))
+        hints.append("the arrows up and down change it")
+        self.line.setToolTip("\n".join(hints))
+        if field.unit:
+            self.row.addWidget(QLabel(field.unit))
+
+
+class _NumberLine(QLineEdit):
+    def __init__(self, field: Field) -> None:
+        super().__init__()
+        self._field = field
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        steps = {Qt.Key_Up: 1, Qt.Key_Down: -1, Qt.Key_PageUp: 10, Qt.Key_PageDown: -10}.get(event.key())
+        text = self._stepped(steps) if steps is not None else None
+        if text is None:
+            super().keyPressEvent(event)
+            return
+        self.setText(text)
+        self.textEdited.emit(text)
+
+    def _stepped(self, steps: int) -> str | None:
+        """The number that is so many steps away, within its limits; None when there is no number to start from."""
+        least, most = self._field.limits
+        try:
+            value = float(self.text() or 0.0)
+        except ValueError:
+            return None
+        if self._field.declared.wire_type == "int":
+            return str(int(min(max(value + steps, least), most)))
+        return f"{min(max(value + steps * 0.1, least), most):.10g}"
+
+
+class ListEditor(FieldEditor):
+    """One of a few values: yes or no, or one of the texts that the description names."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+        self.box = QComboBox()
+        super().__init__(field, skills, self.box)
+        is_truth = field.editor is Editor.TRUTH
+        self._values = [True, False] if is_truth else list(field.options)
+        if Way.UNSET in field.ways:
+            self.box.addItem(_UNSET)
+        self._first = self.box.count()
+        self.box.addItems(["yes", "no"] if is_truth else list(field.options))
+        current = field.value if is_truth else field.text
+        if field.way is not Way.UNSET and current in self._values:
+            self.box.setCurrentIndex(self._first + self._values.index(current))
+        elif field.way is not Way.UNSET:
+            self.box.setCurrentIndex(-1)
+        self.box.activated.connect(self._chosen)
+
+    def _chosen(self, index: int) -> None:
+        if index < self._first:
+            self._skills.take_way(self.field.key, Way.UNSET)
+        elif self.field.editor is Editor.TRUTH:
+            self._skills.choose_value(self.field.key, self._values[index - self._first])
+        else:
+            self._skills.write(self.field.key, str(self._values[index - self._first]))
+
+
+class JsonEditor(FieldEditor):
+    """A list or a mapping, in JSON; the form tells what is wrong with it while it is typed."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+        self.box = QPlainTextEdit()
+        super().__init__(field, skills, self.box)
+        self.box.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
+        self.box.setTabChangesFocus(True)
+        self.box.setPlainText(field.text)
+        example = {"list": '[1, 2.5, "text"]', "dict": '{"name": "value"}'}.get(field.declared.wire_type, "JSON")
+        self.box.setPlaceholderText(_UNSET if Way.UNSET in field.ways else example)
+        self.box.setToolTip(f"{field.declared.description or field.key}\nin JSON, such as {example}")
+        self.box.setFixedHeight(self.box.fontMetrics().lineSpacing() * 3 + 12)
+        self.box.textChanged.connect(lambda: skills.write(field.key, self.box.toPlainText()))
+
+
+class ElementEditor(FieldEditor):
+    """An element of the scene, or "infer" or "unset"; what is typed is looked for in labels and ids."""
+
+    def __init__(self, field: Field, skills: SkillsPresenter) -> None:
+        self.box = QComboBox()
+        super().__init__(field, skills, self.box)
+        self.box.setEditable(True)
+        self.box.setInsertPolicy(QComboBox.NoInsert)
+        self.box.setSizeAdjustPolicy(QComboBox.AdjustToMinimumContentsLengthWithIcon)
+        self.box.setMinimumContentsLength(18)
+        self.box.setMaxVisibleItems(20)
+        self.box.setToolTip(f"{field.declared.description or field.key}\n{field.type_name}; type to search")
+        completer: QCompleter = self.box.completer()
+        completer.setFilterMode(Qt.MatchContains)
+        completer.setCompletionMode(QCompleter.PopupCompletion)
+        completer.setCaseSensitivity(Qt.CaseInsensitive)
+        self._ids: list[str] = []
+        self._shown: tuple[object, ...] = ()
+        self.box.activated.connect(self._chosen)
+        self.box.lineEdit().editingFinished.connect(self._typed)
+        self.box.lineEdit().installEventFilter(self)
+        self.show_inferred(None, ())
+
+    def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
+        shown = (found, tuple(choices), self.field.way, self.field.value)
+        view = self.box.view()
+        if shown == self._shown or (view is not None and view.isVisible()) or self.box.lineEdit().isModified():
+            return  # not while the user chooses
+        self._shown = shown
+        with QSignalBlocker(self.box):
+            self.box.clear()
+            self._ids = []
+            for way in self.field.ways:
+                if way is not Way.GIVEN:
+                    self._add(_words(way, found), "")
+            for choice in choices:
+                self._add(choice.text, choice.id)
+            value = str(self.field.value or "")
+            if self.field.way is Way.GIVEN and value and value not in self._ids:
+                self._add(f"{value}  (not in the scene)" if choices else value, value)
+            self._show_current()
+
+    def eventFilter(self, watched: object, event: QEvent) -> bool:
+        if event.type() == QEvent.FocusIn and self.box.lineEdit().isModified() is False:
+            self.box.lineEdit().selectAll()
+        return bool(super().eventFilter(watched, event))
+
+    def _add(self, text: str, eid: str) -> None:
+        self.box.addItem(text)
+        self._ids.append(eid)
+
+    def _show_current(self) -> None:
+        value = str(self.field.value or "") if self.field.way is Way.GIVEN else ""
+        self.box.setCurrentIndex(self._ids.index(value) if value in self._ids else -1)
+        self.box.lineEdit().setModified(False)
+        self.box.lineEdit().setCursorPosition(0)
+
+    def _chosen(self, index: int) -> None:
+        self.box.lineEdit().setModified(False)
+        if not 0 <= index < len(self._ids):
+            return
+        if self._ids[index]:
+            self._skills.choose_value(self.field.key, self._ids[index])
+        else:
+            self._skills.take_way(self.field.key, self.field.ways[0 if self.field.ways[0] is not Way.GIVEN else 1])
+
+    def _typed(self) -> None:
+        """What was typed is an item, or the id or label of one; else it is as before."""
+        line = self.box.lineEdit()
+        if not line.isModified():
+            return
+        text = line.text().strip()
+        items = [self.box.itemText(i) for i in range(self.box.count())]
+        names = [(item, eid, item.rpartition("  (")[0]) for item, eid in zip(items, self._ids, strict=True)]
+        found = [i for i, forms in enumerate(names) if text and text.lower() in (form.lower() for form in forms)]
+        line.setModified(False)
+        if len(found) == 1:
+            self.box.setCurrentIndex(found[0])
+            self._chosen(found[0])
+        else:
+            self._shown = ()
+            self._show_current()
+
+
+def _words(way: Way, found: ElementChoice | None) -> str:
+    if way is Way.UNSET:
+        return _UNSET
+    return f"infer: {found.text}" if found is not None else "infer: the robot chooses"

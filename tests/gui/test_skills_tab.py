@@ -1,0 +1,139 @@
+"""The tab "Skills": chosen, filled in, started and stopped by clicks and keys, on a robot in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtWidgets import QComboBox, QLineEdit, QPlainTextEdit, QPushButton, QTreeWidget, QWidget
+from pytestqt.qtbot import QtBot
+from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
+
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.skills_tab import SkillsTab
+from skiros2_gui.testing.local_system import LocalSystem
+
+FETCH = ("/robot", "skiros:Fetch", "")
+NOTE = ("/robot", "skiros:Note", "note")
+
+
+@pytest.fixture
+def tab(qtbot: QtBot) -> Iterator[SkillsTab]:
+    window = MainWidget(LocalSystem)
+    qtbot.addWidget(window, before_close_func=MainWidget.shut_down)
+    window.ids = furnish(window.system.world)
+    window.system.add_manager("/robot", [fetch, fetch_gently, note])
+    window.show()
+    tab = window.pages[0].tab
+    qtbot.waitUntil(lambda: bool(tab.skills.rows and tab.skills.rows[0].skills))
+    yield tab
+
+
+def _child(tab: SkillsTab, kind: type[QWidget], name: str) -> Any:
+    found = tab.findChild(kind, name)
+    assert found is not None, f"no {name}"
+    return found
+
+
+def _click(qtbot: QtBot, tab: SkillsTab, name: str) -> None:
+    qtbot.mouseClick(_child(tab, QPushButton, name), Qt.LeftButton)
+
+
+def _states(tab: SkillsTab) -> list[str]:
+    return [row.state for row in tab.skills.running.rows]
+
+
+def test_a_skill_is_filled_in_started_and_stopped(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    thing = _child(tab, QComboBox, "param_Thing")
+    qtbot.waitUntil(lambda: thing.currentText() == "infer: bolt  (skiros:Product-3)")
+    start = _child(tab, QPushButton, "startButton")
+    assert not start.isEnabled()
+    assert "Times: a whole number is needed" in tab.form.why_not.text()
+    qtbot.keyClicks(_child(tab, QLineEdit, "param_Times"), "2")
+    qtbot.waitUntil(start.isEnabled)
+    assert tab.form.why_not.text().startswith("Ready. The robot would take Box = box")
+    qtbot.mouseClick(start, Qt.LeftButton)
+    qtbot.waitUntil(lambda: _states(tab) == ["running"])
+    tasks = _child(tab, QTreeWidget, "taskList")
+    qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1)
+    pause = _child(tab, QPushButton, "pauseButton")
+    qtbot.mouseClick(pause, Qt.LeftButton)
+    qtbot.waitUntil(lambda: pause.text().endswith("Resume"))
+    _click(qtbot, tab, "stepButton")
+    qtbot.mouseClick(pause, Qt.LeftButton)
+    qtbot.waitUntil(lambda: pause.text().endswith("Pause"))
+    _click(qtbot, tab, "stopButton")
+    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    qtbot.waitUntil(lambda: not _child(tab, QPushButton, "stopButton").isEnabled())
+
+
+def test_an_element_is_found_by_what_is_typed_and_a_refusal_is_explained(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    tab.skills.write("Times", "2")
+    thing = _child(tab, QComboBox, "param_Thing")
+    qtbot.waitUntil(lambda: thing.count() == 3)
+    thing.lineEdit().selectAll()
+    qtbot.keyClicks(thing.lineEdit(), "nut")
+    qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
+    qtbot.waitUntil(lambda: "no element of the scene fits Box" in tab.form.why_not.text())
+    assert thing.currentText() == "nut  (skiros:Product-4)"
+    assert "LargeBox in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
+
+
+def test_what_is_typed_and_is_no_element_goes_back(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    thing = _child(tab, QComboBox, "param_Thing")
+    qtbot.waitUntil(lambda: thing.count() == 3)
+    before = thing.currentText()
+    thing.lineEdit().selectAll()
+    qtbot.keyClicks(thing.lineEdit(), "no such thing")
+    qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
+    assert thing.currentText() == before
+
+
+def test_space_starts_and_stops(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    tab.skills.write("Times", "2")
+    tab.tree.tree.setFocus()
+    qtbot.keyClick(tab.tree.tree, Qt.Key_Space)
+    qtbot.waitUntil(lambda: _states(tab) == ["running"])
+    qtbot.keyClick(tab.tree.tree, Qt.Key_Space)
+    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+
+
+def test_the_search_leaves_what_fits_and_enter_chooses_it(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.find()
+    qtbot.keyClicks(tab.tree.search, "note")
+    qtbot.keyClick(tab.tree.search, Qt.Key_Return)
+    assert tab.skills.form.offer.key == NOTE
+
+
+def test_a_wrong_list_is_said_while_it_is_typed(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(NOTE)
+    marks = _child(tab, QPlainTextEdit, "param_Marks")
+    marks.setPlainText("[1,")
+    assert "this is not JSON" in tab.form.why_not.text()
+    marks.setPlainText("")
+    assert "Marks" not in tab.form.why_not.text()
+
+
+def test_why_a_task_failed_is_shown_under_the_list(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(NOTE)
+    qtbot.keyClicks(_child(tab, QLineEdit, "param_Text"), "hello")
+    loud = _child(tab, QComboBox, "param_Loud")
+    loud.setFocus()
+    qtbot.keyClick(loud, Qt.Key_Up)
+    _click(qtbot, tab, "startButton")
+    qtbot.waitUntil(lambda: "too loud" in _child(tab, QPlainTextEdit, "taskWhy").toPlainText())
+    assert tab.tasks.list.topLevelItem(0).text(3) == "✕ failed"
+
+
+def test_settings_come_back_and_nonsense_does_no_harm(tab: SkillsTab) -> None:
+    tab.skills.uses = {"skiros:Note|note": 3}
+    kept = tab.settings()
+    tab.restore({"uses": [], "across": 3, "down": "ä", "more": None})
+    tab.restore(kept)
+    assert tab.skills.rows[0].skills[0].offer.key == NOTE

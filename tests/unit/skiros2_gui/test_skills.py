@@ -1,0 +1,324 @@
+"""The tab "Skills" without widgets: on robots and a scene in this process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
+
+from skiros2_common.core.explanation import INFERENCE, PRE
+from skiros2_gui.core.events import Progressed
+from skiros2_gui.core.skills_catalogue import rows_of
+from skiros2_gui.core.skills_fields import Editor, Field, Way
+from skiros2_gui.core.skills_presenter import SkillsPresenter
+from skiros2_gui.core.window import Window
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_skill.command_line.description import Parameter
+
+ROBOT = "/robot"
+FETCH = (ROBOT, "skiros:Fetch", "")
+GENTLY = (ROBOT, "skiros:Fetch", "fetch_gently")
+NOTE = (ROBOT, "skiros:Note", "note")
+
+
+@dataclass
+class Lab:
+    window: Window
+    system: Any
+    skills: SkillsPresenter
+    ids: dict[str, str]
+
+    def field(self, key: str) -> Field:
+        assert self.skills.form is not None
+        return self.skills.form.fields[key]
+
+    def until(self, state: str) -> None:
+        """Takes news until the task that was started last is so."""
+        while True:
+            last = self.skills.running.last_of(ROBOT)
+            if last is not None and last.state == state:
+                return
+            assert self.heard.wait(5.0), f"no {state} was told"
+            self.heard.clear()
+            self.window.take_news()
+
+    def __post_init__(self) -> None:
+        self.heard = threading.Event()
+        self.window._inbox._wake = self.heard.set
+        self.window.take_news()
+
+
+@pytest.fixture
+def lab() -> Iterator[Lab]:
+    window = make_window(LocalSystem)
+    system: Any = window.system
+    ids = furnish(system.world)
+    system.add_manager(ROBOT, [fetch, fetch_gently, note])
+    skills = SkillsPresenter(window)
+    yield Lab(window, system, skills, ids)
+    system.close()
+
+
+# -- the tree ------------------------------------------------------------------------------------------------------
+
+
+def _names(lab: Lab) -> list[tuple[str, list[str]]]:
+    return [(row.offer.name, [o.name for o in row.children]) for robot in lab.skills.rows for row in robot.skills]
+
+
+def test_a_skill_with_several_implementations_has_them_under_it(lab: Lab) -> None:
+    assert _names(lab) == [("Fetch", ["fetch", "fetch_gently"]), ("note", [])]
+
+
+def test_the_search_looks_at_names_and_parameters(lab: Lab) -> None:
+    lab.skills.search_for("gently")
+    assert _names(lab) == [("Fetch", ["fetch_gently"])]
+    lab.skills.search_for("MARKS note")
+    assert _names(lab) == [("note", [])]
+    lab.skills.search_for("nothing like it")
+    assert lab.skills.rows == ()
+
+
+def test_what_is_started_most_comes_first(lab: Lab) -> None:
+    lab.skills.restore({"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}})
+    assert [name for name, _ in _names(lab)] == ["note", "Fetch"]
+    assert lab.skills.settings() == {"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}}
+
+
+@pytest.mark.parametrize("nonsense", [{"uses": 3}, {"uses": {"a": "b", 3: 4, "c": -1, "d": True}}, {}])
+def test_settings_that_make_no_sense_are_left_out(lab: Lab, nonsense: dict[str, Any]) -> None:
+    lab.skills.restore(nonsense)
+    assert lab.skills.uses == {}
+
+
+def test_a_robot_that_goes_takes_its_skills_along(lab: Lab) -> None:
+    lab.skills.choose(NOTE)
+    lab.skills.write("Text", "kept")
+    assert lab.skills.can_start
+    lab.system.remove_manager(ROBOT)
+    lab.window.take_news()
+    assert rows_of({}, {}) == lab.skills.rows == ()
+    assert not lab.skills.can_start
+    lab.system.add_manager(ROBOT, [note])
+    lab.window.take_news()
+    assert lab.skills.can_start
+    assert lab.field("Text").text == "kept"
+
+
+# -- one parameter -------------------------------------------------------------------------------------------------
+
+
+def _field(wire_type: str, *default: Any, kind: str = "required", description: str = "") -> Field:
+    return Field(Parameter("Key", kind, wire_type, list(default), description))
+
+
+@pytest.mark.parametrize(
+    ("wire_type", "editor", "text", "values"),
+    [
+        ("str", Editor.TEXT, "[1]", ["[1]"]),
+        ("int", Editor.NUMBER, " 7 ", [7]),
+        ("float", Editor.NUMBER, "1e-3", [0.001]),
+        ("list", Editor.JSON, "[1, [2]]", [[1, [2]]]),
+        ("dict", Editor.JSON, '{"a": {"b": null}}', [{"a": {"b": None}}]),
+    ],
+)
+def test_each_type_has_its_editor(wire_type: str, editor: Editor, text: str, values: list[Any]) -> None:
+    field = _field(wire_type)
+    assert field.editor is editor
+    assert field.error
+    field.write(text)
+    assert (field.error, field.values()) == ("", values)
+
+
+@pytest.mark.parametrize(
+    ("wire_type", "text", "error"),
+    [
+        ("int", "1.5", "'1.5' is no whole number"),
+        ("float", "nan", "'nan' is no number"),
+        ("float", "fast", "'fast' is no number"),
+        ("list", "{}", "a list is needed, such as [1, 2]"),
+        ("dict", '{"a":}', "this is not JSON, column 6: Expecting value"),
+        ("dict", "[" * 100_000, "this cannot be read: nested too deeply"),
+        ("int", "", "a whole number is needed"),
+    ],
+)
+def test_what_is_no_value_is_said(wire_type: str, text: str, error: str) -> None:
+    field = _field(wire_type)
+    field.write(text)
+    assert field.error == error
+
+
+@pytest.mark.parametrize(
+    ("description", "limits"),
+    [
+        ("From 0.1 to 2 (m/s)", (0.1, 2.0)),
+        ("At least 1", (1.0, float("inf"))),
+        ("at most -3 (N)", (float("-inf"), -3.0)),
+        ("How long (s)", (float("-inf"), float("inf"))),
+    ],
+)
+def test_limits_are_read_from_the_description(description: str, limits: tuple[float, float]) -> None:
+    assert _field("float", description=description).limits == limits
+
+
+def test_a_number_out_of_its_limits_is_none() -> None:
+    field = _field("float", 0.5, kind="optional", description="0.1 to 2 (m/s)")
+    assert field.unit == "m/s"
+    field.write("3")
+    assert field.error == "expected a number from 0.1 to 2"
+
+
+def test_texts_to_choose_from_are_read_from_the_description() -> None:
+    field = _field("str", "slow", description="One of: slow, fast")
+    assert (field.editor, field.options) == (Editor.CHOICE, ("slow", "fast"))
+    field.write("faster")
+    assert field.error == "expected one of slow, fast"
+
+
+def test_several_defaults_are_a_list() -> None:
+    field = _field("float", 1.0, 2.0)
+    assert (field.editor, field.text) == (Editor.JSON, "[1.0, 2.0]")
+    field.write("[3, 4]")
+    assert field.values() == [3.0, 4.0]
+    field.write('[3, "x"]')
+    assert field.error == "a list of values, each a number is needed"
+
+
+def test_an_optional_value_without_default_may_be_unset() -> None:
+    field = _field("int", kind="optional")
+    assert (field.way, field.values()) == (Way.UNSET, [])
+    field.write("3")
+    assert field.values() == [3]
+    field.write("")
+    assert (field.way, field.error) == (Way.UNSET, "")
+
+
+# -- what would come of a start ------------------------------------------------------------------------------------
+
+
+def test_the_elements_that_would_be_inferred_are_shown(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    assert [f.key for f in lab.skills.form.fields.values()][:2] == ["Thing", "Times"]
+    trial = lab.skills.trial
+    assert trial.works
+    assert {key: choice.label for key, choice in trial.values.items()} == {
+        "Box": "box",
+        "Thing": "bolt",
+        "Robot": "skiros:test_robot",
+    }
+    assert [c.label for c in trial.choices["skiros:Product"]] == ["bolt", "nut"]
+
+
+def test_a_start_that_would_be_refused_is_explained(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.choose_value("Thing", lab.ids["nut"])
+    refusal = lab.skills.trial.refusal
+    assert [tried.label for tried in refusal.tried] == ["fetch", "fetch_gently"]
+    assert refusal.tried[0].stage == INFERENCE
+    assert "none skiros:contain" in refusal.tried[0].message
+    lab.skills.choose((ROBOT, "skiros:Fetch", "fetch"))
+    lab.skills.choose_value("Thing", lab.ids["nut"])
+    lab.skills.choose_value("Box", lab.ids["box"])
+    refusal = lab.skills.trial.refusal
+    assert (refusal.stage, [f.label for f in refusal.findings]) == (PRE, ["BoxHasThing", "Weighed"])
+
+
+def test_an_element_that_is_gone_is_said(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.choose_value("Thing", "skiros:Product-99")
+    assert "skiros:Product-99" in lab.skills.trial.problem
+
+
+def test_a_change_of_the_scene_is_seen_at_the_next_look(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    world = lab.system.world
+    world.remove_element(world.get_element(lab.ids["bolt"]))
+    lab.window.take_news()
+    lab.skills.look()
+    assert not lab.skills.trial.works
+
+
+# -- starting ------------------------------------------------------------------------------------------------------
+
+
+def test_a_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    assert not lab.skills.can_start  # Times is missing
+    lab.skills.write("Times", "2")
+    assert lab.skills.can_start
+    lab.skills.start()
+    lab.until("running")
+    row = lab.skills.running.last_of(ROBOT)
+    assert (row.skill, lab.skills.uses) == ("Fetch", {"skiros:Fetch|": 1})
+    lab.skills.running.pause(row.key)
+    lab.until("paused")
+    lab.skills.running.step(row.key)
+    lab.skills.running.go_on(row.key)
+    lab.until("running")
+    lab.skills.toggle()
+    lab.until("failed")
+
+
+def test_a_step_starts_a_task_that_is_paused_at_once(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.write("Times", "2")
+    lab.skills.start(ticks_once=True)
+    lab.until("paused")
+
+
+def test_several_tasks_run_at_once(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.write("Times", "2")
+    lab.skills.start()
+    lab.skills.start()
+    lab.until("running")
+    assert [row.state for row in lab.skills.running.rows] == ["running", "running"]
+    lab.skills.running.stop_all()
+    lab.until("failed")
+
+
+def test_a_refused_start_says_why(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.write("Times", "2")
+    lab.skills.choose_value("Thing", lab.ids["nut"])
+    world = lab.system.world
+    world.remove_element(world.get_element(lab.ids["nut"]))
+    lab.skills.start()
+    assert "there is no element" in lab.skills.refused.text
+    assert "Thing" in {origin.key for origin in lab.skills.refused.explanation.tried[0].params}
+    assert lab.skills.uses == {}
+
+
+def test_a_task_that_failed_says_why(lab: Lab) -> None:
+    lab.skills.choose(NOTE)
+    lab.skills.write("Text", "hello")
+    lab.skills.choose_value("Loud", True)
+    lab.skills.start()
+    lab.until("failed")
+    row = lab.skills.running.rows[0]
+    lab.skills.running.ask_why(row.key)
+    assert "too loud" in "\n".join(lab.skills.running.why)
+    lab.skills.running.forget_ended()
+    assert lab.skills.running.rows == []
+
+
+def test_tasks_of_a_robot_that_goes_are_lost(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.write("Times", "2")
+    lab.skills.start()
+    lab.until("running")
+    lab.system.remove_manager(ROBOT)
+    lab.window.take_news()
+    assert lab.skills.running.rows[0].is_over
+
+
+def test_a_task_that_tells_nonsense_does_no_harm(lab: Lab) -> None:
+    root = lab.system.managers[ROBOT]
+    lab.window.tell(Progressed("/ghost", (), 0.0))
+    assert lab.skills.running.rows == []
+    assert root.tasks() == []

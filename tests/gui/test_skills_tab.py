@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QComboBox, QLineEdit, QPlainTextEdit, QPushButton, QTreeWidget, QWidget
-from pytestqt.qtbot import QtBot
-from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.testing.local_system import LocalSystem
+from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 FETCH = ("/robot", "skiros:Fetch", "")
 NOTE = ("/robot", "skiros:Note", "note")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_gui.core.events import Progressed
@@ -19,6 +18,7 @@ from skiros2_gui.core.window import Window
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.command_line.description import Parameter
+from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
 ROBOT = "/robot"
 FETCH = (ROBOT, "skiros:Fetch", "")

@@ -160,7 +160,8 @@ class SkillsRunning:
 
     def _found(self, manager: str, tasks: list[Sequence[Any]], stamp: float) -> None:
         """What a manager has answered of its tasks."""
-        if any([self._tasks.take(manager, nodes, stamp) for nodes in tasks]):
+        new = [self._tasks.take(manager, nodes, stamp) for nodes in tasks]
+        if any(new):
             self.on_tasks()
 
 

@@ -139,7 +139,7 @@ class TaskList(QWidget):
     # -- what is shown -----------------------------------------------------------------------------------------
 
     def show_tasks(self) -> None:
-        """Shows the list anew; what is selected stays so, and a task that is new is selected where none that runs is."""
+        """Shows the list anew; what is selected stays so; a new task is selected where no running one is."""
         rows = self._running.rows
         chosen = self.selected
         with QSignalBlocker(self.list):

@@ -69,4 +69,16 @@ class TaskStarted:
     task: int
 
 
-Event = WorldChanged | Progressed | ManagersChanged | ConnectionChanged | ElementSelected | TaskStarted
+@dataclass(frozen=True)
+class ProblemHeard:
+    """Something went wrong that no job of the window was at.
+
+    :param what: what was being done, in words.
+    :param text: what is wrong, for people.
+    """
+
+    what: str
+    text: str
+
+
+Event = WorldChanged | Progressed | ManagersChanged | ConnectionChanged | ElementSelected | TaskStarted | ProblemHeard

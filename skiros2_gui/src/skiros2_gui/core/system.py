@@ -105,6 +105,9 @@ class System(Protocol):
     def planner(self) -> Planner | None:
         """The task manager; None when it is not up."""
 
+    def mark(self, eid: str) -> None:
+        """Views of the scene beside this window (rviz) let the user move this element; "": none."""
+
     def close(self) -> None:
         """Follows the system no more. Does not wait."""
 

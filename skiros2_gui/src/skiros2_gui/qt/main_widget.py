@@ -23,7 +23,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.core.events import ConnectionChanged, ManagersChanged
+from skiros2_gui.core.events import ConnectionChanged, ElementSelected, ManagersChanged, ProblemHeard
 from skiros2_gui.core.health import missing
 from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import System
@@ -58,6 +58,8 @@ class MainWidget(QWidget):
         self._bridge = Bridge()
         self.system = connect(self._bridge.inbox)
         self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.inbox)
+        self.shared.subscribe(ElementSelected, lambda event: self.system.mark(event.eid))
+        self.shared.subscribe(ProblemHeard, lambda event: self.shared.problems.tell(event.what, event.text))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
         self.pages = [_Page(made(self.shared), self.shared) for made in TABS]

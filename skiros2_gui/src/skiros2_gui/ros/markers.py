@@ -38,8 +38,8 @@ _PATIENCE = 1.0
 class Markers:
     """Publishes the markers of all elements with a pose, and the interactive marker of the selected one.
 
-    Who subscribes gets all markers at once, then only what changes. Everything is done in threads of its own; the
-    methods return at once and may be called from any thread.
+    Who subscribes gets all markers at once, then only what changes. Nothing is done while nobody subscribes and no
+    element is selected. Everything is done in threads of its own; `select` returns at once, from any thread.
 
     :param world: has a replica of the scene; used in other threads than the caller's.
     :param folders: where relative names of meshes are looked for.
@@ -56,6 +56,7 @@ class Markers:
         self._packed = PackedMarkers()
         self._sending = threading.Lock()  # of the board and what has been sent of it
         self._ending = threading.Event()
+        self._wanted = threading.Event()
         self._selected = SelectedMarker(world, on_problem)
         self._publisher = rospy.Publisher(TOPIC, MarkerArray, subscriber_listener=_Newcomers(self), queue_size=100)
         world.add_listener(self._changed.note)
@@ -66,6 +67,7 @@ class Markers:
         """The element gets the interactive marker, in the place of another; "": none has it."""
         self._selected.select(eid)
         self._changed.note_ids([eid] if eid else [])
+        self._wanted.set()
 
     def close(self) -> None:
         """Takes the markers away, unless somebody else publishes them too. May be called twice."""
@@ -73,6 +75,7 @@ class Markers:
             return
         self._ending.set()
         self._changed.waiting.set()
+        self._wanted.set()
         self._world.remove_listener(self._changed.note)
         self._thread.join()
         self._selected.close()
@@ -85,7 +88,10 @@ class Markers:
 
     def _run(self) -> None:
         refusal = ""
-        while not self._ending.is_set():
+        while True:
+            if not self._publisher.get_num_connections() and not self._selected.chosen:
+                self._wanted.wait()
+            self._wanted.clear()
             self._changed.waiting.wait()
             if self._ending.is_set():
                 return
@@ -136,6 +142,7 @@ class Markers:
             everything: list[Shown] = list(self._board.shown)
             if everything:
                 publish(self._packed.message(everything))
+        self._wanted.set()
 
 
 class _Newcomers(rospy.SubscribeListener):  # type: ignore[misc]
@@ -158,7 +165,10 @@ def _has_others(topic: str) -> bool:
 
 def mesh_folders() -> list[str]:
     """Where the system's meshes are looked for: the workspace of the world model, where it is on this machine."""
-    folder = rospy.get_param("wm/workspace_dir", "")
+    try:
+        folder = rospy.get_param("wm/workspace_dir", "")
+    except (OSError, rospy.ROSException):
+        return []  # the master has gone; what is named by its whole path is found all the same
     return [folder] if isinstance(folder, str) and folder else []
 
 

@@ -37,6 +37,7 @@ class RosSystem:
         self._uri = rosgraph.get_master_uri()
         self._master = Part(MASTER, self._uri, False, time.time(), "Looking for it.")
         self._links: _Links | None = None
+        self._marked = ""
         self._ended = threading.Event()
         self._watch = threading.Thread(target=self._run, name="window connections", daemon=True)
         self._watch.start()
@@ -71,6 +72,11 @@ class RosSystem:
         links = self._links
         return links.task_manager if links is not None and links.task_manager.is_up else None
 
+    def mark(self, eid: str) -> None:
+        self._marked = eid
+        if self._links is not None:
+            self._links.markers.mark(eid)
+
     def close(self) -> None:
         self._ended.set()
         links = self._links
@@ -100,6 +106,7 @@ class RosSystem:
             self._set_master(True, f"This window could not register with it: {error}")
             return
         self._links = links
+        links.markers.mark(self._marked)
         if self._ended.is_set():
             links.close()
         self._inbox.put(ConnectionChanged())
@@ -116,6 +123,7 @@ class _Links:
     def __init__(self, author: str, inbox: Inbox) -> None:
         # Here, because rospy takes a quarter of a second, in which the window is drawn.
         from skiros2_gui.ros.managers import ManagersLink
+        from skiros2_gui.ros.markers_link import MarkersLink
         from skiros2_gui.ros.task_manager import TaskManagerLink
         from skiros2_gui.ros.world import WorldLink
 
@@ -125,6 +133,7 @@ class _Links:
         self.world = WorldLink(author, inbox.put, changed)
         self.managers = ManagersLink(author, inbox.put, lambda: inbox.put(ManagersChanged()))
         self.task_manager = TaskManagerLink(changed)
+        self.markers = MarkersLink(inbox.put)
 
     def parts(self) -> list[Part]:
         world, tasks = self.world, self.task_manager
@@ -137,11 +146,16 @@ class _Links:
     def check(self) -> None:
         self.world.check()
         self.task_manager.check()
+        try:
+            self.markers.check(self.world.world)
+        except Exception as error:  # rospy's are of many kinds, when a master goes meanwhile; tried again soon
+            log.warning("the markers for rviz: %s", error)
 
     def close(self) -> None:
         self.world.close()
         self.managers.close()
         self.task_manager.close()
+        self.markers.close()
 
 
 def become_node(name: str) -> str:

@@ -187,6 +187,8 @@ class LocalSystem:
         self._since = time.time()
         self._managers: dict[str, LocalManager] = {}
         self.planner: Planner | None = None
+        #: The element that was marked last.
+        self.marked = ""
         self._wm.add_listener(self._on_change)
 
     @property
@@ -234,6 +236,9 @@ class LocalSystem:
         """The world model is there, or not, as the window hears of it."""
         self._is_up, self._since = is_up, time.time()
         self._inbox.put(ConnectionChanged())
+
+    def mark(self, eid: str) -> None:
+        self.marked = eid
 
     def close(self) -> None:
         self._wm.remove_listener(self._on_change)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rosgraph
 
 from skiros2_common.command_line.answer import WrongUsage
 from skiros2_common.command_line.master import NotThere, ask_master, check_node
+from skiros2_common.core.errors import UnknownName
 from skiros2_skill.command_line.description import Skill, read_skill
+
+if TYPE_CHECKING:
+    from skiros2_skill.core.inspection import NodeNow
 
 _SKILLS, _COMMAND = "get_skills", "command"
 
@@ -112,6 +116,19 @@ class Manager:
         from skiros2_msgs import srv as srvs
 
         return self._call("why", srvs.SkillWhy, task_id)
+
+    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+        """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
+
+        :raises UnknownName: there is no such task or node.
+        """
+        from skiros2_msgs import srv as srvs
+        from skiros2_skill.core.inspection import NodeNow
+
+        answer = self._call("inspect", srvs.SkillInspection, task_id, node_id)
+        if not answer.ok:
+            raise UnknownName(f"{self.name}: {answer.text}")
+        return NodeNow.from_json(answer.json)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
         """Adds, removes or lists breakpoints. Returns the number, and the list of those that there are."""

@@ -1,4 +1,4 @@
-"""The services of a manager for those who look at its tasks: `~tasks`, `~why` and `~breakpoint`."""
+"""The services of a manager for those who look at its tasks: `~tasks`, `~why`, `~inspect` and `~breakpoint`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.core.authors import name_authors
 from skiros2_skill.core.breakpoints import Breakpoint
 from skiros2_skill.core.history import History
+from skiros2_skill.core.inspection import inspect
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.progress import wire_text
@@ -29,7 +30,7 @@ class Diagnosis:
     """Offers the services until `close`.
 
     :param progress: the `SkillProgress` of each node of a task.
-    :param wmi: is asked who made the changes that explanations speak of.
+    :param wmi: is asked who made the changes that explanations speak of, and what conditions speak of.
     """
 
     def __init__(self, history: History, ticker: Ticker, progress: Callable[[Task], list[Any]], wmi: Any) -> None:
@@ -41,6 +42,7 @@ class Diagnosis:
         self._services = [
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
+            rospy.Service("~inspect", srvs.SkillInspection, self._on_inspect),
             rospy.Service("~breakpoint", srvs.SkillBreakpoint, self._on_breakpoint),
         ]
 
@@ -59,6 +61,13 @@ class Diagnosis:
             return srvs.SkillWhyResponse(False, str(error), "[]")
         name_authors(record.explanations, self._wmi)
         return srvs.SkillWhyResponse(True, wire_text(str(record)), explanations_json(record.explanations))
+
+    def _on_inspect(self, request: Any) -> Any:
+        try:
+            now = inspect(self._ticker.get(request.task_id), request.node_id, self._wmi)
+        except UnknownName as error:
+            return srvs.SkillInspectionResponse(False, str(error), "")
+        return srvs.SkillInspectionResponse(True, "", json.dumps(now.to_dict()))
 
     def _on_breakpoint(self, request: Any) -> Any:
         commands = {request.ADD: self._add, request.REMOVE: self._remove, request.LIST: lambda _: 0}

@@ -1,0 +1,109 @@
+"""The selected node of a tree, in words."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
+from skiros2_gui.core.run_history import Frame
+from skiros2_gui.core.states import IDLE, RUNNING, look_of
+from skiros2_skill.core.inspection import FAILS, HOLDS, NodeNow
+
+#: How a verdict is marked and said.
+VERDICTS = {HOLDS: ("✓", "holds"), FAILS: ("✗", "does not hold")}
+_UNSAID = ("?", "cannot be said")
+
+#: When a condition is needed.
+STAGES = {PRE: "before the start", HOLD: "while it runs", POST: "at the end"}
+
+
+@dataclass(frozen=True)
+class NodeText:
+    """
+    :param title: the node's name.
+    :param facts: each a name and a value.
+    :param conditions: each when it is needed, a mark, what it asks for, and what is so instead.
+    :param params: each a name, a value, and where that came from.
+    :param why: why it failed, in lines.
+    :param note: why there are no conditions.
+    """
+
+    title: str
+    state: int
+    facts: list[tuple[str, str]] = field(default_factory=list)
+    conditions: list[tuple[str, str, str, str]] = field(default_factory=list)
+    params: list[tuple[str, str, str]] = field(default_factory=list)
+    why: list[str] = field(default_factory=list)
+    note: str = ""
+
+
+def node_text(
+    frame: Frame, place: int, now: NodeNow | None = None, why: Explanation | None = None, note: str = ""
+) -> NodeText:
+    """A node at a tick.
+
+    :param now: what its manager says of it; None: it was not asked.
+    :param why: why it failed, as far as it is known.
+    """
+    shape, state = frame.shape, frame.state(place)
+    facts = [("state", f"{look_of(state).symbol} {look_of(state).word}")]
+    if message := frame.message(place):
+        facts.append(("message", message))
+    duration = frame.duration(place)
+    if duration is not None:
+        facts.append(("runs for" if state == RUNNING else "took", duration_text(duration)))
+        began = frame.began(place)
+        if began is not None:
+            facts.append(("began", clock_text(began)))
+    if shape.is_skill(place):
+        facts.append(("skill", shape.type(place)))
+    if shape.processor(place):
+        facts.append(("children", processor_text(shape.processor(place))))
+    if state != IDLE:
+        facts.append(("code", str(frame.code(place))))
+    path = shape.path_names(place)[:-1]
+    if path:
+        facts.append(("in", " › ".join(path)))
+    conditions = [] if now is None else [
+        (STAGES.get(c.stage, c.stage), VERDICTS.get(c.verdict, _UNSAID)[0], c.text, c.found) for c in now.conditions
+    ]  # fmt: skip
+    params = [] if now is None else [(p.key, p.value or "unset", p.words if p.source else "") for p in now.params]
+    return NodeText(
+        shape.name(place), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
+    )
+
+
+#: How nodes tick their children, by the symbol.
+_PROCESSORS = {
+    "->": "one after the other, from the first again at each tick",
+    "->*": "one after the other",
+    "?": "the first that does not fail, tried anew at each tick",
+    "?*": "the first that does not fail",
+    "|ff|": "all at once; fails as soon as one fails",
+    "|fs|": "all at once; ends as soon as one ends",
+}
+
+
+def processor_text(symbol: str) -> str:
+    """How a node ticks its children, in words."""
+    words = _PROCESSORS.get(symbol, "")
+    return f"{words} ({symbol})" if words else symbol
+
+
+def duration_text(seconds: float) -> str:
+    """`0.42 s`, `12.3 s`, `3 min 20 s`, `2 h 05 min`."""
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(int(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def clock_text(moment: float) -> str:
+    """The local time of day with tenths of a second, such as `14:05:30.2`."""
+    tenths = int(moment * 10)
+    return f"{time.strftime('%H:%M:%S', time.localtime(tenths // 10))}.{tenths % 10}"

@@ -21,7 +21,7 @@ OUTSIDE = {
     "skiros2_bags": {"numpy", "rosbags", "matplotlib"},
     "skiros2_sim": {"numpy", "pybullet", "pybullet_data", "PIL"},
     "skiros2_sim_skills": set(),
-    "skiros2_gui": set(),
+    "skiros2_gui": {"numpy"},
 }
 #: Of lower packages, only the port.
 PORTS = {

@@ -94,14 +94,16 @@ class RunBreakpoints:
                     marked[place] = by_name[kind, label]
         return marked
 
-    def _send(self, robot: str, what: str, action: str, *arguments: str, number: int = 0) -> None:
+    def _send(
+        self, robot: str, what: str, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0
+    ) -> None:
         manager = self._window.system.managers.get(robot)
         if manager is None:
             self._window.problems.tell(what, WrongValue(f"{robot} is not there"))
             return
 
         def call() -> list[Known]:
-            manager.breakpoint(action, *arguments, number=number)
+            manager.breakpoint(action, kind, pattern, when, number)
             return _read(robot, manager.breakpoint("list")[1])
 
         failed = None if what else (lambda error: self._take(robot, []))

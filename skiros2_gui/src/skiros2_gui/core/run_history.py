@@ -13,68 +13,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from skiros2_gui.core.run_frame import ROW, Frame, Rows
+from skiros2_gui.core.run_log import RunLog
 from skiros2_gui.core.run_shape import Shape, keys_of
 from skiros2_gui.core.states import IDLE, RUNNING
-
-#: What is kept of a node: state and code on the wire, when it began and ended (s after the task's first tick; NaN: it
-#: has not).
-ROW = np.dtype([("state", "i2"), ("code", "i2"), ("began", "f4"), ("ended", "f4")])
-Rows = npt.NDArray[np.void]
 
 #: Every so many ticks are kept whole.
 _WHOLE = 64
 
 #: What a tick takes beside its rows and texts (bytes), about.
 _TICK, _TEXT = 300, 80
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A tree at a tick.
-
-    :param time: s since the epoch.
-    :param rows: by place, of the type `ROW`.
-    :param messages: by place, of those nodes that said something.
-    :param start: when the task's first tick was told (s since the epoch).
-    """
-
-    time: float
-    shape: Shape
-    rows: Rows
-    messages: dict[int, str]
-    start: float
-
-    def state(self, place: int) -> int:
-        return int(self.rows["state"][place])
-
-    def code(self, place: int) -> int:
-        return int(self.rows["code"][place])
-
-    def message(self, place: int) -> str:
-        return self.messages.get(place, "")
-
-    def began(self, place: int) -> float | None:
-        """When the node began to run (s since the epoch); None when it has not."""
-        began = float(self.rows["began"][place])
-        return None if np.isnan(began) else self.start + began
-
-    def duration(self, place: int) -> float | None:
-        """For how long it ran, or has been running (s); None when it has not."""
-        began, ended = float(self.rows["began"][place]), float(self.rows["ended"][place])
-        if np.isnan(began):
-            return None
-        return max(0.0, (self.time - self.start if np.isnan(ended) else ended) - began)
-
-    def running(self) -> list[int]:
-        """The places of the nodes that run and under which none does: what the robot is at."""
-        runs = self.rows["state"] == RUNNING
-        above = {self.shape.parents[place] for place in np.flatnonzero(runs).tolist()}
-        return [place for place in np.flatnonzero(runs).tolist() if place not in above]
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the root has told the task's end."""
-        return abs(self.code(0)) == 1
 
 
 @dataclass
@@ -102,6 +50,8 @@ class TaskRun:
 
     :param robot: the manager's node name.
     :param task_id: the root's id. Numbers are used again, so several runs may have the same.
+    :ivar log: what its nodes said.
+    :ivar is_lost: its manager went while it was running.
     :ivar dropped: how many of the oldest ticks were given up for want of room.
     :ivar size: what the ticks take (bytes), about.
     """
@@ -109,6 +59,8 @@ class TaskRun:
     def __init__(self, robot: str, task_id: int) -> None:
         self.robot = robot
         self.task_id = task_id
+        self.log = RunLog()
+        self.is_lost = False
         self.dropped = 0
         self.size = 0
         self._start = 0.0
@@ -231,6 +183,7 @@ class TaskRun:
     def _keep(self, frame: Frame, before: Frame | None, is_new: bool) -> None:
         """Keeps a tick. One in which nothing has changed is told at times only: it makes the last one longer."""
         self._now = frame
+        self.log.enter(frame)
         if before is None or is_new or self._since_whole >= _WHOLE:
             tick = _Tick(frame.time, frame.shape, None, frame.rows, frame.messages)
             self._since_whole = 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skiros2_gui.core.run_history import Frame
+from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING
 
 #: So many lines of a task are kept, the last ones.
@@ -16,6 +16,9 @@ MOST_LINES = 2000
 
 #: A node whose message alone changes is noted so often at most (s).
 _PACE = 1.0
+
+#: So many characters of a message are kept.
+_LONGEST = 500
 
 
 @dataclass(frozen=True)
@@ -80,14 +83,18 @@ class RunLog:
         if told is None and not message and (state == IDLE or (place and not frame.shape.is_skill(place))):
             return  # nodes that only group others have nothing to say
         if told is not None and told.state == state and told.name == name:
-            if told.message == message or not message:
+            if told.message == _short(message) or not message:
                 return
             if state == RUNNING and frame.time - told.time < _PACE:
                 return
-        line = LogLine(frame.time, node, name, state, message)
+        line = LogLine(frame.time, node, name, state, _short(message))
         self._told[node] = line
         if state == IDLE and not message:
             return
         if len(self._lines) == MOST_LINES:
             self.dropped += 1
         self._lines.append(line)
+
+
+def _short(message: str) -> str:
+    return message if len(message) <= _LONGEST else f"{message[: _LONGEST - 1]}…"

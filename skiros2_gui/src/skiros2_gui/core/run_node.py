@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
-from skiros2_gui.core.run_history import Frame
+from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING, look_of
 from skiros2_skill.core.inspection import FAILS, HOLDS, NodeNow
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from skiros2_gui.core.run_drawing import Drawing
-from skiros2_gui.core.run_history import Frame
+from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.run_shape import Shape
 from skiros2_gui.core.states import FAILURE, RUNNING
 
@@ -129,7 +129,8 @@ class RunTree:
         return column[number] if 0 <= number < len(column) else None
 
     def _fold_from(self, shape: Shape, depth: int) -> None:
-        self._folded = {shape.id(p) for p, children in enumerate(shape.children) if children and shape.depths[p] >= depth}
+        deep = (p for p, children in enumerate(shape.children) if children and shape.depths[p] >= depth)
+        self._folded = {shape.id(place) for place in deep}
 
     def _change_folds(self, folded: set[int]) -> None:
         self._folded = folded

@@ -13,8 +13,8 @@ class Look:
     """
     :param symbol: one character.
     :param word: in a sentence after "is" or "has".
-    :param on_light, on_dark: the colour on a light and on a dark ground (Okabe and Ito's palette, made lighter or darker
-        until text of it is readable).
+    :param on_light, on_dark: the colour on a light and on a dark ground (Okabe and Ito's palette, made lighter or
+        darker until text of it is readable).
     """
 
     symbol: str

@@ -1,32 +1,302 @@
-"""The tab "Running"."""
+"""The tab "Running": the trees of tasks, live and back in time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtWidgets import QWidget
+from python_qt_binding.QtCore import QByteArray, Qt, QTimer
+from python_qt_binding.QtWidgets import (
+    QCheckBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QMenu,
+    QSplitter,
+    QTabWidget,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 
+from skiros2_gui.core.run_presenter import Part, RunPresenter
+from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.run_breakpoints import BreakpointPanel
+from skiros2_gui.qt.run_details import NodeDetails
+from skiros2_gui.qt.run_history_bar import HistoryBar
+from skiros2_gui.qt.run_lists import MessageList, TimeList
+from skiros2_gui.qt.run_tasks import TaskPanel
+from skiros2_gui.qt.run_view import TreeView
+
+#: Trees are drawn anew so often at most, and what stands beside them (ms).
+_PERIOD, _SLOW_PERIOD = 40, 400
 
 
 class RunTab(QWidget):
-    """The tab; see `qt.tab.Tab`."""
+    """The tab; see `qt.tab.Tab`. What is told is drawn at most 25 times a second, and only while the tab is seen."""
 
     title = "Running"
-    needs = ()
+    needs: tuple[str, ...] = ()
 
     def __init__(self, window: Window, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._window = window
+        self.presenter = RunPresenter(window)
+        self.view = TreeView(self.presenter)
+        self._tasks = TaskPanel(self.presenter)
+        self._details = NodeDetails()
+        self._messages = MessageList()
+        self._times = TimeList()
+        self._breakpoints = BreakpointPanel(self.presenter)
+        self._history = HistoryBar(self.presenter)
+        self._make_bar()
+        self._lay_out()
+        self._stale = Part.ALL
+        self._slow_stale = True
+        self._timer = _timer(self, _PERIOD, self._draw)
+        self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_beside)
+        self.presenter.on_change = self._on_change
+        self._messages.chosen.connect(self._on_message)
+        self._times.chosen.connect(lambda node: self._go_to_node(node))
+        self.view.moved.connect(lambda: self._follow.setChecked(False))
+        self._on_change(Part.ALL)
+
+    # -- what the main widget asks for -------------------------------------------------------------------------------
 
     def settings(self) -> dict[str, Any]:
-        return {}
+        return {
+            "sizes": bytes(self._splitter.saveState().toBase64()).decode(),
+            "follow": self.presenter.follows,
+            "beside": self._beside.currentIndex(),
+            "folder": self._tasks.folder,
+        }
 
-    def restore(self, settings: Mapping[str, Any]) -> None: ...
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        if isinstance(sizes := settings.get("sizes"), str):
+            self._splitter.restoreState(QByteArray.fromBase64(sizes.encode()))
+        if isinstance(follow := settings.get("follow"), bool):
+            self._follow.setChecked(follow)
+        if isinstance(beside := settings.get("beside"), int):
+            self._beside.setCurrentIndex(beside)
+        if isinstance(folder := settings.get("folder"), str):
+            self._tasks.folder = folder
 
-    def find(self) -> None: ...
+    def find(self) -> None:
+        self._search.setFocus(Qt.ShortcutFocusReason)
+        self._search.selectAll()
 
-    def toggle(self) -> None: ...
+    def toggle(self) -> None:
+        self.presenter.toggle()
 
-    def close_tab(self) -> None: ...
+    def close_tab(self) -> None:
+        self._timer.stop()
+        self._slow_timer.stop()
+        self.presenter.on_change = lambda part: None
+
+    # -- drawing -----------------------------------------------------------------------------------------------------
+
+    def _on_change(self, part: Part) -> None:
+        self._stale |= part
+        self._slow_stale = True
+        if self.isVisible():
+            if not self._timer.isActive():
+                self._timer.start()
+            if not self._slow_timer.isActive():
+                self._slow_timer.start()
+
+    def showEvent(self, event: Any) -> None:
+        super().showEvent(event)
+        self._on_change(Part.ALL)
+        self._draw()
+        self._draw_beside()
+
+    def hideEvent(self, event: Any) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
+        self._slow_timer.stop()
+
+    def _draw(self) -> None:
+        """Draws what has changed since."""
+        stale, self._stale = self._stale, Part(0)
+        presenter, frame = self.presenter, self.presenter.frame
+        if stale & Part.TASKS:
+            self._tasks.show_tasks()
+        if stale & Part.BREAKPOINTS:
+            self._breakpoints.show_breakpoints()
+        is_drawn = frame is None or (presenter.tree.drawing is not None and presenter.tree.drawing.shape is frame.shape)
+        if stale & Part.TREE or not is_drawn:
+            self.view.show_tree()
+            self._show_count()
+        elif stale & Part.STATES:
+            self.view.show_states()
+        if stale & (Part.STATES | Part.TREE):
+            self._history.show_history()
+            self._follow_running()
+        if stale & Part.NODE:
+            self._show_node()
+        self._empty.setVisible(frame is None)
+        self.view.setVisible(frame is not None)
+
+    def _draw_beside(self) -> None:
+        """What is read, not watched: a few times a second are enough."""
+        if not self._slow_stale:
+            return
+        self._slow_stale = False
+        presenter = self.presenter
+        if self._beside.currentWidget() is self._messages:
+            self._messages.show_log(presenter.run)
+        elif self._beside.currentWidget() is self._times:
+            self._times.show_times(presenter)
+        elif self._beside.currentWidget() is self._details:
+            self._show_node()
+            if presenter.is_live:
+                presenter.ask_node()
+        self._jump.setEnabled(bool(presenter.running()))
+
+    def _show_node(self) -> None:
+        frame, place = self.presenter.frame, self.presenter.tree.place()
+        if frame is None or place is None or place >= len(frame.shape):
+            self._details.show_node(None)
+        else:
+            self._details.show_node(self.presenter.node.text(frame, place))
+
+    def _follow_running(self) -> None:
+        if self._follow.isChecked() and self.presenter.is_live:
+            running = self.presenter.running()
+            if running and running[-1] != self._followed:
+                self._followed = running[-1]
+                self.view.reveal(running[-1])
+
+    def _show_count(self) -> None:
+        found = self.presenter.tree.found() if self.presenter.tree.text else []
+        frame = self.presenter.frame
+        nodes = f"{len(frame.shape)} nodes" if frame is not None else ""
+        self._count.setText(f"{len(found)} found" if self.presenter.tree.text else nodes)
+
+    # -- what the user does ------------------------------------------------------------------------------------------
+
+    def _on_search(self, text: str) -> None:
+        found = self.presenter.search(text)
+        self._show_count()
+        if found:
+            self._go_next(1)
+
+    def _go_next(self, step: int) -> None:
+        self._go_to(self.presenter.select_next(self.presenter.tree.found(), step))
+
+    def _go_to_running(self) -> None:
+        self._go_to(self.presenter.select_next(self.presenter.running()[::-1]))
+
+    def _go_to_node(self, node: int) -> None:
+        frame = self.presenter.frame
+        place = frame.shape.places.get(node) if frame is not None else None
+        if place is not None:
+            self.presenter.select(place)
+            self._go_to(place)
+
+    def _on_message(self, line: Any) -> None:
+        """A message leads to its node at that time."""
+        self.presenter.go_to_time(line.time)
+        self._draw()
+        self._go_to_node(line.node)
+
+    def _go_to(self, place: int | None) -> None:
+        if place is not None:
+            self._draw()
+            self.view.reveal(place)
+
+    # -- widgets -----------------------------------------------------------------------------------------------------
+
+    def _make_bar(self) -> None:
+        self._search = QLineEdit()
+        self._search.setObjectName("nodeSearch")
+        self._search.setPlaceholderText("Find nodes by label or type (Ctrl+F)")
+        self._search.setClearButtonEnabled(True)
+        self._search.setMinimumWidth(self.fontMetrics().averageCharWidth() * 18)
+        self._search.textChanged.connect(self._on_search)
+        self._search.returnPressed.connect(lambda: self._go_next(1))
+        self._count = QLabel()
+        self._followed = -1
+        self._follow = QCheckBox("Follow")
+        self._follow.setObjectName("follow")
+        self._follow.setToolTip("keep the node that runs in sight")
+        self._follow.setChecked(True)
+        self._follow.toggled.connect(self._on_follow)
+        self._jump = _button("Running node", "jumpToRunning", "select the node that runs; again: the next one")
+        self._jump.clicked.connect(self._go_to_running)
+        folds = QMenu(self)
+        folds.addAction("Fold what is quiet", lambda: self.presenter.change_folds(RunTree.fold_quiet))
+        folds.addAction("Fold all skills", lambda: self.presenter.change_folds(lambda tree, _: tree.fold_to(1)))
+        folds.addAction("Unfold all", lambda: self.presenter.change_folds(lambda tree, _: tree.unfold_all()))
+        self._fold = _button("Fold", "foldMenu", "fold and unfold; a double click folds one node")
+        self._fold.setPopupMode(QToolButton.InstantPopup)
+        self._fold.setMenu(folds)
+        self._fit = _button("Fit", "fitTree", "show the whole tree (F); 0 shows it at 100 %, + and − zoom")
+        self._fit.clicked.connect(lambda: self.view.fit())
+
+    def _lay_out(self) -> None:
+        bar = QHBoxLayout()
+        bar.setContentsMargins(6, 4, 6, 4)
+        for widget in (self._search, self._count, self._follow, self._jump, self._fold, self._fit):
+            bar.addWidget(widget, 1 if widget is self._search else 0)
+        self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
+        self._empty.setAlignment(Qt.AlignCenter)
+        self._empty.setEnabled(False)
+        middle = QWidget()
+        column = QVBoxLayout(middle)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addLayout(bar)
+        column.addWidget(self._empty, 1)
+        column.addWidget(self.view, 1)
+        self._beside = QTabWidget()
+        self._beside.setObjectName("runBeside")
+        self._beside.setDocumentMode(True)
+        for widget, title in (
+            (self._details, "Node"),
+            (self._messages, "Messages"),
+            (self._times, "Times"),
+            (self._breakpoints, "Breakpoints"),
+        ):
+            self._beside.addTab(widget, title)
+        self._beside.currentChanged.connect(lambda _: self._on_beside())
+        self._splitter = QSplitter(Qt.Horizontal)
+        for widget, stretch in ((self._tasks, 0), (middle, 1), (self._beside, 0)):
+            self._splitter.addWidget(widget)
+            self._splitter.setStretchFactor(self._splitter.count() - 1, stretch)
+        self._splitter.setSizes([210, 700, 320])
+        self._splitter.setChildrenCollapsible(True)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(self._splitter, 1)
+        whole.addWidget(self._history)
+
+    def _on_beside(self) -> None:
+        self._slow_stale = True
+        self._draw_beside()
+        if self._beside.currentWidget() is self._breakpoints:
+            self.presenter.breakpoints.ask(self.presenter.robot)
+
+    def _on_follow(self, is_on: bool) -> None:
+        self.presenter.follows = is_on
+        self._followed = -1
+        if is_on:
+            self._follow_running()
+
+
+def _button(text: str, name: str, tip: str) -> QToolButton:
+    button = QToolButton()
+    button.setText(text)
+    button.setObjectName(name)
+    button.setToolTip(tip)
+    return button
+
+
+def _timer(parent: QWidget, period: int, call: Any) -> QTimer:
+    """Calls once, that long after it was started (ms)."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(period)
+    timer.timeout.connect(call)
+    return timer

@@ -19,6 +19,7 @@ from skiros2_gui.core.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_skill.command_line.description import Skill, read_skill
 from skiros2_skill.core.breakpoints import Breakpoint
 from skiros2_skill.core.history import REFUSED, History, Record
+from skiros2_skill.core.inspection import NodeNow, inspect
 from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
 from skiros2_skill.core.task import Task
@@ -131,6 +132,9 @@ class LocalManager:
     def why(self, task_id: int) -> Any:
         record = self._history.get(task_id)
         return Why(True, str(record), json.dumps([e.to_dict() for e in record.explanations]))
+
+    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+        return inspect(self._ticker.get(task_id), node_id, self._wm)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
         known = self._ticker.breakpoints

@@ -1,0 +1,92 @@
+"""What is known of the selected node."""
+
+from __future__ import annotations
+
+from html import escape
+
+from python_qt_binding.QtGui import QColor, QPalette
+from python_qt_binding.QtWidgets import QTextBrowser, QWidget
+
+from skiros2_gui.core.run_node import NodeText
+from skiros2_gui.core.states import FAILURE, SUCCESS, Look, look_of
+
+_EMPTY = "Click a node of the tree to see its state, its parameters and its conditions."
+
+
+class NodeDetails(QTextBrowser):
+    """A node in words, to be read and copied."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("nodeDetails")
+        self.setAccessibleName("the selected node")
+        self.setOpenLinks(False)
+        self._shown = ""
+        self.show_node(None)
+
+    def show_node(self, node: NodeText | None) -> None:
+        """Shows a node; None: none is selected. Where one has scrolled to, and what one has marked, stays."""
+        html = self._page(node) if node is not None else f"<p style='color:{self._faint()}'>{_EMPTY}</p>"
+        if html == self._shown or self.textCursor().hasSelection():
+            return
+        self._shown = html
+        bar = self.verticalScrollBar()
+        at = bar.value()
+        self.setHtml(html)
+        bar.setValue(at)
+
+    def _page(self, node: NodeText) -> str:
+        parts = [f"<h3 style='margin-bottom:4px'>{escape(node.title)}</h3>", self._table(node.facts, node.state)]
+        if node.why:
+            parts.append("<h4>Why it failed</h4>")
+            parts += [f"<p style='margin:0 0 3px 0'>{_spaced(line)}</p>" for line in node.why]
+        if node.conditions:
+            parts.append("<h4>Conditions</h4>")
+            parts.append(self._conditions(node.conditions))
+        if node.params:
+            parts.append("<h4>Parameters</h4><table cellspacing='0' cellpadding='2'>")
+            for key, value, origin in node.params:
+                faint = f" <span style='color:{self._faint()}'>{escape(origin)}</span>" if origin else ""
+                parts.append(f"<tr><td>{escape(key)}&nbsp;&nbsp;</td><td><b>{escape(value)}</b>{faint}</td></tr>")
+            parts.append("</table>")
+        if node.note:
+            parts.append(f"<p style='color:{self._faint()}'>{escape(node.note)}</p>")
+        return "".join(parts)
+
+    def _table(self, facts: list[tuple[str, str]], state: int) -> str:
+        rows = []
+        for name, value in facts:
+            shown = escape(value).replace("\n", "<br>")
+            if name == "state":
+                shown = f"<b style='color:{self._colour(look_of(state))}'>{shown}</b>"
+            rows.append(f"<tr><td style='color:{self._faint()}'>{escape(name)}&nbsp;&nbsp;</td><td>{shown}</td></tr>")
+        return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
+
+    def _conditions(self, conditions: list[tuple[str, str, str, str]]) -> str:
+        marks = {"✓": look_of(SUCCESS), "✗": look_of(FAILURE)}
+        rows, last = [], ""
+        for stage, mark, text, found in conditions:
+            if stage != last:
+                rows.append(f"<tr><td colspan='2' style='color:{self._faint()}'>{escape(stage)}</td></tr>")
+                last = stage
+            colour = self._colour(marks[mark]) if mark in marks else self._faint()
+            but = f"<br><i>but {escape(found)}</i>" if found else ""
+            rows.append(
+                f"<tr><td><b style='color:{colour}'>{mark}</b>&nbsp;</td><td>{escape(text)}{but}</td></tr>"
+            )
+        return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
+
+    def _colour(self, look: Look) -> str:
+        return look.on_dark if self.palette().color(QPalette.Base).lightness() < 128 else look.on_light
+
+    def _faint(self) -> str:
+        """A colour between text and ground."""
+        text, base = self.palette().color(QPalette.Text), self.palette().color(QPalette.Base)
+        mixed = [(3 * a + 2 * b) // 5 for a, b in zip(text.getRgb()[:3], base.getRgb()[:3], strict=True)]
+        return QColor(*mixed).name()
+
+
+def _spaced(line: str) -> str:
+    """With the spaces that it begins with."""
+    text = line.lstrip(" ")
+    return "&nbsp;" * (2 * (len(line) - len(text) - 2)) + escape(text)

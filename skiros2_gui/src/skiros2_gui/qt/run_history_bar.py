@@ -1,0 +1,78 @@
+"""Goes back and forth through the ticks of a task."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QSlider, QStyle, QToolButton, QWidget
+
+from skiros2_gui.core.run_node import clock_text, duration_text
+from skiros2_gui.core.run_presenter import RunPresenter
+
+
+class HistoryBar(QWidget):
+    """A slider over the ticks, a step back, a step on, and the way back to the present."""
+
+    def __init__(self, presenter: RunPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._slider = QSlider(Qt.Horizontal)
+        self._slider.setObjectName("historySlider")
+        self._slider.setAccessibleName("tick of the task")
+        self._slider.setToolTip("the ticks of the task; the arrow keys go one back or on")
+        self._slider.setPageStep(25)
+        self._slider.valueChanged.connect(self._go)
+        self._back = _button(self, QStyle.SP_MediaSeekBackward, "one tick back", "historyBack")
+        self._on = _button(self, QStyle.SP_MediaSeekForward, "one tick on", "historyOn")
+        self._back.clicked.connect(lambda: presenter.step(-1))
+        self._on.clicked.connect(lambda: presenter.step(1))
+        self._live = QToolButton()
+        self._live.setObjectName("historyLive")
+        self._live.setText("Present")
+        self._live.setToolTip("show what the task is doing now")
+        self._live.clicked.connect(lambda: presenter.go_to(None))
+        self._label = QLabel()
+        self._label.setObjectName("historyLabel")
+        self._label.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(6, 2, 6, 2)
+        for widget in (self._back, self._slider, self._on, self._live, self._label):
+            row.addWidget(widget, 1 if widget is self._slider else 0)
+        self.show_history()
+
+    def show_history(self) -> None:
+        """Shows which tick is shown, out of how many."""
+        presenter, run = self._presenter, self._presenter.run
+        count = len(run) if run is not None else 0
+        tick = count - 1 if presenter.tick is None else presenter.tick
+        self.setEnabled(count > 0)
+        self._slider.blockSignals(True)
+        self._slider.setRange(0, max(0, count - 1))
+        self._slider.setValue(max(0, tick))
+        self._slider.blockSignals(False)
+        self._back.setEnabled(tick > 0)
+        self._on.setEnabled(presenter.tick is not None and tick < count - 1)
+        self._live.setEnabled(presenter.tick is not None and presenter.bag is None)
+        if run is None:
+            self._label.setText("")
+            return
+        moment = run.times[tick] if presenter.tick is not None else run.now.time
+        text = f"tick {run.dropped + tick + 1} of {run.dropped + count}, {clock_text(moment)}, "
+        self._label.setText(text + duration_text(max(0.0, moment - run.start)))
+        self._label.setToolTip(
+            f"{run.dropped} older ticks were given up for want of room" if run.dropped else "since the task began"
+        )
+
+    def _go(self, tick: int) -> None:
+        is_last = self._presenter.run is not None and tick >= len(self._presenter.run) - 1
+        self._presenter.go_to(None if is_last and self._presenter.bag is None else tick)
+
+
+def _button(widget: QWidget, icon: QStyle.StandardPixmap, tip: str, name: str) -> QToolButton:
+    button = QToolButton()
+    button.setObjectName(name)
+    button.setIcon(widget.style().standardIcon(icon))
+    button.setToolTip(tip)
+    button.setAccessibleName(tip)
+    button.setAutoRaise(True)
+    button.setAutoRepeat(True)
+    return button

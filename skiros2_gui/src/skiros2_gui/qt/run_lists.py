@@ -1,0 +1,127 @@
+"""Lists beside the tree: what its nodes said, and which skills took how long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from python_qt_binding.QtCore import QAbstractListModel, QModelIndex, QObject, Qt, Signal
+from python_qt_binding.QtGui import QColor, QPalette
+from python_qt_binding.QtWidgets import QAbstractItemView, QListView, QWidget
+
+from skiros2_gui.core.run_history import TaskRun
+from skiros2_gui.core.run_log import LogLine
+from skiros2_gui.core.run_node import clock_text, duration_text
+from skiros2_gui.core.run_presenter import RunPresenter
+from skiros2_gui.core.states import look_of
+
+
+class _Rows(QAbstractListModel):
+    """Texts, each with a state and what it stands for."""
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self.rows: list[tuple[str, int, Any]] = []
+        self.is_dark = False
+
+    def rowCount(self, parent: QModelIndex | None = None) -> int:
+        return 0 if parent is not None and parent.isValid() else len(self.rows)
+
+    def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
+        if not index.isValid() or index.row() >= len(self.rows):
+            return None
+        text, state, _ = self.rows[index.row()]
+        if role in (Qt.DisplayRole, Qt.ToolTipRole):
+            return text
+        if role == Qt.ForegroundRole:
+            look = look_of(state)
+            return QColor(look.on_dark if self.is_dark else look.on_light)
+        return None
+
+    def put(self, rows: list[tuple[str, int, Any]]) -> None:
+        """Other rows. Where they only go on, those before stay as they are."""
+        known = len(self.rows)
+        if len(rows) > known and rows[:known] == self.rows and known:
+            self.beginInsertRows(QModelIndex(), known, len(rows) - 1)
+            self.rows = rows
+            self.endInsertRows()
+        elif rows != self.rows:
+            self.beginResetModel()
+            self.rows = rows
+            self.endResetModel()
+
+
+class _List(QListView):
+    """A list whose rows lead somewhere when they are clicked, or chosen with Return."""
+
+    #: What a row stands for.
+    chosen = Signal(object)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.rows = _Rows(self)
+        self.setModel(self.rows)
+        self.setUniformItemSizes(True)
+        self.setEditTriggers(QAbstractItemView.NoEditTriggers)
+        self.setTextElideMode(Qt.ElideRight)
+        self.clicked.connect(lambda index: self.chosen.emit(self.rows.rows[index.row()][2]))
+        self.activated.connect(lambda index: self.chosen.emit(self.rows.rows[index.row()][2]))
+
+    def _put(self, rows: list[tuple[str, int, Any]]) -> None:
+        self.rows.is_dark = self.palette().color(QPalette.Base).lightness() < 128
+        bar = self.verticalScrollBar()
+        is_at_end = bar.value() >= bar.maximum() - 1
+        at = bar.value()
+        self.rows.put(rows)
+        if is_at_end and self._stays_at_end():
+            self.scrollToBottom()
+        else:
+            bar.setValue(at)
+
+    def _stays_at_end(self) -> bool:
+        return False
+
+
+class MessageList(_List):
+    """What the nodes of a task said: `chosen` gives a `LogLine`."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("messages")
+        self.setAccessibleName("progress messages")
+        self._shown: tuple[TaskRun | None, int] = (None, 0)
+
+    def show_log(self, run: TaskRun | None) -> None:
+        """Shows the messages of a task."""
+        shown = (run, run.log.count if run is not None else 0)
+        if shown != self._shown:
+            self._shown = shown
+            self._put([(_line(line), line.state, line) for line in run.log.lines] if run is not None else [])
+
+    def _stays_at_end(self) -> bool:
+        return True
+
+
+class TimeList(_List):
+    """Which skills took how long: `chosen` gives the id of a node."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("times")
+        self.setAccessibleName("time of each skill")
+
+    def show_times(self, presenter: RunPresenter) -> None:
+        """Shows those of the tree that is shown."""
+        frame = presenter.frame
+        pairs: Sequence[tuple[int, float]] = presenter.by_time() if frame is not None else []
+        self._put([
+            (f"{duration_text(seconds)}   {frame.shape.name(place)}", frame.state(place), frame.shape.id(place))
+            for place, seconds in pairs
+            if frame is not None
+        ])  # fmt: skip
+
+
+def _line(line: LogLine) -> str:
+    look = look_of(line.state)
+    said = " ".join(line.message.split())
+    return f"{clock_text(line.time)}  {look.symbol} {line.name}" + (f": {said}" if said else f" {look.word}")

@@ -1,0 +1,144 @@
+"""The tasks to choose from, and what can be done with the one that is shown."""
+
+from __future__ import annotations
+
+import time
+
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtGui import QBrush, QColor, QPalette
+from python_qt_binding.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QListWidget,
+    QListWidgetItem,
+    QPushButton,
+    QStyle,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.core.run_history import TaskRun
+from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter, state_text
+from skiros2_gui.core.states import look_of
+
+
+class TaskPanel(QWidget):
+    """The list of tasks, the buttons for the one that is shown, and bags."""
+
+    def __init__(self, presenter: RunPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self.folder = ""
+        self._source = QLabel()
+        self._source.setWordWrap(True)
+        self._source.setTextFormat(Qt.PlainText)
+        self._list = QListWidget()
+        self._list.setObjectName("taskChoice")
+        self._list.setAccessibleName("tasks")
+        self._list.setToolTip("the tasks that run, and those that have ended since the window was opened")
+        self._list.currentItemChanged.connect(self._on_chosen)
+        self.pause = self._tool(QStyle.SP_MediaPause, "pauseTask", self._toggle)
+        self.step = self._tool(QStyle.SP_MediaSkipForward, "stepTask", lambda: presenter.command(STEP))
+        self.stop = self._tool(QStyle.SP_MediaStop, "stopTask", lambda: presenter.command(STOP))
+        self.step.setText("Step")
+        self.step.setToolTip("tick the task once and pause it")
+        self.stop.setText("Stop")
+        self.stop.setToolTip("end the task: what runs is preempted")
+        self._open = QPushButton("Open bag…")
+        self._open.setObjectName("openBag")
+        self._open.setToolTip("look at the tasks of a recorded run")
+        self._open.clicked.connect(self._on_bag)
+        self._clear = QPushButton("Clear ended")
+        self._clear.setObjectName("clearEnded")
+        self._clear.setToolTip("take the tasks that have ended from the list")
+        self._clear.clicked.connect(presenter.forget_ended)
+        buttons, below = QHBoxLayout(), QHBoxLayout()
+        for button in (self.pause, self.step, self.stop):
+            buttons.addWidget(button)
+        buttons.addStretch(1)
+        below.addWidget(self._open)
+        below.addWidget(self._clear)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self._source)
+        column.addLayout(buttons)
+        column.addWidget(self._list, 1)
+        column.addLayout(below)
+        self.show_tasks()
+
+    def show_tasks(self) -> None:
+        """Shows the tasks, newest first."""
+        presenter = self._presenter
+        bag = presenter.bag
+        self._source.setText(f"Tasks of {bag.path.rpartition('/')[2]}" if bag is not None else "Tasks of all robots")
+        self._source.setToolTip(bag.path if bag is not None else "")
+        self._open.setText("Close bag" if bag is not None else "Open bag…")
+        runs = list(presenter.runs)[::-1]
+        self._list.blockSignals(True)
+        while self._list.count() > len(runs):
+            self._list.takeItem(self._list.count() - 1)
+        while self._list.count() < len(runs):
+            self._list.addItem(QListWidgetItem())
+        for number, run in enumerate(runs):
+            self._dress(self._list.item(number), run)
+            if run is presenter.run:
+                self._list.setCurrentRow(number)
+        if presenter.run is None:
+            self._list.setCurrentRow(-1)
+        self._list.blockSignals(False)
+        self._clear.setEnabled(bag is None and any(run.now.has_ended or run.is_lost for run in runs))
+        for button in (self.pause, self.step, self.stop):
+            button.setEnabled(presenter.is_live)
+        self.pause.setText("Go on" if presenter.is_paused else "Pause")
+        icon = QStyle.SP_MediaPlay if presenter.is_paused else QStyle.SP_MediaPause
+        self.pause.setIcon(self.style().standardIcon(icon))
+        self.pause.setToolTip(
+            "go on with the task (space)" if presenter.is_paused else "pause the task; it keeps its state (space)"
+        )
+
+    def _dress(self, item: QListWidgetItem, run: TaskRun) -> None:
+        symbol, word = state_text(run)
+        first = self._first_skill(run)
+        item.setText(f"{symbol} {first}\n     task {run.task_id} of {run.robot.lstrip('/')}, {word}")
+        item.setData(Qt.UserRole, run)
+        began = time.strftime("%H:%M:%S", time.localtime(run.start))
+        said = run.now.message(0)
+        item.setToolTip(f"seen first at {began}" + (f"\n{said[:300]}" if said else ""))
+        look = look_of(run.now.state(0))
+        is_dark = self.palette().color(QPalette.Base).lightness() < 128
+        item.setForeground(QBrush(QColor(look.on_dark if is_dark else look.on_light)))
+
+    @staticmethod
+    def _first_skill(run: TaskRun) -> str:
+        """What a task is called: its first skill, and how many more."""
+        shape = run.now.shape
+        skills = shape.children[0] if len(shape) else []
+        if not skills:
+            return shape.name(0)
+        return shape.name(skills[0]) + (f" and {len(skills) - 1} more" if len(skills) > 1 else "")
+
+    def _on_chosen(self, item: QListWidgetItem | None, _: QListWidgetItem | None) -> None:
+        if item is not None:
+            self._presenter.pick(item.data(Qt.UserRole))
+
+    def _toggle(self) -> None:
+        self._presenter.command(RESUME if self._presenter.is_paused else PAUSE)
+
+    def _on_bag(self) -> None:
+        if self._presenter.bag is not None:
+            self._presenter.close_bag()
+            return
+        path, _ = QFileDialog.getOpenFileName(self, "Open a recorded run", self.folder, "Bags (*.bag);;All files (*)")
+        if path:
+            self.folder = path.rpartition("/")[0]
+            self._presenter.open_bag(path)
+
+    def _tool(self, icon: QStyle.StandardPixmap, name: str, call: object) -> QToolButton:
+        button = QToolButton()
+        button.setObjectName(name)
+        button.setToolButtonStyle(Qt.ToolButtonTextBesideIcon)
+        button.setIcon(self.style().standardIcon(icon))
+        button.clicked.connect(lambda: call())  # type: ignore[operator]
+        return button

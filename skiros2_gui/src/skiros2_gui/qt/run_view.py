@@ -1,0 +1,253 @@
+"""The view of a drawn tree: moved, zoomed, folded and selected in with mouse and keys."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
+from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
+from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
+
+from skiros2_gui.core.run_node import duration_text
+from skiros2_gui.core.run_presenter import RunPresenter
+from skiros2_gui.core.run_tree import RunTree
+from skiros2_gui.core.states import look_of
+from skiros2_gui.qt.run_graph import TreeItem
+from skiros2_skill.core.breakpoints import AT_END, BEFORE_START
+
+#: From far enough for a tree of thousands of nodes to one letter.
+_SMALLEST, _LARGEST = 0.005, 4.0
+
+#: By itself a tree is not drawn smaller than this: names can be read then.
+_READABLE = 0.55
+
+_STEP = 1.2
+
+_ARROWS = {Qt.Key_Left: "left", Qt.Key_Right: "right", Qt.Key_Up: "up", Qt.Key_Down: "down"}
+
+
+class TreeView(QGraphicsView):
+    """Shows the tree of a presenter."""
+
+    #: The user has moved it by hand.
+    moved = Signal()
+
+    def __init__(self, presenter: RunPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("treeGraph")
+        self._presenter = presenter
+        self._item = TreeItem(self.font(), self.palette())
+        scene = QGraphicsScene(self)
+        scene.setItemIndexMethod(QGraphicsScene.NoIndex)
+        scene.addItem(self._item)
+        self.setScene(scene)
+        self.setDragMode(QGraphicsView.ScrollHandDrag)
+        self.viewport().setCursor(Qt.ArrowCursor)
+        self.setRenderHint(QPainter.TextAntialiasing)
+        self.setViewportUpdateMode(QGraphicsView.MinimalViewportUpdate)
+        self.setOptimizationFlag(QGraphicsView.DontSavePainterState)
+        self.setTransformationAnchor(QGraphicsView.AnchorUnderMouse)
+        self.setAccessibleName("tree of the task")
+        self._pressed: QPoint | None = None
+        self._is_fitted = True
+
+    @property
+    def item(self) -> TreeItem:
+        return self._item
+
+    # -- what is shown -----------------------------------------------------------------------------------------------
+
+    def show_tree(self) -> None:
+        """Draws the tree anew: another task, another shape, something folded."""
+        frame, tree = self._presenter.frame, self._presenter.tree
+        self._item.setVisible(frame is not None)
+        if frame is None:
+            return
+        tree.show(frame.shape)
+        if tree.drawing is not None:
+            self._item.draw(tree.drawing)
+            self.setSceneRect(self._item.boundingRect())
+        self.show_states()
+        if self._is_fitted:
+            self.fit(_READABLE)
+
+    def show_states(self) -> None:
+        """Takes the states of the tree that is drawn, and what is marked in it."""
+        presenter = self._presenter
+        frame, tree = presenter.frame, presenter.tree
+        if frame is None or tree.drawing is None or tree.drawing.shape is not frame.shape:
+            return
+        self._item.show_states(frame)
+        robot = presenter.run.robot if presenter.run is not None and presenter.bag is None else ""
+        self._item.mark(tree.place(), tree.found(), presenter.breakpoints.marks(robot, frame.shape))
+
+    def reveal(self, place: int) -> None:
+        """Moves a node into sight."""
+        drawing = self._presenter.tree.drawing
+        if drawing is not None:
+            rect = self._item.rect_of(drawing.shown_for(place))
+            if not self.viewport().rect().contains(self.mapFromScene(rect).boundingRect()):
+                self.centerOn(rect.center())
+
+    def fit(self, least: float = _SMALLEST) -> None:
+        """Shows the whole tree, at 100 % at most; it stays so until it is moved.
+
+        :param least: it does not become smaller than that; of a tree that has no room then, what runs is in sight.
+        """
+        self._is_fitted = True
+        bounds, room = self._item.boundingRect(), self.viewport().rect()
+        if bounds.isEmpty() or room.isEmpty():
+            return
+        whole = min(1.0, room.width() / bounds.width(), room.height() / bounds.height())
+        self._set_scale(max(whole, least))
+        drawing = self._presenter.tree.drawing
+        if whole >= least or drawing is None:
+            self.centerOn(bounds.center())
+        else:
+            running = self._presenter.running()
+            self.centerOn(self._item.rect_of(drawing.shown_for(running[-1] if running else 0)).center())
+
+    def zoom(self, factor: float) -> None:
+        """Larger, or smaller."""
+        self._is_fitted = False
+        self._set_scale(min(max(self.scale_now * factor, _SMALLEST), _LARGEST))
+        self.moved.emit()
+
+    def full_size(self) -> None:
+        """100 %, around the selected node."""
+        place = self._presenter.tree.place()
+        self.zoom(1.0 / self.scale_now)
+        if place is not None:
+            self.reveal(place)
+
+    @property
+    def scale_now(self) -> float:
+        return float(self.transform().m11())
+
+    def _set_scale(self, scale: float) -> None:
+        factor = scale / self.scale_now
+        self.scale(factor, factor)
+
+    # -- mouse -------------------------------------------------------------------------------------------------------
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        if event.modifiers() & (Qt.ShiftModifier | Qt.AltModifier):
+            super().wheelEvent(event)
+        elif event.angleDelta().y():
+            self.zoom(_STEP ** (event.angleDelta().y() / 120.0))
+            event.accept()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        self._pressed = event.pos()
+        super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        super().mouseMoveEvent(event)
+        if event.buttons() & Qt.LeftButton and self._is_moved(event.pos()):
+            self._is_fitted = False
+            self.moved.emit()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        super().mouseReleaseEvent(event)
+        self.viewport().setCursor(Qt.ArrowCursor)
+        if event.button() == Qt.LeftButton and self._pressed is not None and not self._is_moved(event.pos()):
+            self._click(self.mapToScene(event.pos()))
+        self._pressed = None
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        place = self._item.place_at(self.mapToScene(event.pos()))
+        if place is not None and not self._item.is_fold_mark(place, self.mapToScene(event.pos())):
+            self._presenter.fold(place)
+
+    def _click(self, point: QPointF) -> None:
+        place = self._item.place_at(point)
+        if place is not None and self._item.is_fold_mark(place, point):
+            self._presenter.fold(place)
+        else:
+            self._presenter.select(place)
+
+    def _is_moved(self, to: QPoint) -> bool:
+        return self._pressed is not None and (to - self._pressed).manhattanLength() > 4
+
+    def viewportEvent(self, event: QEvent) -> bool:
+        if event.type() == QEvent.ToolTip:
+            place = self._item.place_at(self.mapToScene(event.pos()))
+            QToolTip.showText(event.globalPos(), self._told(place) if place is not None else "", self)
+            return True
+        return bool(super().viewportEvent(event))
+
+    def _told(self, place: int) -> str:
+        frame = self._presenter.frame
+        if frame is None or place >= len(frame.shape):
+            return ""
+        lines = [f"{frame.shape.name(place)}: {look_of(frame.state(place)).word}"]
+        duration = frame.duration(place)
+        if duration is not None:
+            lines[0] += f", {duration_text(duration)}"
+        if frame.shape.is_skill(place):
+            lines.append(frame.shape.type(place))
+        if message := frame.message(place):
+            lines.append(message if len(message) < 300 else f"{message[:299]}…")
+        return "\n".join(lines)
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        menu = self.menu_for(self._item.place_at(self.mapToScene(event.pos())))
+        menu.exec_(event.globalPos())
+        menu.deleteLater()
+
+    def menu_for(self, place: int | None) -> QMenu:
+        """What can be done with a node, and with the tree."""
+        presenter, menu = self._presenter, QMenu(self)
+        frame, drawing, run = presenter.frame, presenter.tree.drawing, presenter.run
+        if place is not None and frame is not None and drawing is not None and run is not None:
+            presenter.select(place)
+            if frame.shape.children[place]:
+                is_folded = place in drawing.hidden
+                menu.addAction("Unfold" if is_folded else "Fold", lambda: presenter.fold(place))
+            if presenter.bag is None and place:
+                there = {k.breakpoint.when for k in presenter.breakpoints.at(run.robot, frame.shape, place)}
+                for when, words in ((BEFORE_START, "before it starts"), (AT_END, "when it ends")):
+                    action = menu.addAction(f"Pause {words}")
+                    action.setCheckable(True)
+                    action.setChecked(when in there)
+                    action.triggered.connect(
+                        lambda _, when=when: presenter.breakpoints.toggle(run.robot, frame.shape, place, when)
+                    )
+            menu.addSeparator()
+        menu.addAction("Fold what is quiet", lambda: presenter.change_folds(RunTree.fold_quiet))
+        menu.addAction("Unfold all", lambda: presenter.change_folds(lambda tree, _: tree.unfold_all()))
+        menu.addAction("Fit in the window", self.fit)
+        return menu
+
+    # -- keys --------------------------------------------------------------------------------------------------------
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        key, tree = event.key(), self._presenter.tree
+        if key in _ARROWS and not event.modifiers() & ~Qt.KeypadModifier:
+            place = tree.neighbour(_ARROWS[key])
+            if place is not None:
+                self._presenter.select(place)
+                self.show_tree() if tree.drawing is None else self.reveal(place)
+        elif key in (Qt.Key_Return, Qt.Key_Enter):
+            place = tree.place()
+            if place is not None:
+                self._presenter.fold(place)
+        elif key in (Qt.Key_Plus, Qt.Key_Equal):
+            self.zoom(_STEP)
+        elif key == Qt.Key_Minus:
+            self.zoom(1 / _STEP)
+        elif key == Qt.Key_0:
+            self.full_size()
+        elif key == Qt.Key_F:
+            self.fit()
+        else:
+            super().keyPressEvent(event)
+
+    def changeEvent(self, event: QEvent) -> None:
+        if event.type() in (QEvent.PaletteChange, QEvent.FontChange, QEvent.StyleChange):
+            self._item.dress(self.font(), self.palette())
+            self.show_states()
+        super().changeEvent(event)
+
+    def resizeEvent(self, event: QEvent) -> None:
+        super().resizeEvent(event)
+        if self._is_fitted:
+            self.fit(_READABLE)

@@ -1,0 +1,250 @@
+"""The tab of running trees: what it draws, and what is done in it with mouse and keys."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from python_qt_binding.QtCore import QPointF, Qt
+from python_qt_binding.QtGui import QPalette
+from python_qt_binding.QtWidgets import QAction, QListWidget, QSlider
+from pytestqt.qtbot import QtBot
+
+from skiros2_gui.core.events import Progressed, TaskStarted
+from skiros2_gui.core.window import Window
+from skiros2_gui.qt.run_tab import RunTab
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from support.progress import FAILURE, RUNNING, SUCCESS, Told, pick_and_place, random_tree
+from support.recorded_run import ROOT
+
+
+@pytest.fixture
+def window() -> Iterator[Window]:
+    made = make_window(LocalSystem)
+    yield made
+    made.system.close()
+
+
+@pytest.fixture
+def tab(window: Window, qtbot: QtBot) -> RunTab:
+    made = RunTab(window)
+    qtbot.addWidget(made, before_close_func=RunTab.close_tab)
+    made.resize(1200, 700)
+    made.show()
+    return made
+
+
+def tell(window: Window, nodes: list[Told], at: float = 1000.0, robot: str = "/robot") -> None:
+    window.tell(Progressed(robot, nodes, at))
+
+
+def drawn(tab: RunTab, qtbot: QtBot) -> None:
+    """Waits until all that was told is drawn."""
+    qtbot.waitUntil(lambda: not tab._stale and not tab._timer.isActive())
+
+
+def click(tab: RunTab, qtbot: QtBot, place: int, offset: QPointF | None = None, double: bool = False) -> None:
+    rect = tab.view.item.rect_of(place)
+    point = tab.view.mapFromScene(rect.center() if offset is None else offset)
+    (qtbot.mouseDClick if double else qtbot.mouseClick)(tab.view.viewport(), Qt.LeftButton, pos=point)
+
+
+def test_before_anything_runs_it_says_so(tab: RunTab) -> None:
+    assert tab._empty.isVisible() and not tab.view.isVisible()
+
+
+def test_a_task_is_drawn_with_the_colours_of_its_states(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place(SUCCESS, RUNNING))
+    drawn(tab, qtbot)
+    tab.view.full_size()
+    tints = set()
+    for place in (1, 3, 4):  # success, idle, running
+        tab.view.centerOn(tab.view.item.rect_of(place).center())
+        inside = tab.view.item.rect_of(place).topLeft() + QPointF(6, 6)
+        image = tab.view.viewport().grab().toImage()
+        tints.add(image.pixelColor(tab.view.mapFromScene(inside)).name())
+    assert len(tints) == 3
+    assert tab.view.palette().color(QPalette.Base).name() not in tints
+    assert tab.findChild(QListWidget, "taskChoice").item(0).text().startswith("▶ pick and 1 more")
+
+
+def test_a_click_selects_a_node_and_tells_of_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    nodes = pick_and_place(FAILURE)
+    nodes[2].progress_message = "<b>no</b> way & stop"
+    tell(window, nodes)
+    drawn(tab, qtbot)
+    click(tab, qtbot, 2)
+    drawn(tab, qtbot)
+    text = tab._details.toPlainText()
+    assert "move_arm" in text and "✗ failed" in text and "<b>no</b> way & stop" in text
+    assert "skiros:MoveArm" in text and "pick" in text
+
+
+def test_nodes_are_folded_with_their_mark_a_double_click_and_return(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place())
+    drawn(tab, qtbot)
+    rect = tab.view.item.rect_of(1)
+    click(tab, qtbot, 1, QPointF(rect.right() - 6, rect.center().y()))
+    drawn(tab, qtbot)
+    assert tab.presenter.tree.drawing.hidden == {1: 2}
+    click(tab, qtbot, 1, double=True)
+    drawn(tab, qtbot)
+    assert tab.presenter.tree.drawing.hidden == {}
+    tab.presenter.select(1)
+    qtbot.keyClick(tab.view, Qt.Key_Return)
+    assert tab.presenter.tree.drawing.hidden == {1: 2}
+
+
+def test_arrow_keys_walk_through_the_tree(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place())
+    drawn(tab, qtbot)
+    seen = []
+    for key in (Qt.Key_Right, Qt.Key_Right, Qt.Key_Up, Qt.Key_Right, Qt.Key_Up, Qt.Key_Left):
+        qtbot.keyClick(tab.view, key)
+        place = tab.presenter.tree.place()
+        seen.append(tab.presenter.frame.shape.name(place))
+    assert seen == ["root", "place", "pick", "close_gripper", "move_arm", "pick"]
+
+
+def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(
+    tab: RunTab, window: Window, qtbot: QtBot
+) -> None:
+    tell(window, random_tree(1000))
+    drawn(tab, qtbot)
+    tab.presenter.change_folds(lambda tree, _: tree.fold_to(1))
+    tab.find()
+    assert tab._search.hasFocus()
+    qtbot.keyClicks(tab._search, "skill_77")
+    drawn(tab, qtbot)
+    assert tab._count.text() == "11 found"
+    shape, first = tab.presenter.frame.shape, tab.presenter.tree.place()
+    qtbot.keyClick(tab._search, Qt.Key_Return)
+    second = tab.presenter.tree.place()
+    assert first != second
+    assert all(shape.label(place).startswith("skill_77") for place in (first, second))
+    assert tab.presenter.tree.drawing.is_drawn(second)
+    visible = tab.view.mapToScene(tab.view.viewport().rect()).boundingRect()
+    assert visible.contains(tab.view.item.rect_of(second).center())
+
+
+def test_the_slider_goes_back_in_time_and_the_button_to_the_present(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    for second, (pick, place) in enumerate([(RUNNING, 4), (SUCCESS, RUNNING), (SUCCESS, SUCCESS)]):
+        tell(window, pick_and_place(pick, place), 1000.0 + second)
+    drawn(tab, qtbot)
+    slider = tab.findChild(QSlider, "historySlider")
+    assert (slider.maximum(), slider.value()) == (2, 2)
+    slider.setValue(0)
+    drawn(tab, qtbot)
+    assert tab.presenter.frame.state(1) == RUNNING
+    assert tab._history._label.text().startswith("tick 1 of 3, ")
+    tell(window, pick_and_place(SUCCESS, FAILURE), 1003.0)  # it goes on meanwhile
+    drawn(tab, qtbot)
+    assert (slider.maximum(), slider.value()) == (3, 0)
+    assert tab.presenter.frame.state(1) == RUNNING
+    qtbot.mouseClick(tab._history._live, Qt.LeftButton)
+    drawn(tab, qtbot)
+    assert tab.presenter.frame.state(4) == FAILURE
+
+
+def test_a_message_leads_to_its_node_at_that_time(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place(RUNNING), 1000.0)
+    tell(window, pick_and_place(SUCCESS, RUNNING), 1002.0)
+    tab._beside.setCurrentWidget(tab._messages)
+    rows = tab._messages.rows.rows
+    line = next(line for text, _, line in rows if "pick running" in text)
+    tab._messages.chosen.emit(line)
+    assert tab.presenter.tick == 0
+    assert tab.presenter.tree.selected == 100
+
+
+def test_another_task_is_shown_when_the_user_picks_it_or_starts_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place(task_id=1))
+    tell(window, pick_and_place(task_id=2))
+    drawn(tab, qtbot)
+    assert tab.presenter.run.task_id == 1
+    tasks = tab.findChild(QListWidget, "taskChoice")
+    tasks.setCurrentRow(0)
+    assert tab.presenter.run.task_id == 2
+    window.tell(TaskStarted("/robot", 3))
+    tell(window, pick_and_place(task_id=3))
+    assert tab.presenter.run.task_id == 3
+
+
+def test_a_recorded_run_is_walked_through_and_left_again(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place())
+    tab.presenter.open_bag(str(ROOT / "tests/bags/timed_pick_place.bag"))
+    drawn(tab, qtbot)
+    presenter = tab.presenter
+    assert presenter.tick == 0 and len(presenter.run) > 3
+    slider = tab.findChild(QSlider, "historySlider")
+    slider.setValue(slider.maximum())
+    drawn(tab, qtbot)
+    assert presenter.run.now.has_ended
+    assert {presenter.frame.state(place) for place in range(len(presenter.frame.shape))} == {SUCCESS}
+    presenter.close_bag()
+    drawn(tab, qtbot)
+    assert presenter.run.robot == "/robot"
+
+
+@pytest.mark.parametrize("name", ["none.bag", "text.bag"])
+def test_what_is_no_bag_is_said_and_all_stays_as_it_was(tab: RunTab, window: Window, tmp_path, name: str) -> None:
+    (tmp_path / "text.bag").write_text("hello")
+    tell(window, pick_and_place())
+    tab.presenter.open_bag(str(tmp_path / name))
+    assert name in window.problems.newest.line
+    assert tab.presenter.bag is None and tab.presenter.run is not None
+
+
+def test_a_tree_of_ten_thousand_nodes_is_folded_at_first_and_drawn_in_time(
+    tab: RunTab, window: Window, qtbot: QtBot
+) -> None:
+    nodes = random_tree(10_000)
+    tell(window, nodes)
+    drawn(tab, qtbot)
+    assert 1 < len(tab.presenter.tree.drawing.drawn) <= 1500
+    tab.presenter.select(9_999)
+    drawn(tab, qtbot)
+    assert tab.presenter.tree.drawing.is_drawn(9_999)
+    tab.view.fit()
+    assert not tab.view.grab().isNull()
+
+
+def test_it_is_not_drawn_while_it_is_not_seen(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tab.hide()
+    tell(window, pick_and_place())
+    assert not tab._timer.isActive()
+    tab.show()
+    assert tab.view.isVisible()
+
+
+def test_settings_come_back_and_nonsense_is_left(tab: RunTab) -> None:
+    tab._follow.setChecked(False)
+    tab._beside.setCurrentIndex(2)
+    kept = tab.settings()
+    tab._follow.setChecked(True)
+    tab.restore({"sizes": 7, "follow": "no", "beside": None, "folder": []})
+    assert tab._follow.isChecked()
+    tab.restore(kept)
+    assert not tab._follow.isChecked() and tab._beside.currentIndex() == 2
+
+
+def test_the_menu_of_a_node_folds_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place())
+    drawn(tab, qtbot)
+    menu = tab.view.menu_for(1)
+    actions: dict[str, QAction] = {action.text(): action for action in menu.actions()}
+    assert {"Fold", "Pause before it starts", "Pause when it ends", "Unfold all"} <= actions.keys()
+    actions["Fold"].trigger()
+    assert tab.presenter.tree.drawing.hidden == {1: 2}
+
+
+def test_zooming_keeps_to_what_can_be_seen(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place(), time.time())
+    drawn(tab, qtbot)
+    for key in [Qt.Key_Minus] * 60 + [Qt.Key_Plus] * 90:
+        qtbot.keyClick(tab.view, key)
+    assert tab.view.scale_now == pytest.approx(4.0)
+    qtbot.keyClick(tab.view, Qt.Key_0)
+    assert tab.view.scale_now == pytest.approx(1.0)

@@ -1,0 +1,76 @@
+"""Where the nodes of a tree are drawn."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skiros2_gui.core.run_drawing import Drawing
+from skiros2_gui.core.run_shape import Shape, keys_of
+from skiros2_gui.core.tree_layout import OTHERS, SIBLINGS, tidy
+from support.progress import Told, pick_and_place, random_tree
+
+#: Of each node after the first, how far before it its parent is.
+trees = st.lists(st.integers(1, 12), max_size=60)
+
+
+def children_of(steps: list[int]) -> list[list[int]]:
+    children: list[list[int]] = [[] for _ in range(len(steps) + 1)]
+    for number, step in enumerate(steps, 1):
+        children[max(0, number - step)].append(number)
+    return children
+
+
+@settings(max_examples=60, deadline=None)
+@given(trees)
+def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_middle(steps: list[int]) -> None:
+    children = children_of(steps)
+    row = tidy(children)
+    assert min(row) == 0.0
+    level, parent = [0], {0: -1}
+    while level:
+        for one, next_one in zip(level, level[1:], strict=False):
+            gap = SIBLINGS if parent[one] == parent[next_one] else OTHERS
+            assert row[next_one] - row[one] >= gap - 1e-9
+        for node in level:
+            if children[node]:
+                first, last = children[node][0], children[node][-1]
+                assert abs(row[node] - (row[first] + row[last]) / 2) < 1e-9
+        parent.update((child, node) for node in level for child in children[node])
+        level = [child for node in level for child in children[node]]
+
+
+def test_a_chain_of_any_length_is_a_line() -> None:
+    assert tidy([[number + 1] for number in range(5000)] + [[]]) == [0.0] * 5001
+
+
+def test_no_tree_is_no_layout() -> None:
+    assert tidy([]) == []
+    assert Drawing(Shape([]), ()).drawn == []
+
+
+def test_what_is_under_a_folded_node_is_not_drawn_but_counted() -> None:
+    shape = Shape(keys_of(pick_and_place()))
+    drawing = Drawing(shape, {100})
+    assert [shape.name(place) for place in drawing.drawn] == ["root", "pick", "place"]
+    assert drawing.hidden == {1: 2}
+    assert drawing.shown_for(shape.places[102]) == shape.places[100]
+    assert [list(column.places) for column in drawing.columns] == [[0], [1, 4]]
+
+
+def test_every_node_is_drawn_once_and_found_by_its_row() -> None:
+    drawing = Drawing(Shape(keys_of(random_tree(1000))), ())
+    assert sorted(drawing.drawn) == list(range(1000))
+    for column in drawing.columns:
+        for place in column.places:
+            row = drawing.row[place]
+            assert place in [column.places[n] for n in column.between(row - 0.4, row + 0.4)]
+
+
+def test_whatever_a_manager_tells_is_a_tree() -> None:
+    """Parents that do not exist, that come later, or that are the node itself; ids that come twice; no labels."""
+    nodes = [Told(5, -1), Told(1, 99), Told(2, 3), Told(3, 3), Told(3, 1), Told(4, 3, label="", type="")]
+    shape = Shape(keys_of(nodes))
+    assert shape.parents == [-1, 0, 0, 0, 1, 4]
+    assert sorted(Drawing(shape, ()).drawn) == list(range(6))
+    assert shape.name(5) == "node 4"

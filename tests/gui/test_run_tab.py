@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QPointF, Qt
 from python_qt_binding.QtGui import QPalette
 from python_qt_binding.QtWidgets import QAction, QListWidget, QSlider
-from pytestqt.qtbot import QtBot
 
 from skiros2_gui.core.events import Progressed, TaskStarted
 from skiros2_gui.core.window import Window

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,7 +31,7 @@ def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_m
     assert min(row) == 0.0
     level, parent = [0], {0: -1}
     while level:
-        for one, next_one in zip(level, level[1:], strict=False):
+        for one, next_one in itertools.pairwise(level):
             gap = SIBLINGS if parent[one] == parent[next_one] else OTHERS
             assert row[next_one] - row[one] >= gap - 1e-9
         for node in level:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import logging
-import os
 import signal
 import socket
 import sys
@@ -17,6 +15,7 @@ from python_qt_binding.QtCore import QSettings, QSocketNotifier, Qt
 from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
+from skiros2_gui.display import display_trouble
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.theme import CHOICES, SYSTEM, apply_theme
 from skiros2_gui.ros.system import RosSystem
@@ -180,27 +179,6 @@ class EndBySignal:
         self._reader.recv(64)
         self._window.close()
         QApplication.quit()
-
-
-def display_trouble() -> str:
-    """Why no window can be drawn here, in words; "" where one can. Qt itself ends the program with a crash."""
-    platform = os.environ.get("QT_QPA_PLATFORM", "")
-    if platform.partition(":")[0] not in ("", "xcb") or os.environ.get("WAYLAND_DISPLAY"):
-        return ""
-    display = os.environ.get("DISPLAY", "")
-    if not display:
-        return "there is no display to open the window on: DISPLAY is not set"
-    try:
-        x11 = ctypes.CDLL("libX11.so.6")
-    except OSError:  # Qt may do without it
-        return ""
-    x11.XOpenDisplay.restype = ctypes.c_void_p
-    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
-    opened = x11.XOpenDisplay(None)
-    if not opened:
-        return f"the display {display} (DISPLAY) cannot be opened"
-    x11.XCloseDisplay(opened)
-    return ""
 
 
 def _leave_ros() -> None:

@@ -1,36 +1,134 @@
-"""Which window `gui:=true` opens."""
+"""Which window `gui:=true` opens, and what the launch file's node does without one."""
 
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
-import skiros2_gui
-from skiros2_gui.launcher import window_command
+from skiros2_gui.display import display_trouble, virtual_display
+from skiros2_gui.launcher import rqt_command
+from support.programs import Program
+from support.ros import ROOT
+
+NODE = ROOT / "skiros2_gui/nodes/skiros_gui"
+COMMON = [str(ROOT / "skiros2/skiros2_common/src")]
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
 
 @pytest.fixture
-def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "gui.py").touch()
-    monkeypatch.setattr(skiros2_gui, "__path__", [str(tmp_path)])
+def rqt_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rqt_gui_py").mkdir()
+    (tmp_path / "rqt_gui_py/__init__.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
 
 
 @pytest.fixture
-def rqt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def rqt_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "rqt_gui"
     folder.mkdir()
     (folder / "package.xml").write_text("<package><name>rqt_gui</name></package>")
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
 
 
-def test_the_rqt_plugin_where_rqt_is_installed(plugin: None, rqt: None) -> None:
-    assert window_command() == ["rosrun", "rqt_gui", "rqt_gui", "-s", "gui.skiros"]
+def test_the_rqt_plugin_where_rqt_is_installed(rqt_modules: None, rqt_package: None) -> None:
+    assert rqt_command() == ["rosrun", "rqt_gui", "rqt_gui", "-s", "gui.skiros"]
 
 
-def test_none_without_rqt(plugin: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_plugin_without_rqt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
-    assert window_command() is None
+    assert rqt_command() is None
 
 
-def test_none_without_the_plugin(rqt: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(skiros2_gui, "__path__", [str(tmp_path / "empty")])
-    assert window_command() is None
+def test_no_plugin_where_this_python_cannot_import_rqt(rqt_package: None) -> None:
+    assert rqt_command() is None
+
+
+@pytest.mark.parametrize(
+    ("environment", "trouble"),
+    [
+        ({}, "DISPLAY is not set"),
+        ({"DISPLAY": ":9999"}, "the display :9999 (DISPLAY) cannot be opened"),
+        ({"DISPLAY": ":9999", "QT_QPA_PLATFORM": "xcb"}, "cannot be opened"),
+        ({"QT_QPA_PLATFORM": "offscreen"}, ""),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, ""),
+    ],
+)
+def test_it_says_why_no_window_can_be_drawn(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], trouble: str
+) -> None:
+    for name in DISPLAY_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    assert trouble in display_trouble()
+    assert bool(display_trouble()) == bool(trouble)
+
+
+def test_a_virtual_display_is_one_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in DISPLAY_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    with virtual_display():
+        assert display_trouble() == ""
+    assert "DISPLAY is not set" in display_trouble()
+
+
+@pytest.fixture
+def launched(tmp_path: Path) -> Iterator[Launched]:
+    launched = Launched(tmp_path)
+    yield launched
+    launched.stop()
+
+
+class Launched:
+    """The launch file's node where rqt is installed: an rqt that only tells its arguments and ends as it is told."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._programs: list[Program] = []
+        (folder / "rqt_gui").mkdir()
+        (folder / "rqt_gui/package.xml").write_text("<package><name>rqt_gui</name></package>")
+        (folder / "rqt_gui_py.py").touch()
+
+    def start(self, env: Mapping[str, str], status: int = 0) -> Program:
+        rosrun = self._folder / "rosrun"
+        rosrun.write_text(f"#!/bin/sh\necho rosrun $*\nexit {status}\n")
+        rosrun.chmod(0o755)
+        source = [str(self._folder), str(ROOT / "skiros2_gui/src")]
+        full = {
+            **{key: value for key, value in os.environ.items() if key not in DISPLAY_VARIABLES},
+            "PATH": f"{self._folder}:{os.environ['PATH']}",
+            "PYTHONPATH": ":".join([*source, *COMMON, os.environ.get("PYTHONPATH", "")]),
+            "ROS_PACKAGE_PATH": str(self._folder),
+            **env,
+        }
+        program = Program([sys.executable, str(NODE), "--launched", "__name:=skiros_gui"], full)
+        self._programs.append(program)
+        return program
+
+    def stop(self) -> None:
+        for program in self._programs:
+            program.stop()
+
+
+def test_without_a_display_it_says_so_once_and_waits(launched: Launched) -> None:
+    program = launched.start({})
+    program.wait_for_line("there is no display")
+    assert program.running
+    assert "rosrun" not in program.output
+    program.interrupt()
+    program.wait()
+
+
+def test_a_window_that_was_closed_is_not_opened_again(launched: Launched) -> None:
+    program = launched.start({"QT_QPA_PLATFORM": "offscreen"})
+    program.wait_for_line("the window was closed")
+    assert "rosrun rqt_gui rqt_gui -s gui.skiros" in program.output
+    assert program.running
+
+
+def test_a_window_that_failed_is_left_to_roslaunch_to_start_again(launched: Launched) -> None:
+    assert launched.start({"QT_QPA_PLATFORM": "offscreen"}, status=3).wait() == 3

@@ -18,7 +18,7 @@ NEWS_PERIOD = 40
 class Bridge(QObject):
     """The inbox and the jobs of one window. Nothing runs while nothing comes in.
 
-    It has no parent, and the inbox and the jobs hold it: other threads may bring things when the window is gone already.
+    It has no parent, and the inbox and the jobs hold it: other threads may bring things when the window has gone.
     """
 
     _ended = Signal()

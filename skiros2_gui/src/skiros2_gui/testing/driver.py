@@ -1,0 +1,126 @@
+"""Uses a window as people do, with mouse and keys: for tests, and for the program that takes the window's pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+from python_qt_binding.QtCore import QEventLoop, QModelIndex, QPoint, Qt
+from python_qt_binding.QtTest import QTest
+from python_qt_binding.QtWidgets import QAbstractItemView, QApplication, QComboBox, QTabWidget, QTreeView, QWidget
+
+from skiros2_common.core.errors import TimedOut
+
+T = TypeVar("T")
+
+#: How long the window may take to show what is waited for (s).
+PATIENCE = 30.0
+
+
+class Driver:
+    """Used in the thread of the window. Widgets are found by their object names.
+
+    :param window: what is driven; it has to be shown.
+    """
+
+    def __init__(self, window: QWidget) -> None:
+        self.window = window
+
+    def widget(self, name: str) -> Any:
+        """The one widget of that name that is visible, or else the first of that name.
+
+        :raises LookupError: there is none; the text has the names of those that are visible.
+        """
+        found = self.window.findChildren(QWidget, name)
+        if not found:
+            there = {child.objectName() for child in self.window.findChildren(QWidget) if child.isVisible()}
+            raise LookupError(f"no widget {name!r} in the window; visible are {sorted(there - {''})}")
+        return next((child for child in found if child.isVisible()), found[0])
+
+    def open_tab(self, title: str) -> None:
+        """Chooses the tab whose title begins so.
+
+        :raises LookupError: there is none.
+        """
+        for tabs in self.window.findChildren(QTabWidget):
+            for number in range(tabs.count()):
+                if tabs.tabText(number).replace("&", "").startswith(title):
+                    tabs.setCurrentIndex(number)
+                    return
+        raise LookupError(f"no tab {title!r}")
+
+    def click(self, name: str) -> None:
+        """Clicks a widget once it can be clicked.
+
+        :raises TimedOut: it stays greyed out or hidden.
+        """
+        self.wait_until(lambda: self.widget(name).isEnabled() and self.widget(name).isVisible(), f"{name} to click")
+        QTest.mouseClick(self.widget(name), Qt.LeftButton)
+
+    def write(self, name: str, text: str, key: int | None = None) -> None:
+        """Replaces the text of an editor by typing, and then presses a key (`Qt.Key_Return`), if one is given."""
+        editor = self.widget(name)
+        editor.setFocus()
+        QTest.keyClick(editor, Qt.Key_A, Qt.ControlModifier)
+        QTest.keyClick(editor, Qt.Key_Delete)
+        QTest.keyClicks(editor, text)
+        if key is not None:
+            QTest.keyClick(editor, key)
+
+    def choose(self, name: str, text: str) -> None:
+        """Chooses the entry whose text begins so, in a tree, a list, a table (by a click) or a box of choices.
+
+        :raises TimedOut: there is none.
+        """
+        widget = self.widget(name)
+        if isinstance(widget, QComboBox):
+            number = self.wait_until(lambda: _number_of(widget, text) + 1, f"{text!r} in {name}") - 1
+            widget.setCurrentIndex(number)
+            widget.activated.emit(number)
+            return
+        view: QAbstractItemView = widget
+        entries = self.wait_until(lambda: [e for e in _entries(view) if _begins(e.data(), text)], f"{text!r} in {name}")
+        self.click_entry(view, entries[0])
+
+    def click_entry(self, view: QAbstractItemView, entry: QModelIndex) -> None:
+        """Clicks an entry of a tree, list or table, unfolding what is above it."""
+        above = entry.parent()
+        while isinstance(view, QTreeView) and above.isValid():
+            view.expand(above)
+            above = above.parent()
+        view.scrollTo(entry)
+        QTest.mouseClick(view.viewport(), Qt.LeftButton, Qt.NoModifier, view.visualRect(entry).center() + QPoint(1, 0))
+
+    def entries(self, name: str) -> list[str]:
+        """The texts of the first column of a tree, list or table."""
+        return [str(entry.data()) for entry in _entries(self.widget(name))]
+
+    def wait_until(self, condition: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
+        """Lets the window go on until the condition is true; returns its value.
+
+        :raises TimedOut: it is not true within `patience` (s).
+        """
+        end = time.monotonic() + patience
+        while not (value := condition()):
+            if time.monotonic() > end:
+                raise TimedOut(f"the window: {what}: not within {patience:g} s")
+            QApplication.processEvents(QEventLoop.AllEvents | QEventLoop.WaitForMoreEvents, 20)
+        return value
+
+
+def _entries(view: QAbstractItemView, above: QModelIndex | None = None) -> Iterator[QModelIndex]:
+    model = view.model()
+    parent = QModelIndex() if above is None else above
+    for row in range(model.rowCount(parent)):
+        entry = model.index(row, 0, parent)
+        yield entry
+        yield from _entries(view, entry)
+
+
+def _number_of(box: QComboBox, text: str) -> int:
+    return next((number for number in range(box.count()) if _begins(box.itemText(number), text)), -1)
+
+
+def _begins(shown: Any, text: str) -> bool:
+    return str(shown or "").strip().startswith(text)

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 
 from skiros2_sim_msgs import srv as srvs
 from support.programs import Program
-from support.ros import ROOT, Ros, RosMaster
+from support.ros import ROOT, Ros
 
 #: Of the scene.
 ROBOT, ARM, GRIPPER, CAMERA = "cora:Robot-1", "rparts:ArmDevice-3", "rparts:GripperEffector-4", "skiros:DepthCamera-20"
@@ -91,14 +91,3 @@ def pose_stamped(position: tuple[float, ...], orientation: tuple[float, ...] = (
     q = message.pose.orientation
     q.x, q.y, q.z, q.w = orientation
     return message
-
-
-def shared_simulator(ros_master: RosMaster) -> Iterator[SimulatorClient]:
-    """For a fixture of a module."""
-    ros = Ros(ros_master)
-    try:
-        client = SimulatorClient(ros)
-        yield client
-        client.close()
-    finally:
-        ros.stop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import actionlib
@@ -28,8 +28,8 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_sim_msgs.msg import CartesianMotionAction, CartesianMotionGoal
 from skiros2_sim_msgs.srv import SwitchController, SwitchControllerRequest
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
-from support.ros import RosMaster, wait_until
-from support.simulator_client import GRIPPER, ROBOT, WAIT, SimulatorClient, pose_stamped, shared_simulator
+from support.ros import wait_until
+from support.simulator_client import GRIPPER, ROBOT, WAIT, SimulatorClient, pose_stamped
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -37,17 +37,6 @@ JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 #: Where the arm is at the start, and a bit beside it.
 REST = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 ASIDE = (0.4, -0.6, 0.0, -2.2, 0.0, 1.6, 0.785)
-
-
-@pytest.fixture(scope="module")
-def shared(ros_master: RosMaster) -> Iterator[SimulatorClient]:
-    yield from shared_simulator(ros_master)
-
-
-@pytest.fixture
-def sim(shared: SimulatorClient) -> SimulatorClient:
-    shared.reset()
-    return shared
 
 
 class Request:
@@ -237,10 +226,10 @@ REFUSED: dict[str, tuple[Send, str]] = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_goals_that_cannot_be_are_rejected_with_the_reason_and_nothing_moves(
-    shared: SimulatorClient, case: str
+    shared_sim: SimulatorClient, case: str
 ) -> None:
     send, reason = REFUSED[case]
-    request = send(shared)
+    request = send(shared_sim)
     result = request.wait()
     assert request.status == GoalStatus.REJECTED
     assert request.text

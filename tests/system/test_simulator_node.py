@@ -35,23 +35,11 @@ from support.simulator_client import (
     WORKSPACE,
     SimulatorClient,
     pose_stamped,
-    shared_simulator,
 )
 
 pytestmark = pytest.mark.timeout(120)
 
 NAN = math.nan
-
-
-@pytest.fixture(scope="module")
-def shared(ros_master: RosMaster) -> Iterator[SimulatorClient]:
-    yield from shared_simulator(ros_master)
-
-
-@pytest.fixture
-def sim(shared: SimulatorClient) -> SimulatorClient:
-    shared.reset()
-    return shared
 
 
 # -- what it publishes ------------------------------------------------------------------------------------------------
@@ -229,9 +217,9 @@ REFUSED = [
 
 @pytest.mark.parametrize(("service", "arguments", "reason"), REFUSED)
 def test_requests_that_cannot_be_are_answered_with_the_reason(
-    shared: SimulatorClient, service: str, arguments: tuple[Any, ...], reason: str
+    shared_sim: SimulatorClient, service: str, arguments: tuple[Any, ...], reason: str
 ) -> None:
-    answer = getattr(shared, service)(*arguments)
+    answer = getattr(shared_sim, service)(*arguments)
     assert (answer.ok, answer.message) == (False, answer.message)
     assert reason in answer.message
 

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
 from skiros2_task.core.up_planner import UpPlanner
-from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model import WorldModel
+from support.skilled_scene import scene_with_skills
 
-ROOT = Path(__file__).parents[3]
-WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_demo_skills" / "owl"
 TRAY_A, TRAY_B, TRAY_C = "demo:Tray-10", "demo:Tray-12", "demo:Tray-11"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 
@@ -25,15 +19,8 @@ PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 @pytest.fixture(scope="module")
 def planner() -> Iterator[TaskPlanner]:
     """Plans with the demo's robot and skills."""
-    model = WorldModel(ROOT / "ontologies", WORKSPACE)
-    model.load_initial("pick_place_scene.ttl")
-    wmi = LocalWorldModel("test", model)
-    library = SkillLibrary(wmi)
-    library.import_libraries(["skiros2_demo_skills"])
-    library.load(["drive", "pick", "place", "move_base_timed", "move_arm_timed"])
-    registration = Registration(wmi, "demo", "mobile_manipulator", "/mobile_manipulator")
-    registration.register_robot()
-    registration.register_skills(library.implementations())
+    skills = ["drive", "pick", "place", "move_base_timed", "move_arm_timed"]
+    wmi = scene_with_skills("skiros2_demo_skills", "pick_place_scene.ttl", {"mobile_manipulator": skills})
     processes = EngineProcesses()
     yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
     processes.close()

@@ -16,22 +16,15 @@ from skiros2_sim.core.scene_spec import BaseSpec, BodySpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, from_euler
 from support.moved_robot import MovedRobot, succeeded
-from support.simulated_cell import PRODUCTS, ROBOT, TABLE_1, at, bench, box, cell, product
+from support.simulated_cell import PRODUCTS, ROBOT, TABLE_1, at, bench, box, product
 
 HUSKY = "husky/husky.urdf"
 CART = "cora:Robot-0"
 
 
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(cell()) as world:
-        yield world
-
-
 @pytest.fixture
-def robot(shared: World) -> MovedRobot:
-    shared.reset()
-    return MovedRobot(shared)
+def robot(world: World) -> MovedRobot:
+    return MovedRobot(world)
 
 
 def carts(*poses: Place) -> World:

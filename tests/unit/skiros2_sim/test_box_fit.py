@@ -19,15 +19,13 @@ from skiros2_sim.core.box_fit import (
     quaternion_of,
 )
 from skiros2_std_reasoners.core.geometry import (
-    IDENTITY,
     Pose,
     Vector,
     angle_between,
-    conjugated,
     from_euler,
-    multiplied,
     rotated,
 )
+from support.looks import turn_between
 
 EYE = np.array((0.2, -0.1, 0.6))
 SIZES = [(0.05, 0.05, 0.05), (0.05, 0.05, 0.09), (0.04, 0.06, 0.1), (0.2, 0.3, 0.04)]
@@ -47,12 +45,6 @@ def seen_from(eye: Points, pose: Pose, size: Vector) -> Points:
         if (eye - points.mean(axis=0)) @ normal > 0:
             sides.append(points)
     return np.vstack(sides)
-
-
-def turn_between(a: Pose, b: Pose, size: Vector) -> float:
-    """The least angle between two boxes that look the same (rad)."""
-    between = multiplied(conjugated(a.orientation), b.orientation)
-    return angle_between(IDENTITY.orientation, least_turned(between, size))
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)

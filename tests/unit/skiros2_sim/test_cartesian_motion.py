@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -26,19 +25,6 @@ from support.simulated_cell import ARM, EDGE, PRODUCTS, ROBOT, TABLE_1, bench
 CONTROLLERS = pytest.mark.parametrize("controller", ["position", "compliant"])
 TABLE_TOP = 0.4
 FREE = (0.5, -0.3, 0.7)  # m, above the table where it is empty
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(bench()) as world:
-        yield world
-
-
-@pytest.fixture
-def robot(shared: World) -> MovedRobot:
-    shared.reset()
-    shared.step(60)
-    return MovedRobot(shared)
 
 
 def refused(motion: CartesianMotion, code: int, said: str) -> None:

@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed
-from support.simulated_cell import ARM, ROBOT, cell
+from support.simulated_cell import ARM, ROBOT
 
 NAME = "mobile_manipulator"
 BASE = f"{NAME}/base_link"
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(cell()) as world:
-        yield world
-
-
-@pytest.fixture
-def world(shared: World) -> World:
-    shared.reset()
-    return shared
 
 
 class Told:

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 
 from skiros2_sim.core.gripper_motion import GripperMotion
 from skiros2_sim.core.motion import State
-from skiros2_sim.core.world import World
 from support.moved_robot import MovedRobot, succeeded
-from support.simulated_cell import EDGE, PRODUCTS, bench
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(bench()) as world:
-        yield world
-
-
-@pytest.fixture
-def robot(shared: World) -> MovedRobot:
-    shared.reset()
-    shared.step(60)
-    return MovedRobot(shared)
+from support.simulated_cell import EDGE, PRODUCTS
 
 
 @pytest.fixture

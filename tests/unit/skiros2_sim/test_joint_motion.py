@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -17,20 +16,7 @@ from skiros2_sim.core.motion import State
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted
 from support.moved_robot import DOWN, MovedRobot, succeeded
-from support.simulated_cell import TABLE_1, bench, cell
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(bench()) as world:
-        yield world
-
-
-@pytest.fixture
-def robot(shared: World) -> MovedRobot:
-    shared.reset()
-    shared.step(60)
-    return MovedRobot(shared)
+from support.simulated_cell import TABLE_1, cell
 
 
 def turned(robot: MovedRobot, by: float) -> tuple[float, ...]:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_sim.core.box_fit import least_turned
 from skiros2_sim.core.camera import looking_at
 from skiros2_sim.core.perception import Detection, Noise, Source, detect
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, SceneSpec
@@ -18,11 +17,9 @@ from skiros2_std_reasoners.core.geometry import (
     IDENTITY,
     Pose,
     Vector,
-    angle_between,
-    conjugated,
     from_euler,
-    multiplied,
 )
+from support.looks import turn_between
 
 TOP = 0.5
 SIZES: dict[str, Vector] = {
@@ -71,8 +68,7 @@ def by_id(found: list[Detection]) -> dict[str, Detection]:
 def errors(world: World, detection: Detection) -> tuple[float, float]:
     """How far a detection is from the truth (m), and how much it is turned from it (rad), looks the same aside."""
     true = world.pose_of(detection.id)
-    between = multiplied(conjugated(detection.pose.orientation), true.orientation)
-    turned = angle_between(IDENTITY.orientation, least_turned(between, SIZES[detection.id]))
+    turned = turn_between(detection.pose, true, SIZES[detection.id])
     return math.dist(detection.pose.position, true.position), turned
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -25,37 +25,12 @@ from support.simulated_cell import (
     TRAY_TOP,
     TRAYS,
     at,
-    bench,
     cell,
     product,
 )
 
 PRODUCT = PRODUCTS[0]
 DOWN = from_euler(math.pi, 0.0, 0.0)
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[World]:
-    with World(cell()) as world:
-        yield world
-
-
-@pytest.fixture
-def world(shared: World) -> World:
-    shared.reset(seed=0)
-    return shared
-
-
-@pytest.fixture(scope="module")
-def shared_bench() -> Iterator[World]:
-    with World(bench()) as world:
-        yield world
-
-
-@pytest.fixture
-def panda(shared_bench: World) -> World:
-    shared_bench.reset()
-    return shared_bench
 
 
 def state_of(world: World) -> list[object]:
@@ -168,13 +143,13 @@ NAN = float("nan")
     ],
 )
 def test_what_cannot_be_done_is_an_error_that_says_why(
-    shared: World, call: Callable[[World], object], error: type[Exception], text: str
+    shared_cell: World, call: Callable[[World], object], error: type[Exception], text: str
 ) -> None:
-    before = state_of(shared)
+    before = state_of(shared_cell)
     with pytest.raises(error) as caught:
-        call(shared)
+        call(shared_cell)
     assert text in str(caught.value)
-    assert state_of(shared) == before
+    assert state_of(shared_cell) == before
 
 
 # -- runs -------------------------------------------------------------------------------------------------------------
@@ -447,12 +422,12 @@ def test_a_fault_may_be_changed_and_taken_away(world: World) -> None:
     ],
 )
 def test_a_fault_that_cannot_be_is_an_error_that_says_what_was_expected(
-    shared: World, arguments: tuple[object, ...], error: type[Exception], text: str
+    shared_cell: World, arguments: tuple[object, ...], error: type[Exception], text: str
 ) -> None:
-    before = shared.faults.active
+    before = shared_cell.faults.active
     with pytest.raises(error, match=text):
-        shared.faults.set(*arguments)  # type: ignore[arg-type]
-    assert shared.faults.active == before
+        shared_cell.faults.set(*arguments)  # type: ignore[arg-type]
+    assert shared_cell.faults.active == before
 
 
 def test_seeds_and_noise_that_are_none_are_refused(world: World) -> None:

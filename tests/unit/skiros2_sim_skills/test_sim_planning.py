@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
 from skiros2_task.core.up_planner import UpPlanner
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model import WorldModel
+from support.skilled_scene import scene_with_skills
 
-ROOT = Path(__file__).parents[3]
-WORKSPACE = ROOT / "skiros2_std_lib" / "skiros2_sim_skills" / "owl"
 TRAY_B, TRAY_C, TRAY_D = "demo:Tray-12", "demo:Tray-11", "demo:Tray-13"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 
@@ -25,16 +20,8 @@ PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
 @pytest.fixture(scope="module")
 def wmi() -> LocalWorldModel:
     """The scene with the robot and its skills."""
-    model = WorldModel(ROOT / "ontologies", WORKSPACE)
-    model.load_initial("sim_scene.ttl")
-    wmi = LocalWorldModel("test", model)
-    library = SkillLibrary(wmi)
-    library.import_libraries(["skiros2_std_skills", "skiros2_sim_skills"])
-    library.load(["drive", "look", "pick", "place", "move_base", "tuck_arm", "detect_objects"])
-    registration = Registration(wmi, "demo", "mobile_manipulator", "/mobile_manipulator")
-    registration.register_robot()
-    registration.register_skills(library.implementations())
-    return wmi
+    skills = ["drive", "look", "pick", "place", "move_base", "tuck_arm", "detect_objects"]
+    return scene_with_skills("skiros2_sim_skills", "sim_scene.ttl", {"mobile_manipulator": skills})
 
 
 @pytest.fixture(scope="module")

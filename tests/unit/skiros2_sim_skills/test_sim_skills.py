@@ -54,6 +54,13 @@ class Cell(SkillBench):
         self.done("Drive", TargetLocation="Workstation 1")
         self.done("Look", Workstation="Workstation 1")
 
+    def ready_to_place(self) -> None:
+        """With Product A in the gripper, before the other workstation."""
+        self.ready_to_pick()
+        self.done("Pick", Object="Product A")
+        self.done("Drive", TargetLocation="Workstation 2")
+        self.done("Look", Workstation="Workstation 2")
+
     def place_in_map(self, label: str) -> tuple[float, ...]:
         return pose_in_scene(self.wmi, self.element(label))[1].position
 
@@ -229,10 +236,7 @@ def test_what_has_fallen_from_the_gripper_is_seen_where_it_lies(cell: Cell) -> N
 
 
 def test_a_place_where_the_product_does_not_stay_fails(cell: Cell) -> None:
-    cell.ready_to_pick()
-    cell.done("Pick", Object="Product A")
-    cell.done("Drive", TargetLocation="Workstation 2")
-    cell.done("Look", Workstation="Workstation 2")
+    cell.ready_to_place()
 
     def rolled_away(goal: Any) -> Any:
         cell.drivers.things[cell.element("Product A").id] = (Pose((2.2, -1.0, 0.525), (0.0, 0.0, 0.0, 1.0)), 0.05)
@@ -245,10 +249,7 @@ def test_a_place_where_the_product_does_not_stay_fails(cell: Cell) -> None:
 
 
 def test_nothing_is_placed_in_a_tray_that_is_full(cell: Cell) -> None:
-    cell.ready_to_pick()
-    cell.done("Pick", Object="Product A")
-    cell.done("Drive", TargetLocation="Workstation 2")
-    cell.done("Look", Workstation="Workstation 2")
+    cell.ready_to_place()
     assert "ContainerNotFull" in cell.why("Place", Object="Product A", Container="Tray D")
 
 

@@ -12,15 +12,12 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_sim.core.scene_reader import load_scene
 from skiros2_sim.core.world import World
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.ros.registration import Registration
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.portfolio import Portfolio, Wish, makespan
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.world_model import WorldModel
+from support.skilled_scene import scene_with_skills
 
 ROOT = Path(__file__).parents[3]
 OWL = ROOT / "skiros2_std_lib/skiros2_sim_skills/owl"
@@ -34,16 +31,7 @@ ROBOTS["stationary"] = ["look", "pick", "place"]
 
 @pytest.fixture(scope="module")
 def plan() -> Iterator[PlanningResult]:
-    model = WorldModel(ROOT / "ontologies", OWL)
-    model.load_initial(SCENE.name)
-    wmi = LocalWorldModel("test", model)
-    for robot, skills in ROBOTS.items():
-        library = SkillLibrary(wmi)
-        library.import_libraries(["skiros2_std_skills", "skiros2_sim_skills"])
-        library.load(skills)
-        registration = Registration(wmi, "demo", robot, f"/{robot}")
-        registration.register_robot()
-        registration.register_skills(library.implementations())
+    wmi = scene_with_skills("skiros2_sim_skills", SCENE.name, ROBOTS)
     processes = EngineProcesses()
     yield TaskPlanner(wmi, Portfolio(processes, Wish.BEST, makespan()), Limits(10.0)).plan(GOAL)
     processes.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from skiros2_demo_skills.transport_skills import FROM
 from skiros2_sim_skills.transport import FREE, OBSERVED, Drive, Look, Pick, Place
 from skiros2_skill.core.processors import ParallelFs, Sequential
 from skiros2_skill.core.skill import SkillBase
@@ -17,8 +18,6 @@ CLEARANCE = 0.12
 SLOWLY = 0.08
 #: What is put down has touched the ground when this is felt (N).
 TOUCH = 6.0
-#: Where a moved object was is found out by WmMoveObject; what Drive left as StartLocation is none of its business.
-FROM = {"StartLocation": "PlaceOfObject"}
 
 
 class drive(SkillBase):

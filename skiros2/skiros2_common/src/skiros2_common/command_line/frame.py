@@ -36,6 +36,23 @@ def given_arguments(arguments: Sequence[str] | None = None) -> list[str]:
     return [a for a in given if not (a.startswith("__") and ":=" in a)]
 
 
+def program(status: Callable[[str, Sequence[str]], int]) -> Callable[..., NoReturn]:
+    """The program of a package's commands.
+
+    :param status: does a command: of its name and arguments the exit status.
+    """
+
+    def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
+        """Runs a command and ends the process with its status.
+
+        :param name: the command.
+        :param arguments: of the command line; None: of this process's.
+        """
+        end(status(name, given_arguments(arguments)))
+
+    return run
+
+
 def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: int = REFUSED) -> int:
     """Does the work of a command and prints its answer; what goes wrong is one line on stderr.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 from skiros2_common.command_line.answer import NOT_THERE, Answer
-from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.frame import Parser, answered, program, screen, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_skill.command_line import control, reading, running, watching
 from skiros2_skill.command_line.connection import Manager, connect
@@ -24,15 +24,6 @@ _BREAKPOINTS = (
 )
 
 
-def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs a command and ends the process with its status.
-
-    :param name: the command.
-    :param arguments: of the command line; None: of this process's.
-    """
-    end(_run(name, given_arguments(arguments)))
-
-
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
     parse = parser.parse_intermixed_args if name == "run" else parser.parse_args  # options may stand anywhere
@@ -42,6 +33,9 @@ def _run(name: str, given: Sequence[str]) -> int:
         return command(connect(arguments.robot, arguments.author), arguments, screen())
 
     return answered(parser.prog, work, arguments.json)
+
+
+run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:

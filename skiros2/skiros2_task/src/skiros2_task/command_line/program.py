@@ -6,10 +6,10 @@ import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from skiros2_common.command_line.answer import NOT_THERE, Answer
-from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.frame import Parser, answered, program, screen, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_task.command_line import achieving, domain, engines, planning
 from skiros2_task.core.up_planner import DEFAULT_ENGINE
@@ -24,19 +24,13 @@ _GOALS = (
 _OFFLINE = "With --scene, no master and no world model are needed."
 
 
-def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs a command and ends the process with its status.
-
-    :param name: the command.
-    :param arguments: of the command line; None: of this process's.
-    """
-    end(_run(name, given_arguments(arguments)))
-
-
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
     arguments = parser.parse_intermixed_args(given)  # options may stand anywhere
     return answered(parser.prog, lambda: command(arguments, screen()), arguments.json)
+
+
+run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:

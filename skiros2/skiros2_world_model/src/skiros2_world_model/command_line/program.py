@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from skiros2_common.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen, user
+from skiros2_common.command_line.frame import Parser, answered, program, screen, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_world_model.command_line import past, reading, validating, writing
 from skiros2_world_model.command_line.connection import connect
@@ -20,15 +20,6 @@ _VALUES = (
     "Values are of the type that the ontologies declare; where they declare none, numbers, true and false are such, "
     'and "7" in its quotes is text. Values that begin with - stand after --.'
 )
-
-
-def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs a command and ends the process with its status.
-
-    :param name: the command.
-    :param arguments: of the command line; None: of this process's.
-    """
-    end(_run(name, given_arguments(arguments)))
 
 
 def _run(name: str, given: Sequence[str]) -> int:
@@ -43,6 +34,9 @@ def _run(name: str, given: Sequence[str]) -> int:
         return command(wm, arguments, screen())
 
     return answered(parser.prog, work, arguments.json, USAGE if name in _OF_FILES else REFUSED)
+
+
+run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Sequence
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.errors import ConfigurationError
@@ -14,6 +15,20 @@ from skiros2_world_model.core.world_model import WorldModel
 log = logging.getLogger(__name__)
 
 
+def new_reasoners(packages: Sequence[str]) -> list[DiscreteReasoner]:
+    """One of each kind of reasoner that the packages have.
+
+    :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
+    """
+    loader = PluginLoader()
+    for package in packages:
+        loader.load(package, DiscreteReasoner)
+    if loader.failures:
+        module, cause = next(iter(loader.failures.items()))
+        raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
+    return loader.create()
+
+
 class Reasoners:
     """The reasoners that a server runs, each with a thread of its own."""
 
@@ -22,14 +37,8 @@ class Reasoners:
 
         :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
         """
-        loader = PluginLoader()
-        for package in packages:
-            loader.load(package, DiscreteReasoner)
-        if loader.failures:
-            module, cause = next(iter(loader.failures.items()))
-            raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
         self._running: list[tuple[DiscreteReasoner, threading.Thread]] = []
-        for reasoner in loader.create():
+        for reasoner in new_reasoners(packages):
             name = reasoner.__class__.__name__
             reasoners.add(reasoner)
             reasoner.init(LocalWorldModel(name, model))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from skiros2_bags.command_line import comparing, looking, plotting, restoring, worlds
 from skiros2_bags.core.run import Run
 from skiros2_common.command_line.answer import USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, end, given_arguments, screen
+from skiros2_common.command_line.frame import Parser, answered, program, screen
 from skiros2_common.command_line.layout import Screen
 
 Command = Callable[[Run, argparse.Namespace, Screen], Answer]
@@ -21,15 +21,13 @@ _TIMES = (
 )
 
 
-def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs a command and ends the process with its status.
-
-    :param name: the command.
-    :param arguments: of the command line; None: of this process's.
-    """
+def _run(name: str, arguments: Sequence[str]) -> int:
     command, parser = _parser(name)
-    given = parser.parse_args(given_arguments(arguments))
-    end(answered(name, lambda: command(Run.open(given.bag), given, screen()), given.json, USAGE))
+    given = parser.parse_args(arguments)
+    return answered(name, lambda: command(Run.open(given.bag), given, screen()), given.json, USAGE)
+
+
+run = program(_run)
 
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import REASONER_PROPERTY
-from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.ros.reasoners import new_reasoners
 
 #: As the launch files have it.
 PACKAGES = ("skiros2_std_reasoners",)
@@ -26,13 +25,7 @@ def add_reasoners(model: WorldModel, packages: Sequence[str] = PACKAGES) -> None
     named = {name for prop in naming for name in prop.values}
     if not named:
         return
-    loader = PluginLoader()
-    for package in packages:
-        loader.load(package, DiscreteReasoner)
-    if loader.failures:
-        module, cause = next(iter(loader.failures.items()))
-        raise ConfigurationError(f"reasoners: module {module} cannot be imported: {cause}")
-    for reasoner in loader.create():
+    for reasoner in new_reasoners(packages):
         name = reasoner.__class__.__name__
         if name in named:
             reasoners.add(reasoner)

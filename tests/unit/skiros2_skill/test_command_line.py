@@ -431,7 +431,9 @@ def test_without_a_number_the_only_task_is_ticked_once(run, manager):
 def test_a_task_that_does_not_run_is_not_watched(run, manager):
     manager.run_by_number = [3]
     assert run("watch", "--once", "4") == (
-        1, "", f"watch: no task 4 runs on {ROBOT}; why 4 may tell its end\n",
+        1,
+        "",
+        f"watch: no task 4 runs on {ROBOT}; why 4 may tell its end\n",
     )
 
 

@@ -253,9 +253,7 @@ def test_nothing_is_told_of_one_that_reports_nothing(bench):
 
 def test_it_is_started_anew_after_its_preemption(bench):
     starts = []
-    bench.load(
-        primitive(describe("Turn"), "turn", onStart=lambda s: starts.append(s) or True, execute=State.Running)
-    )
+    bench.load(primitive(describe("Turn"), "turn", onStart=lambda s: starts.append(s) or True, execute=State.Running))
     node = bench.node("turn")
     task = bench.task(node)
     for _ in range(3):

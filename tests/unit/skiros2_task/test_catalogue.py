@@ -605,7 +605,6 @@ def test_elements_that_cannot_matter_are_left_out_and_listed(plan: Plan) -> None
     assert note.endswith("left out: 1 rparts:GripperEffector, 1 skiros:Product, 1 skiros:Scene, 1 skiros:Tool")
 
 
-
 def test_labels_that_pddl_cannot_hold_come_back_as_they_were(plan: Plan) -> None:
     world = PlanningWorld()
     first, second = world.thing("skiros:Product"), world.thing("skiros:Part")

@@ -80,8 +80,11 @@ def test_what_skill_managers_add_is_in_order(tmp_path):
 
 
 def test_all_that_loading_would_refuse_is_told_at_once(validate):
-    report = validate(BOX + """ ; skiros:contain skiros:Nothing-7 .
-        skiros:LargeBox-2 a skiros:LargeBox ; skiros:PositionX "far" ; skiros:contain skiros:LargeBox-2 .""")
+    report = validate(
+        BOX
+        + """ ; skiros:contain skiros:Nothing-7 .
+        skiros:LargeBox-2 a skiros:LargeBox ; skiros:PositionX "far" ; skiros:contain skiros:LargeBox-2 ."""
+    )
     assert told(report) >= {
         (VIOLATION, "skiros:LargeBox-1", "skiros:contain", "there is no element 'skiros:Nothing-7'"),
         (VIOLATION, "skiros:LargeBox-2", "skiros:PositionX", "expected xsd:float, got str 'far'"),
@@ -99,8 +102,12 @@ def test_more_values_than_the_ontology_allows_are_told(validate):
 
 @pytest.mark.parametrize(("strict", "severity"), [(False, WARNING), (True, VIOLATION)])
 def test_unknown_names_are_warnings_or_when_strict_violations(validate, strict, severity):
-    report = validate(BOX + """ ; skiros:colour "red" ; skiros:feeds skiros:Pump-3 .
-        skiros:Pump-3 a skiros:Pump . skiros:Pump-4 a skiros:Pump .""", strict)
+    report = validate(
+        BOX
+        + """ ; skiros:colour "red" ; skiros:feeds skiros:Pump-3 .
+        skiros:Pump-3 a skiros:Pump . skiros:Pump-4 a skiros:Pump .""",
+        strict,
+    )
     assert told(report) == {
         (severity, "skiros:LargeBox-1", "skiros:colour", "unknown property skiros:colour"),
         (severity, "skiros:LargeBox-1", "skiros:feeds", "unknown relation skiros:feeds"),
@@ -109,8 +116,11 @@ def test_unknown_names_are_warnings_or_when_strict_violations(validate, strict, 
 
 
 def test_an_element_is_in_one_place(validate):
-    report = validate(BOX + """ ; skiros:hasA skiros:LargeBox-2 . skiros:Scene-0 skiros:contain skiros:LargeBox-2 .
-        skiros:LargeBox-2 a skiros:LargeBox . skiros:LargeBox-3 a skiros:LargeBox .""")
+    report = validate(
+        BOX
+        + """ ; skiros:hasA skiros:LargeBox-2 . skiros:Scene-0 skiros:contain skiros:LargeBox-2 .
+        skiros:LargeBox-2 a skiros:LargeBox . skiros:LargeBox-3 a skiros:LargeBox ."""
+    )
     assert told(report) == {
         (WARNING, "skiros:LargeBox-2", "", "it is in several places: skiros:LargeBox-1, skiros:Scene-0"),
         (WARNING, "skiros:LargeBox-3", "", "it is nowhere: no element contains it or has it"),
@@ -153,7 +163,7 @@ def test_numbers_and_bools_as_texts_are_in_order(validate, fine):
 
 
 def test_a_position_with_x_alone_is_a_warning_for_the_others(validate):
-    report = validate(BOX.replace(POSE, "skiros:PositionX 1.0 .") )
+    report = validate(BOX.replace(POSE, "skiros:PositionX 1.0 ."))
     assert {(f.severity, f.property) for f in report.findings} == {
         (WARNING, "skiros:PositionY"), (WARNING, "skiros:PositionZ")
     }  # fmt: skip

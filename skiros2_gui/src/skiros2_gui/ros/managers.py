@@ -12,6 +12,7 @@ import rospy
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_gui.core.events import Progressed
+from skiros2_gui.ros.progress import QuickTreeProgress
 from skiros2_msgs import msg as msgs
 from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
@@ -46,6 +47,7 @@ class ManagersLink(DiscoveryInterface):
         self._up: dict[str, RosManager] = {}
         self._since: dict[str, float] = {}
         self._subscribers: dict[str, Any] = {}
+        self._connected: set[str] = set()  # those that have been heard
         self.init_discovery(NAMESPACE, self._on_up, self._on_down)
 
     @property
@@ -59,6 +61,16 @@ class ManagersLink(DiscoveryInterface):
         with self._discovery_lock:
             return [(name, name in self._up, since) for name, since in sorted(self._since.items())]
 
+    def check(self) -> None:
+        """Notices sooner than by their silence that managers have gone. Called from time to time."""
+        with self._discovery_lock:
+            for name, subscriber in list(self._subscribers.items()):
+                is_connected = subscriber.get_num_connections() > 0
+                if name in self._connected and not is_connected:
+                    self._drop(name)
+                elif is_connected:
+                    self._connected.add(name)
+
     def close(self) -> None:
         """Follows them no more."""
         self.stop_discovery()
@@ -71,7 +83,7 @@ class ManagersLink(DiscoveryInterface):
         self._up[name] = manager = RosManager(name, self._author)
         self._since[name] = time.time()
         self._subscribers[name] = rospy.Subscriber(
-            f"{name}/monitor", msgs.TreeProgress, self._on_progress, name, queue_size=_QUEUE
+            f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
         )
         threading.Thread(target=self._catch_up, args=(manager,), name="window tasks", daemon=True).start()
         self._changed()
@@ -79,6 +91,7 @@ class ManagersLink(DiscoveryInterface):
     def _on_down(self, name: str) -> None:
         del self._up[name]
         self._since[name] = time.time()
+        self._connected.discard(name)
         self._subscribers.pop(name).unregister()
         self._changed()
 

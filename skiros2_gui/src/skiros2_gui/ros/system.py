@@ -79,10 +79,6 @@ class RosSystem:
 
     def close(self) -> None:
         self._ended.set()
-        links = self._links
-        if links is not None:
-            # Taking registrations back asks the master, which may not answer.
-            threading.Thread(target=links.close, name="window end", daemon=True).start()
 
     def _run(self) -> None:
         while not self._ended.is_set():
@@ -96,6 +92,8 @@ class RosSystem:
             if self._links is not None:
                 self._links.check()
             self._ended.wait(PERIOD)
+        if self._links is not None:
+            self._links.close()  # here, for it asks the master, which may not answer
 
     def _connect(self) -> None:
         try:
@@ -107,8 +105,6 @@ class RosSystem:
             return
         self._links = links
         links.markers.mark(self._marked)
-        if self._ended.is_set():
-            links.close()
         self._inbox.put(ConnectionChanged())
 
     def _set_master(self, is_up: bool, text: str) -> None:
@@ -145,6 +141,7 @@ class _Links:
 
     def check(self) -> None:
         self.world.check()
+        self.managers.check()
         self.task_manager.check()
         try:
             self.markers.check(self.world.world)

@@ -56,7 +56,8 @@ class TaskManagerLink:
 
     def check(self) -> None:
         """Notices that it has gone. Called from time to time."""
-        if self.is_up and time.monotonic() - self._heard_at > SILENCE:
+        is_silent = time.monotonic() - self._heard_at > SILENCE
+        if self.is_up and (is_silent or self._status.get_num_connections() == 0):
             self._set(False)
 
     def close(self) -> None:

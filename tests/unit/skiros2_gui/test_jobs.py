@@ -1,0 +1,139 @@
+"""Calls beside the window's thread: results, errors, order, the busy sign, and the end."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.errors import Refused
+from skiros2_gui.core.jobs import MOST_AT_ONCE, Jobs
+from skiros2_gui.core.problems import Problems
+
+
+class Desk:
+    """Stands for the window's thread: delivers until something has happened."""
+
+    def __init__(self) -> None:
+        self.problems = Problems()
+        self._woken: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self.jobs = Jobs(self.problems, lambda: self._woken.put(None))
+        self.seen: list[Any] = []
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        while not condition():
+            self._woken.get(timeout=10)
+            self.jobs.deliver()
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+def test_a_call_runs_in_another_thread_and_its_result_comes_back_to_this_one(desk: Desk) -> None:
+    def done(worker: threading.Thread) -> None:
+        desk.seen += [worker, threading.current_thread()]
+
+    desk.jobs.run(threading.current_thread, done)
+    desk.until(lambda: bool(desk.seen))
+    assert desk.seen[0] is not threading.main_thread()
+    assert desk.seen[1] is threading.current_thread()
+
+
+def test_an_error_goes_to_the_one_who_takes_it_else_to_the_error_bar(desk: Desk) -> None:
+    def refuse() -> None:
+        raise Refused("task 3 runs already")
+
+    desk.jobs.run(refuse, failed=desk.seen.append, what="starting")
+    desk.until(lambda: bool(desk.seen))
+    assert desk.problems.newest is None
+    desk.jobs.run(refuse, what="starting")
+    desk.until(lambda: desk.problems.newest is not None)
+    assert desk.problems.history[0].line == "starting: task 3 runs already"
+
+
+def test_code_that_wants_to_end_the_program_does_not(desk: Desk) -> None:
+    desk.jobs.run(lambda: exit(3), failed=desk.seen.append)
+    desk.until(lambda: bool(desk.seen))
+    assert "wanted to end the program" in str(desk.seen[0])
+
+
+def test_what_shows_a_result_may_fail_and_others_are_shown(desk: Desk) -> None:
+    desk.jobs.run(lambda: 1, lambda number: number.missing, what="counting")  # type: ignore[attr-defined]
+    desk.until(lambda: desk.problems.newest is not None)
+    desk.jobs.run(lambda: 2, desk.seen.append)
+    desk.until(lambda: desk.seen == [2])
+    assert desk.problems.history[0].what == "showing what came of counting"
+
+
+def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk: Desk) -> None:
+    gate = threading.Event()
+    running = []
+
+    def slow() -> str:
+        running.append("slow")
+        assert gate.wait(10)
+        return "slow"
+
+    desk.jobs.run(slow, desk.seen.append, lane="world")
+    desk.jobs.run(lambda: running.append("next") or "next", desk.seen.append, lane="world")
+    desk.jobs.run(lambda: "beside", desk.seen.append)
+    desk.until(lambda: desk.seen == ["beside"])
+    assert running == ["slow"]
+    gate.set()
+    desk.until(lambda: len(desk.seen) == 3)
+    assert desk.seen == ["beside", "slow", "next"]
+    assert running == ["slow", "next"]
+
+
+def test_more_calls_than_threads_all_end(desk: Desk) -> None:
+    for number in range(3 * MOST_AT_ONCE):
+        desk.jobs.run(lambda n=number: n, desk.seen.append)
+    desk.until(lambda: len(desk.seen) == 3 * MOST_AT_ONCE)
+    assert sorted(desk.seen) == list(range(3 * MOST_AT_ONCE))
+
+
+def test_what_is_under_way_is_told_while_it_is(desk: Desk) -> None:
+    gate = threading.Event()
+    told: list[list[str]] = []
+    desk.jobs.on_busy(lambda: told.append(desk.jobs.busy_with))
+    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, what="loading the scene")
+    assert desk.jobs.busy_with == ["loading the scene"]
+    gate.set()
+    desk.until(lambda: bool(desk.seen))
+    assert told == [["loading the scene"], []]
+
+
+def test_what_another_thread_posts_is_called_in_this_one_in_order(desk: Desk) -> None:
+    def post() -> None:
+        for number in range(5):
+            desk.jobs.post(lambda n=number: desk.seen.append((n, threading.current_thread())))
+
+    thread = threading.Thread(target=post)
+    thread.start()
+    desk.until(lambda: len(desk.seen) == 5)
+    assert desk.seen == [(n, threading.current_thread()) for n in range(5)]
+
+
+def test_after_the_end_nothing_is_delivered_and_nothing_begins(desk: Desk) -> None:
+    began, gate, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def slow() -> None:
+        began.set()
+        gate.wait(10)
+        ended.set()
+
+    desk.jobs.run(slow, desk.seen.append, desk.seen.append)
+    assert began.wait(10)
+    desk.jobs.close()
+    gate.set()
+    assert ended.wait(10)
+    desk.jobs.run(lambda: 1, desk.seen.append)
+    desk.jobs.post(lambda: desk.seen.append(2))
+    desk.jobs.deliver()
+    assert desk.seen == []
+    assert desk.jobs.busy_with == []

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skiros2_bags.core.contract_types import PROGRESS
-from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.run import Run
 from skiros2_gui.core.runs import Runs, runs_of
 
 
@@ -26,6 +23,10 @@ def read_bag(path: str) -> RunBag:
 
     :raises BagError: it cannot be read, or holds no progress of tasks.
     """
+    from skiros2_bags.core.contract_types import PROGRESS  # what reads bags takes a second to be loaded
+    from skiros2_bags.core.errors import BagError
+    from skiros2_bags.core.run import Run
+
     run = Run.open(path)
     if PROGRESS not in run.topics.values():
         raise BagError(f"{path}: the bag holds no progress of tasks: expected a topic of the type {PROGRESS}")

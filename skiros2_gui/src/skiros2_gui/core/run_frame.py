@@ -55,9 +55,12 @@ class Frame:
 
     def running(self) -> list[int]:
         """The places of the nodes that run and under which none does: what the robot is at."""
-        runs = self.rows["state"] == RUNNING
-        above = {self.shape.parents[place] for place in np.flatnonzero(runs).tolist()}
-        return [place for place in np.flatnonzero(runs).tolist() if place not in above]
+        places = np.flatnonzero(self.rows["state"] == RUNNING).tolist()
+        parents, above = self.shape.parents, {-1}
+        for place in places:
+            while (place := parents[place]) not in above:
+                above.add(place)
+        return [place for place in places if place not in above]
 
     @property
     def has_ended(self) -> bool:

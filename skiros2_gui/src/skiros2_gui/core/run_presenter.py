@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import enum
-import time
 import weakref
 from collections.abc import Callable, Iterable
-from typing import Any
 
 from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
 from skiros2_gui.core.run_bag import RunBag, read_bag
@@ -296,21 +294,9 @@ class RunPresenter:
             self._live.lose(name)
             self.breakpoints.ask(name)
         for name in managers.keys() - self._known:
-            self._ask_tasks(managers[name])
             self.breakpoints.ask(name)
         self._known = set(managers)
         self.on_change(Part.TASKS | Part.STATES)
-
-    def _ask_tasks(self, manager: Any) -> None:
-        """A task that is paused tells of itself once a second at most; one that waits should be seen at once."""
-        name = manager.name
-
-        def take(tasks: Any) -> None:
-            for nodes in tasks:
-                if not any(r.robot == name and nodes and r.task_id == nodes[0].task_id for r in self._live):
-                    self._window.tell(Progressed(name, nodes, time.time()))
-
-        self._window.jobs.run(manager.tasks, take, lambda error: None, lane=name)
 
     def _show(self, run: TaskRun | None) -> None:
         self.run, self.tick = run, None
@@ -331,7 +317,7 @@ def state_text(run: TaskRun) -> tuple[str, str]:
     if run.is_lost:
         return "?", "lost: its robot has gone"
     if is_paused(run):
-        return "⏸", "paused"
+        return "‖", "paused"
     look = look_of(run.now.state(0))
     return look.symbol, look.word
 

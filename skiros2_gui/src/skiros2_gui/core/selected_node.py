@@ -57,9 +57,10 @@ class SelectedNode:
         manager = self._window.system.managers.get(run.robot) if bag is None else None
         has_failed = frame.state(place) == FAILURE
         is_skill = frame.shape.is_skill(place)
+        note = _OF_A_BAG if bag is not None else _ENDED if run.now.has_ended or run.is_lost else _OF_THE_PAST
+        note = note if is_skill and not is_live else ""
         if manager is None or not (is_live or has_failed) or not (is_skill or has_failed):
-            note = _OF_A_BAG if bag is not None else _ENDED if run.now.has_ended or run.is_lost else _OF_THE_PAST
-            self._answer = _Answer(None, self._answer.why, note if is_skill and not is_live else "")
+            self._answer = _Answer(None, self._answer.why, note)
             return
         if self._is_asking:
             self._asks_again = lambda: self.ask(run, frame, place, is_live, bag)
@@ -67,8 +68,8 @@ class SelectedNode:
         self._is_asking = True
 
         def call() -> _Answer:
-            now, note = _inspect(manager, run.task_id, node) if is_live and is_skill else (None, "")
-            return _Answer(now, _why(manager, run.task_id, node) if has_failed else None, note)
+            now, trouble = _inspect(manager, run.task_id, node) if is_live and is_skill else (None, "")
+            return _Answer(now, _why(manager, run.task_id, node) if has_failed else None, trouble or note)
 
         self._window.jobs.run(call, lambda answer: self._take(run, node, answer), self._fail, lane=run.robot)
 

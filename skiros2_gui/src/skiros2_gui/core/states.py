@@ -13,25 +13,23 @@ class Look:
     """
     :param symbol: one character.
     :param word: in a sentence after "is" or "has".
-    :param on_light, on_dark: the colour on a light and on a dark ground (Okabe and Ito's palette, made lighter or
-        darker until text of it is readable).
+    :param signal: the name of its colour, as `qt.theme.signal_colour` takes it.
     """
 
     symbol: str
     word: str
-    on_light: str
-    on_dark: str
+    signal: str
 
 
 LOOKS = {
-    SUCCESS: Look("✓", "succeeded", "#00795A", "#2FC99B"),
-    FAILURE: Look("✗", "failed", "#C04A00", "#FF8A4C"),
-    RUNNING: Look("▶", "running", "#0068A8", "#6CBEF2"),
-    IDLE: Look("○", "idle", "#70757A", "#9AA0A6"),
+    SUCCESS: Look("✓", "succeeded", "success"),
+    FAILURE: Look("✗", "failed", "failure"),
+    RUNNING: Look("▶", "running", "running"),
+    IDLE: Look("○", "idle", "idle"),
 }
 
 #: Of a state that nobody has heard of: a manager may say anything.
-_UNKNOWN = Look("?", "in an unknown state", "#8A4F7D", "#D79BC8")
+_UNKNOWN = Look("?", "in an unknown state", "changed")
 
 
 def look_of(state: int) -> Look:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 
+from python_qt_binding.QtCore import Signal
 from python_qt_binding.QtGui import QColor, QPalette
 from python_qt_binding.QtWidgets import QTextBrowser, QWidget
 
 from skiros2_gui.core.run_node import NodeText
 from skiros2_gui.core.states import FAILURE, SUCCESS, Look, look_of
+from skiros2_gui.qt.theme import signal_colour
+
+#: How an element is told: its id, then its label.
+_ELEMENT = re.compile(r"([A-Za-z_]\w*:\w+-\d+)(?:-|$)")
 
 _EMPTY = "Click a node of the tree to see its state, its parameters and its conditions."
 
@@ -16,11 +22,15 @@ _EMPTY = "Click a node of the tree to see its state, its parameters and its cond
 class NodeDetails(QTextBrowser):
     """A node in words, to be read and copied."""
 
+    #: The id of an element that was clicked.
+    element = Signal(str)
+
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("nodeDetails")
         self.setAccessibleName("the selected node")
         self.setOpenLinks(False)
+        self.anchorClicked.connect(lambda link: self.element.emit(link.toString()))
         self._shown = ""
         self.show_node(None)
 
@@ -47,7 +57,8 @@ class NodeDetails(QTextBrowser):
             parts.append("<h4>Parameters</h4><table cellspacing='0' cellpadding='2'>")
             for key, value, origin in node.params:
                 faint = f" <span style='color:{self._faint()}'>{escape(origin)}</span>" if origin else ""
-                parts.append(f"<tr><td>{escape(key)}&nbsp;&nbsp;</td><td><b>{escape(value)}</b>{faint}</td></tr>")
+                shown = self._linked(value)
+                parts.append(f"<tr><td>{escape(key)}&nbsp;&nbsp;</td><td>{shown}{faint}</td></tr>")
             parts.append("</table>")
         if node.note:
             parts.append(f"<p style='color:{self._faint()}'>{escape(node.note)}</p>")
@@ -76,8 +87,15 @@ class NodeDetails(QTextBrowser):
             )
         return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
 
+    def _linked(self, value: str) -> str:
+        """A value; where it is an element, a link to it."""
+        found = _ELEMENT.match(value)
+        if found is None:
+            return f"<b>{escape(value)}</b>"
+        return f"<a href='{escape(found.group(1), quote=True)}'>{escape(value)}</a>"
+
     def _colour(self, look: Look) -> str:
-        return look.on_dark if self.palette().color(QPalette.Base).lightness() < 128 else look.on_light
+        return str(signal_colour(look.signal, self).name())
 
     def _faint(self) -> str:
         """A colour between text and ground."""

@@ -8,12 +8,13 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 from python_qt_binding.QtCore import QLineF, QPointF, QRectF, Qt
-from python_qt_binding.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPalette, QPen
+from python_qt_binding.QtGui import QColor, QFontMetricsF, QPainter, QPalette, QPen
 from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
 
 from skiros2_gui.core.run_drawing import Drawing
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import RUNNING, look_of
+from skiros2_gui.qt.theme import signal_colour
 
 #: Below this scale names cannot be read and are not painted; below the second one, boxes are plain.
 _READABLE, _PLAIN = 0.45, 0.25
@@ -28,10 +29,10 @@ _TINT = 0.16
 class TreeItem(QGraphicsItem):
     """Shows a drawing and the states of its nodes. Units are pixels at 100 %.
 
-    :param font: of the names.
+    :param widget: has the font and the colours.
     """
 
-    def __init__(self, font: QFont, palette: QPalette) -> None:
+    def __init__(self, widget: QWidget) -> None:
         super().__init__()
         self.setFlag(QGraphicsItem.ItemUsesExtendedStyleOption)
         self._drawing: Drawing | None = None
@@ -43,13 +44,13 @@ class TreeItem(QGraphicsItem):
         self._widths: list[float] = []
         self._names: dict[int, str] = {}
         self._bounds = QRectF()
-        self.dress(font, palette)
+        self.dress(widget)
 
-    def dress(self, font: QFont, palette: QPalette) -> None:
+    def dress(self, widget: QWidget) -> None:
         """Takes another font, or other colours."""
         self.prepareGeometryChange()
-        self._font, self._palette = font, palette
-        metrics = QFontMetricsF(font)
+        self._widget, self._font, self._palette = widget, widget.font(), widget.palette()
+        metrics = QFontMetricsF(self._font)
         self._letter = metrics.averageCharWidth()
         self._metrics = metrics
         self.box = metrics.height() + 10.0  # height of a node
@@ -57,9 +58,8 @@ class TreeItem(QGraphicsItem):
         self._symbol = self.box  # room for the state's symbol
         self._tail = metrics.horizontalAdvance("+999") + 8.0  # room for the fold mark
         self._gap = 30.0  # between columns
-        text = palette.color(QPalette.Text)
-        base = palette.color(QPalette.Base)
-        self._is_dark = base.lightness() < 128
+        text = self._palette.color(QPalette.Text)
+        base = self._palette.color(QPalette.Base)
         self._line = QPen(_mixed(base, text, 0.35), 1.2)
         self._faint = _mixed(base, text, 0.6)
         self._tints: dict[int, tuple[QColor, QColor]] = {}
@@ -228,7 +228,7 @@ class TreeItem(QGraphicsItem):
     def _paint_mark(self, painter: QPainter, mark: str, left: float, top: float, width: float) -> None:
         """A breakpoint: a red dot where the node begins, or ends."""
         painter.setPen(QPen(self._palette.color(QPalette.Base), 1.0))
-        painter.setBrush(QColor("#D7263D"))
+        painter.setBrush(signal_colour("failure", self._widget))
         for when, x in (("start", left), ("end", left + width)):
             if when in mark:
                 painter.drawEllipse(QPointF(x, top + self.box / 2), 5.0, 5.0)
@@ -239,7 +239,7 @@ class TreeItem(QGraphicsItem):
         thick = max(2.5, 2.0 / scale)
         painter.setBrush(Qt.NoBrush)
         if self._found:
-            painter.setPen(QPen(QColor("#C9A400" if not self._is_dark else "#F0D040"), thick, Qt.DashLine))
+            painter.setPen(QPen(signal_colour("changed", self._widget), thick, Qt.DashLine))
             for _, place in self._seen(seen):
                 if place in self._found:
                     painter.drawRoundedRect(self.rect_of(place).adjusted(-3.0, -3.0, 3.0, 3.0), 6.0, 6.0)
@@ -267,8 +267,7 @@ class TreeItem(QGraphicsItem):
         """The colour of a state, and that of its boxes."""
         known = self._tints.get(state)
         if known is None:
-            look = look_of(state)
-            strong = QColor(look.on_dark if self._is_dark else look.on_light)
+            strong = signal_colour(look_of(state).signal, self._widget)
             known = self._tints[state] = (strong, _mixed(self._palette.color(QPalette.Base), strong, _TINT))
         return known
 

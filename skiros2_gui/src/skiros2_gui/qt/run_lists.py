@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QAbstractListModel, QModelIndex, QObject, Qt, Signal
-from python_qt_binding.QtGui import QColor, QPalette
+from python_qt_binding.QtCore import QAbstractListModel, QModelIndex, Qt, Signal
 from python_qt_binding.QtWidgets import QAbstractItemView, QListView, QWidget
 
 from skiros2_gui.core.run_history import TaskRun
@@ -14,15 +13,16 @@ from skiros2_gui.core.run_log import LogLine
 from skiros2_gui.core.run_node import clock_text, duration_text
 from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.states import look_of
+from skiros2_gui.qt.theme import signal_colour
 
 
 class _Rows(QAbstractListModel):
     """Texts, each with a state and what it stands for."""
 
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__(widget)
+        self._widget = widget
         self.rows: list[tuple[str, int, Any]] = []
-        self.is_dark = False
 
     def rowCount(self, parent: QModelIndex | None = None) -> int:
         return 0 if parent is not None and parent.isValid() else len(self.rows)
@@ -34,8 +34,7 @@ class _Rows(QAbstractListModel):
         if role in (Qt.DisplayRole, Qt.ToolTipRole):
             return text
         if role == Qt.ForegroundRole:
-            look = look_of(state)
-            return QColor(look.on_dark if self.is_dark else look.on_light)
+            return signal_colour(look_of(state).signal, self._widget)
         return None
 
     def put(self, rows: list[tuple[str, int, Any]]) -> None:
@@ -68,7 +67,6 @@ class _List(QListView):
         self.activated.connect(lambda index: self.chosen.emit(self.rows.rows[index.row()][2]))
 
     def _put(self, rows: list[tuple[str, int, Any]]) -> None:
-        self.rows.is_dark = self.palette().color(QPalette.Base).lightness() < 128
         bar = self.verticalScrollBar()
         is_at_end = bar.value() >= bar.maximum() - 1
         at = bar.value()

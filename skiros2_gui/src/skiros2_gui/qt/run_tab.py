@@ -19,6 +19,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.core.events import ElementSelected
 from skiros2_gui.core.run_presenter import Part, RunPresenter
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.window import Window
@@ -58,6 +59,7 @@ class RunTab(QWidget):
         self.presenter.on_change = self._on_change
         self._messages.chosen.connect(self._on_message)
         self._times.chosen.connect(lambda node: self._go_to_node(node))
+        self._details.element.connect(lambda eid: window.tell(ElementSelected(eid, self)))
         self.view.moved.connect(lambda: self._follow.setChecked(False))
         self._on_change(Part.ALL)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtGui import QBrush, QColor, QPalette
 from python_qt_binding.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -22,6 +21,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter, state_text
 from skiros2_gui.core.states import look_of
+from skiros2_gui.qt.theme import signal_colour
 
 
 class TaskPanel(QWidget):
@@ -106,9 +106,7 @@ class TaskPanel(QWidget):
         began = time.strftime("%H:%M:%S", time.localtime(run.start))
         said = run.now.message(0)
         item.setToolTip(f"seen first at {began}" + (f"\n{said[:300]}" if said else ""))
-        look = look_of(run.now.state(0))
-        is_dark = self.palette().color(QPalette.Base).lightness() < 128
-        item.setForeground(QBrush(QColor(look.on_dark if is_dark else look.on_light)))
+        item.setForeground(signal_colour(look_of(run.now.state(0)).signal, self))
 
     @staticmethod
     def _first_skill(run: TaskRun) -> str:

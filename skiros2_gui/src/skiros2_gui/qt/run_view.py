@@ -34,7 +34,7 @@ class TreeView(QGraphicsView):
         super().__init__(parent)
         self.setObjectName("treeGraph")
         self._presenter = presenter
-        self._item = TreeItem(self.font(), self.palette())
+        self._item = TreeItem(self)
         scene = QGraphicsScene(self)
         scene.setItemIndexMethod(QGraphicsScene.NoIndex)
         scene.addItem(self._item)
@@ -243,7 +243,7 @@ class TreeView(QGraphicsView):
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() in (QEvent.PaletteChange, QEvent.FontChange, QEvent.StyleChange):
-            self._item.dress(self.font(), self.palette())
+            self._item.dress(self)
             self.show_states()
         super().changeEvent(event)
 

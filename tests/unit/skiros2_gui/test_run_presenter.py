@@ -1,0 +1,252 @@
+"""What is done with running trees: on robots in this process."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
+from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter, state_text
+from skiros2_gui.core.run_tree import RunTree
+from skiros2_gui.core.window import Window
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalManager, LocalSystem
+from skiros2_skill.command_line.assignments import Step
+from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, pick_and_place, random_tree, root
+from support.recorded_run import ROOT
+from support.ros import wait_until
+from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe
+
+Guard = describe("Guard", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])
+
+
+class Held(PrimitiveBase):
+    """Runs until the test lets it end."""
+
+    ended = threading.Event()
+    ending = "success"
+
+    def createDescription(self) -> None:
+        self.setDescription(Guard(), "guard")
+
+    def execute(self) -> object:
+        if not self.ended.is_set():
+            return self.step("guarding")
+        return self.success("done") if self.ending == "success" else self.fail("it has gone", -7)
+
+
+@pytest.fixture
+def window() -> Iterator[Window]:
+    Held.ended.clear()
+    Held.ending = "success"
+    made = make_window(LocalSystem)
+    yield made
+    Held.ended.set()
+    made.system.close()
+
+
+@pytest.fixture
+def presenter(window: Window) -> RunPresenter:
+    return RunPresenter(window)
+
+
+@pytest.fixture
+def robot(window: Window, presenter: RunPresenter) -> LocalManager:
+    """Guards a product in a box as soon as it is told to."""
+    world = window.system.world
+    holder = "skiros:Scene-0"
+    for kind, label in (("Container", "box"), ("Product", "thing")):
+        element = Element(f"skiros:{kind}", label)
+        element.addRelation(holder, "skiros:contain", "-1")
+        world.add_element(element)
+        holder = element.id
+    made = window.system.add_manager("/robot", [Held])
+    window.take_news()
+    return made
+
+
+def until(window: Window, condition: Callable[[], object]) -> None:
+    def is_so() -> object:
+        window.take_news()
+        return condition()
+
+    wait_until(is_so, 10.0)
+
+
+def started(window: Window, presenter: RunPresenter, robot: LocalManager) -> int:
+    """A task that guards, shown with its first skill selected."""
+    task = robot.command("start", -1, [Step("skiros:Guard", "guard")])
+    until(window, lambda: presenter.run is not None and presenter.frame.running())
+    presenter.select(1)
+    return task
+
+
+def test_a_task_that_is_started_is_shown_and_commanded(window: Window, presenter: RunPresenter, robot: LocalManager):
+    started(window, presenter, robot)
+    assert presenter.is_live and not presenter.is_paused
+    presenter.toggle()
+    until(window, lambda: presenter.is_paused)
+    assert state_text(presenter.run) == ("‖", "paused")
+    ticks = presenter.run.now.code(1)
+    presenter.command(STEP)
+    until(window, lambda: presenter.run.now.code(1) == ticks + 1 and presenter.is_paused)
+    presenter.toggle()
+    until(window, lambda: not presenter.is_paused)
+    presenter.command(STOP)
+    until(window, lambda: presenter.run.now.has_ended)
+    assert not presenter.is_live
+    assert presenter.run.now.state(0) == FAILURE
+    presenter.command(STOP)  # of a task that has ended: nothing
+    assert window.problems.newest is None
+
+
+def test_a_command_that_is_refused_is_shown(window: Window, presenter: RunPresenter, robot: LocalManager):
+    window.tell(Progressed("/robot", pick_and_place(task_id=77), 1.0))
+    presenter.command(PAUSE)
+    assert window.problems.newest.line.startswith("pausing task 77 of /robot: ")
+    window.tell(Progressed("/nobody", pick_and_place(task_id=3), 1.0))
+    presenter.pick(list(presenter.runs)[-1])
+    presenter.command(STOP)
+    assert window.problems.newest.line == "stopping task 3 of /nobody: /nobody is not there"
+
+
+def test_conditions_of_the_selected_node_are_told_with_their_values(window, presenter, robot):
+    started(window, presenter, robot)
+    text = presenter.node.text(presenter.frame, 1)
+    marks = [(stage, mark) for stage, mark, _, _ in text.conditions]
+    assert marks == [("before the start", "✓"), ("while it runs", "✓")]
+    assert "box" in text.conditions[0][2] and "thing" in text.conditions[0][2]
+    assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
+    window.system.world.remove_element(window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0])
+    until(window, lambda: presenter.run.now.has_ended)
+    presenter.ask_node()
+    text = presenter.node.text(presenter.frame, 1)
+    assert any("thing" in line for line in text.why)
+    assert text.note == "The task has ended: its conditions are not checked any more."
+
+
+def test_why_a_node_failed_is_asked_of_its_manager(window, presenter, robot):
+    started(window, presenter, robot)
+    Held.ending = "failure"
+    Held.ended.set()
+    until(window, lambda: presenter.run.now.has_ended)
+    presenter.ask_node()
+    assert presenter.node.text(presenter.frame, 1).why[0].strip() == "it has gone"
+
+
+def test_a_breakpoint_at_a_node_is_set_marked_met_and_taken_away(window, presenter, robot):
+    window.tell(Progressed("/robot", [root(), Told(9, 5, "guard", "skiros:Guard")], 1.0))
+    shape = presenter.frame.shape
+    presenter.breakpoints.toggle("/robot", shape, 1)
+    assert presenter.breakpoints.marks("/robot", shape) == {1: "start"}
+    (known,) = presenter.breakpoints.of("/robot")
+    assert str(known) == "before the start of node skiros:Guard-guard"
+    task = robot.command("start", -1, [Step("skiros:Guard", "guard")])
+    window.tell(TaskStarted("/robot", task))
+    until(window, lambda: presenter.run.task_id == task and presenter.is_paused)
+    assert presenter.run.now.message(0).startswith("paused at breakpoint 1")
+    presenter.breakpoints.toggle("/robot", shape, 1)
+    assert presenter.breakpoints.marks("/robot", shape) == {}
+    presenter.command(RESUME)
+    until(window, lambda: presenter.run.now.state(1) == RUNNING)
+
+
+def test_a_breakpoint_that_makes_no_sense_is_refused_in_words(window, presenter, robot):
+    presenter.breakpoints.add("/robot", "node", "x", "sometimes")
+    assert "sometimes" in window.problems.newest.line
+    presenter.breakpoints.add("/gone", "node", "x", "start")
+    assert "/gone is not there" in window.problems.newest.line
+
+
+def test_a_manager_that_answers_nonsense_is_said(window, presenter, robot, monkeypatch):
+    monkeypatch.setattr(robot, "breakpoint", lambda *_: (1, [{"number": "one"}]))
+    presenter.breakpoints.add("/robot", "node", "x", "start")
+    assert "expected a list of breakpoints" in window.problems.newest.line
+    started(window, presenter, robot)
+    monkeypatch.setattr(robot, "inspect", lambda *_: json.loads("{"))
+    presenter.ask_node()
+    assert "JSONDecodeError" in presenter.node.text(presenter.frame, 1).note
+    assert presenter.is_live
+
+
+def test_when_a_robot_goes_its_tasks_are_lost_and_can_still_be_looked_at(window, presenter, robot):
+    started(window, presenter, robot)
+    run = presenter.run
+    robot._told = lambda event: None  # it is killed
+    window.system.remove_manager("/robot")
+    window.take_news()
+    assert state_text(run) == ("?", "lost: its robot has gone")
+    assert not presenter.is_live
+    assert presenter.frame.state(1) == RUNNING
+    presenter.forget_ended()
+    assert presenter.run is None and presenter.frame is None
+
+
+def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_picked_it(window, presenter):
+    over = {"state": SUCCESS, "code": 1}
+    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=1, **over), 1.0))
+    window.tell(Progressed("/robot", pick_and_place(task_id=2), 2.0))
+    assert presenter.run.task_id == 2
+    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=2, **over), 3.0))
+    presenter.pick(presenter.run)
+    window.tell(Progressed("/robot", pick_and_place(task_id=3), 4.0))
+    assert presenter.run.task_id == 2
+
+
+def test_stepping_through_ticks_ends_at_the_present(window, presenter):
+    for second, (pick, place) in enumerate([(IDLE, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING)]):
+        window.tell(Progressed("/robot", pick_and_place(pick, place), 1000.0 + second))
+    presenter.step(-1)
+    assert (presenter.tick, presenter.frame.state(1)) == (1, RUNNING)
+    presenter.step(-5)
+    assert presenter.tick == 0
+    presenter.go_to_time(1001.5)
+    assert presenter.tick == 1
+    presenter.step(1)
+    assert presenter.tick is None and presenter.is_live
+
+
+def test_what_is_quiet_is_folded_and_what_runs_is_jumped_to(window, presenter):
+    nodes = random_tree(300)
+    for node in nodes[1:]:
+        node.state = SUCCESS
+    busy = nodes[200]
+    busy.state = RUNNING
+    window.tell(Progressed("/robot", nodes, 1.0))
+    presenter.change_folds(RunTree.fold_quiet)
+    shape, drawing = presenter.frame.shape, presenter.tree.drawing
+    place = shape.places[busy.id]
+    assert all(drawing.is_drawn(above) for above in shape.path(place))
+    assert len(drawing.drawn) < 100
+    assert presenter.running() == [place]
+    presenter.select(None)
+    assert presenter.select_next(presenter.running()) == place
+    assert presenter.tree.selected == busy.id
+
+
+def test_selection_and_folds_stay_when_the_tree_grows(window, presenter):
+    nodes = pick_and_place()
+    window.tell(Progressed("/robot", nodes, 1.0))
+    presenter.select(4)
+    presenter.fold(1)
+    window.tell(Progressed("/robot", [nodes[0], nodes[1], nodes[2], Told(300, 100, "new"), *nodes[3:]], 2.0))
+    presenter.tree.show(presenter.frame.shape)
+    assert presenter.frame.shape.name(presenter.tree.place()) == "place"
+    assert presenter.tree.drawing.hidden == {1: 3}
+
+
+def test_a_bag_that_was_cut_off_is_read_as_far_as_it_goes_and_it_is_said(window, presenter, tmp_path):
+    whole = (ROOT / "tests/bags/timed_pick_place.bag").read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: len(whole) * 3 // 4])
+    presenter.open_bag(str(tmp_path / "cut.bag"))
+    assert presenter.bag is not None and presenter.frame is not None
+    assert "the bag is not whole" in window.problems.newest.line
+    presenter.select(1)
+    assert "not recorded" in presenter.node.text(presenter.frame, 1).note
+    window.tell(ManagersChanged())
+    assert presenter.bag is not None

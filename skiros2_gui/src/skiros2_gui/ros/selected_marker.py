@@ -63,6 +63,7 @@ class SelectedMarker:
         self._chosen = ""
         self._shown: Shown | None = None  # as the world model has it
         self._in_view: Shown | None = None  # what the marker was made of
+        self._refusal = ""  # what has been told of this drag
         self._is_over = False
         self._writer: threading.Thread | None = None
 
@@ -129,7 +130,10 @@ class SelectedMarker:
             if shown is None or message.marker_name != self._name(shown) or self._is_over:
                 return
             if message.event_type in (InteractiveMarkerFeedback.MOUSE_DOWN, InteractiveMarkerFeedback.KEEP_ALIVE):
-                if message.event_type == InteractiveMarkerFeedback.MOUSE_DOWN or self._is_held(shown):
+                is_new = message.event_type == InteractiveMarkerFeedback.MOUSE_DOWN
+                if is_new:
+                    self._refusal = ""
+                if is_new or self._dragging.is_held(shown.id, self._clock()):
                     self._dragging.hold(shown.id, self._clock())
                 return
             if message.event_type not in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
@@ -148,9 +152,6 @@ class SelectedMarker:
             if self._writer is None:
                 self._writer = threading.Thread(target=self._write_all, name="moved elements", daemon=True)
                 self._writer.start()
-
-    def _is_held(self, shown: Shown) -> bool:
-        return self._dragging.is_held(shown.id, self._clock())
 
     # -- in the thread that writes --------------------------------------------------------------------------------
 
@@ -182,12 +183,15 @@ class SelectedMarker:
         self._world.update_element(element)
 
     def _refused(self, target: Target, error: Exception) -> None:
-        """Puts the marker back to where the element is, and says why."""
-        log.error("%s was not moved: %s", target.id, error)
+        """Puts the marker back to where the element is, and says why, once for each drag."""
         with self._state:
             self._dragging.forget()
             if self._in_view is not None:
                 self._bring_up_to_date()
+            is_told, self._refusal = self._refusal == str(error), str(error)
+        if is_told:
+            return
+        log.error("%s was not moved: %s", target.id, error)
         if self._on_problem is not None:
             self._on_problem(f"moving {target.id}", error)
 

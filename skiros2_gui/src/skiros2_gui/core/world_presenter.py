@@ -75,6 +75,7 @@ class WorldPresenter:
         self._clock = clock
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
+        self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
         if window.system.world is not None:
@@ -163,6 +164,8 @@ class WorldPresenter:
         self.edits.heard(touched.by_change)
         if self.selected and self.selected not in mirror.scene:
             self.select("")
+        if self._to_select:
+            self._select_soon(self._to_select)
         if self.view is None:
             return
         self.view.show_marks(list(marked))
@@ -247,6 +250,16 @@ class WorldPresenter:
         if operations:
             self._send(world, text, operations, done)
         return ""
+
+    def add(self, text: str, make: Callable[[Requests], list[Operation]]) -> str:
+        """Adds an element as `change` does, and selects it when it is there."""
+        return self.change(text, make, lambda outcome: self._select_soon(outcome.ids[0]))
+
+    def _select_soon(self, eid: str) -> None:
+        self._to_select = eid
+        if self.mirror is not None and eid in self.mirror.scene:
+            self._to_select = ""
+            self.select(eid)
 
     def _send(
         self,

@@ -65,6 +65,7 @@ class SceneMirror:
         self._snapshot = ""  # the state after the last change that was followed
         self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
         self._children: dict[str, list[tuple[tuple[int, str, int], str]]] = {}
+        self._moving: set[str] = set()  # what is still to be put in its place, while a change is followed
         elements = list(elements)
         for element in elements:
             made = Provenance(max(element.version, 0), element.getLastUpdate())
@@ -109,13 +110,12 @@ class SceneMirror:
         """Whether something is shown under an element."""
         if eid in (TOP, LOOSE) or eid in self._children:
             return bool(self._sorted_children(eid))
-        return any(
-            dst in self.scene and self._parent(dst) == eid for _, _, dst in self.scene.relations(eid, self.spatial)
-        )
+        below = (dst for _, _, dst in self.scene.relations(eid, self.spatial) if dst in self.scene)
+        return any(dst not in self._moving and self._parent(dst) == eid for dst in below)
 
     def is_shown(self, eid: str) -> bool:
         """Whether it is a node of the tree."""
-        return eid == LOOSE or eid in self.scene
+        return eid == LOOSE or eid in self.scene or eid in self._places
 
     def path(self, eid: str) -> list[str]:
         """What an element is shown under, the topmost first; without itself."""
@@ -185,12 +185,14 @@ class SceneMirror:
         if len(moves) > _MANY_MOVES:
             self._renew(moves)
         else:
+            self._moving = set(moves)
             # What is under an element goes before it, and comes after it.
             for eid in sorted(moves, key=lambda e: -places.get(e, (TOP, 0))[1]):
                 if eid in places:
                     self._take_out(eid, places[eid][0])
             for eid in sorted((e for e in moves if e in self.scene), key=self._depth):
                 self._put_in(eid)
+            self._moving.clear()
         if self.view is not None:
             for eid in affected:
                 if eid in self.scene:
@@ -227,6 +229,7 @@ class SceneMirror:
 
     def _put_in(self, eid: str) -> None:
         parent = self._parent(eid)
+        self._moving.discard(eid)
         if parent == LOOSE:
             self._loose.add(eid)
         siblings = self._children.get(parent)
@@ -315,7 +318,7 @@ class SceneMirror:
             yield from self._loose
         else:
             below = {dst for _, _, dst in self.scene.relations(eid, self.spatial) if dst in self.scene}
-            yield from (child for child in below if self._parent(child) == eid)
+            yield from (child for child in below - self._moving if self._parent(child) == eid)
 
     def _order(self, eid: str) -> tuple[int, str, int]:
         if eid == LOOSE:

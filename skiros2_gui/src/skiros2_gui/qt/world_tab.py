@@ -1,14 +1,45 @@
-"""The tab "World model"."""
+"""The tab "World model": the scene as a tree, the selected element, and what can be asked of the world model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from python_qt_binding.QtWidgets import QWidget
+from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtGui import QKeySequence
+from python_qt_binding.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QMenu,
+    QShortcut,
+    QSplitter,
+    QTabWidget,
+    QToolButton,
+    QTreeView,
+    QVBoxLayout,
+    QWidget,
+)
 
+from skiros2_common.core.names import local_name
 from skiros2_gui.core.system import WORLD_MODEL
 from skiros2_gui.core.window import Window
+from skiros2_gui.core.world_presenter import WorldPresenter
+from skiros2_gui.core.world_questions import Questions
+from skiros2_gui.core.world_scene import LOOSE, TOP
+from skiros2_gui.qt.world_dialogs import AddDialog, FileDialog, RemoveDialog
+from skiros2_gui.qt.world_element import ElementPanel
+from skiros2_gui.qt.world_query import QueryPanel
+from skiros2_gui.qt.world_reports import HistoryPanel, ReportPanel
+from skiros2_gui.qt.world_scene_model import SceneModel
+from skiros2_world_model.core.scene import ROOT
+
+#: How long the search waits for the next letter (ms).
+_SEARCH_DELAY = 150
+#: How often marks are looked at, while there are some (ms).
+_MARKS_PERIOD = 1000
 
 
 class WorldTab(QWidget):
@@ -19,15 +50,332 @@ class WorldTab(QWidget):
 
     def __init__(self, window: Window, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._window = window
+        self.presenter = WorldPresenter(window)
+        self.questions = Questions(window)
+        self._file = ""
+        self._found: list[str] = []
+        self._is_following = False
+        self.model = SceneModel(self.presenter)
+        self.model.dropped.connect(self._move)
+        self.tree = self._make_tree()
+        self.element = ElementPanel(self.presenter)
+        self.history = HistoryPanel(self.presenter, self.questions)
+        self.query = QueryPanel(self.presenter, self.questions)
+        self.report = ReportPanel(self.presenter, self.questions)
+        self.pages = QTabWidget()
+        self.pages.setDocumentMode(True)
+        for page, name, tip in (
+            (self.element, "Element", "The selected element: properties and relations"),
+            (self.history, "History", "Who has changed the selected element, when, and what"),
+            (self.query, "Query", "SPARQL queries of the scene and the ontologies"),
+            (self.report, "Validation", "What is not as the ontologies want it"),
+        ):
+            self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
+        self._lay_out()
+        self._search_timer = _timer(self, _SEARCH_DELAY, self._search, single=True)
+        self._marks_timer = _timer(self, _MARKS_PERIOD, self._forget_marks)
+        self.presenter.view = self
+        self.show_scene()
+        self.show_edits()
+
+    def _make_tree(self) -> QTreeView:
+        tree = QTreeView()
+        tree.setObjectName("sceneTree")
+        tree.setModel(self.model)
+        tree.setUniformRowHeights(True)
+        tree.setSelectionMode(QAbstractItemView.ExtendedSelection)
+        tree.setDragDropMode(QAbstractItemView.InternalMove)
+        tree.setContextMenuPolicy(Qt.CustomContextMenu)
+        tree.customContextMenuRequested.connect(self._open_menu)
+        tree.setAllColumnsShowFocus(True)
+        header = tree.header()
+        header.setStretchLastSection(False)
+        header.setSectionResizeMode(0, QHeaderView.Stretch)
+        header.setSectionResizeMode(1, QHeaderView.ResizeToContents)
+        header.setSectionResizeMode(2, QHeaderView.Interactive)
+        header.resizeSection(2, int(tree.fontMetrics().averageCharWidth() * 14))
+        tree.selectionModel().currentChanged.connect(lambda *_: self._select())
+        for key, call in (
+            (QKeySequence(Qt.Key_Delete), self.remove),
+            (QKeySequence(Qt.Key_Insert), self.add),
+            (QKeySequence(Qt.Key_F2), self._edit_label),
+        ):
+            QShortcut(key, tree, call, context=Qt.WidgetShortcut)
+        return tree
+
+    def _lay_out(self) -> None:
+        self.search = QLineEdit()
+        self.search.setObjectName("worldSearch")
+        self.search.setPlaceholderText("Find an element (Ctrl+F)")
+        self.search.setToolTip("Words of an id, a label or a value; Enter and F3 go to the next one, Shift+F3 back")
+        self.search.setClearButtonEnabled(True)
+        self.search.textChanged.connect(lambda _: self._search_timer.start())
+        self.search.returnPressed.connect(self.find_next)
+        self.found = QLabel()
+        self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
+        self.remove_button = _tool("Remove…", "removeButton", "Removes what is selected (Delete)", self.remove)
+        self.undo_button = _tool("Undo", "undoButton", "", self.presenter.undo)
+        self.redo_button = _tool("Redo", "redoButton", "", self.presenter.redo)
+        self.file_button = QToolButton()
+        self.file_button.setObjectName("fileButton")
+        self.file_button.setText("Scene")
+        self.file_button.setToolTip("Loads and saves the scene, and validates it")
+        self.file_button.setPopupMode(QToolButton.InstantPopup)
+        menu = QMenu(self.file_button)
+        for text, name, call in (
+            ("Load…", "loadAction", self.load),
+            ("Save…", "saveAction", self.save),
+            ("Validate", "validateAction", self.validate),
+        ):
+            menu.addAction(text, call).setObjectName(name)
+        self.file_button.setMenu(menu)
+        bar = QHBoxLayout()
+        bar.setContentsMargins(6, 6, 6, 0)
+        bar.addWidget(self.search, 1)
+        bar.addWidget(self.found)
+        for button in (self.add_button, self.remove_button, self.undo_button, self.redo_button, self.file_button):
+            bar.addWidget(button)
+        self.splitter = QSplitter(Qt.Horizontal)
+        self.splitter.addWidget(self.tree)
+        self.splitter.addWidget(self.pages)
+        self.splitter.setStretchFactor(0, 5)
+        self.splitter.setStretchFactor(1, 6)
+        em = self.fontMetrics().height()
+        self.splitter.setSizes([25 * em, 30 * em])
+        self.splitter.setChildrenCollapsible(False)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addLayout(bar)
+        column.addWidget(self.splitter, 1)
+        for keys, call in (
+            ("Ctrl+Z", self.presenter.undo),
+            ("Ctrl+Shift+Z", self.presenter.redo),
+            ("Ctrl+Y", self.presenter.redo),
+            ("F3", self.find_next),
+            ("Shift+F3", lambda: self.find_next(-1)),
+        ):
+            QShortcut(QKeySequence(keys), self, call, context=Qt.WidgetWithChildrenShortcut)
+
+    # -- what the main widget asks -----------------------------------------------------------------------------
 
     def settings(self) -> dict[str, Any]:
-        return {}
+        return {
+            "sizes": self.splitter.sizes(),
+            "page": self.pages.currentIndex(),
+            "query": self.query.box.toPlainText(),
+            "queries": self.questions.queries,
+            "file": self._file,
+        }
 
-    def restore(self, settings: Mapping[str, Any]) -> None: ...
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        sizes, page = settings.get("sizes"), settings.get("page")
+        if isinstance(sizes, list) and len(sizes) == 2 and all(isinstance(size, int) and size > 0 for size in sizes):
+            self.splitter.setSizes(sizes)
+        if isinstance(page, int) and 0 <= page < self.pages.count():
+            self.pages.setCurrentIndex(page)
+        if isinstance(settings.get("query"), str):
+            self.query.box.setPlainText(settings["query"])
+        queries = settings.get("queries")
+        if isinstance(queries, list):
+            self.questions.queries = [text for text in queries if isinstance(text, str)]
+        if isinstance(settings.get("file"), str):
+            self._file = settings["file"]
 
-    def find(self) -> None: ...
+    def find(self) -> None:
+        self.search.setFocus()
+        self.search.selectAll()
 
-    def toggle(self) -> None: ...
+    def toggle(self) -> None:
+        """Nothing is started or stopped here: the space bar opens and closes a branch of the tree."""
+        index = self.tree.currentIndex().siblingAtColumn(0)
+        if index.isValid() and self.tree.hasFocus():
+            self.tree.setExpanded(index, not self.tree.isExpanded(index))
 
-    def close_tab(self) -> None: ...
+    def close_tab(self) -> None:
+        self._search_timer.stop()
+        self._marks_timer.stop()
+
+    # -- what the presenter tells ------------------------------------------------------------------------------
+
+    def show_scene(self) -> None:
+        opened = [self.model.element(index) for index in self._opened()]
+        self.model.show_scene()
+        for eid in [ROOT, *opened]:
+            self.tree.setExpanded(self.model.index_of(eid), True)
+        self.show_selection()
+        self._search()
+
+    def show_details(self) -> None:
+        self.element.show_details()
+        self.history.show_element()
+
+    def show_selection(self) -> None:
+        index = self.model.index_of(self.presenter.selected)
+        self._is_following = True
+        if index.isValid():
+            self.tree.setCurrentIndex(index)
+            self.tree.scrollTo(index)
+        else:
+            self.tree.clearSelection()
+        self._is_following = False
+
+    def show_edits(self) -> None:
+        edits = self.presenter.edits
+        for button, text, name, keys in (
+            (self.undo_button, edits.undo_text, "Undo", "Ctrl+Z"),
+            (self.redo_button, edits.redo_text, "Redo", "Ctrl+Shift+Z"),
+        ):
+            button.setEnabled(bool(text))
+            button.setToolTip(f"{name}: {text} ({keys})" if text else f"Nothing to {name.lower()} ({keys})")
+
+    def show_marks(self, ids: Sequence[str]) -> None:
+        for eid in ids:
+            self.model.renewed(eid)
+        if self.presenter.marks and not self._marks_timer.isActive():
+            self._marks_timer.start()
+
+    def _forget_marks(self) -> None:
+        self.presenter.forget_marks()
+        if not self.presenter.marks:
+            self._marks_timer.stop()
+
+    # -- selecting and finding ---------------------------------------------------------------------------------
+
+    def _select(self) -> None:
+        if not self._is_following:
+            eid = self.model.element(self.tree.currentIndex())
+            self.presenter.select("" if eid in (TOP, LOOSE) else eid, self)
+
+    def chosen(self) -> list[str]:
+        """The elements that are selected in the tree."""
+        rows = self.tree.selectionModel().selectedRows()
+        return [eid for index in rows if (eid := self.model.element(index)) not in (TOP, LOOSE)]
+
+    def _search(self) -> None:
+        self._found = self.presenter.find(self.search.text())
+        self.model.show_found(self._found)
+        if not self.search.text().strip():
+            self.found.setText("")
+        elif not self._found:
+            self.found.setText("none")
+        else:
+            self._show_place()
+
+    def find_next(self, step: int = 1) -> None:
+        """Goes to the next element that was found.
+
+        :param step: -1 goes back.
+        """
+        if self._search_timer.isActive():
+            self._search_timer.stop()
+            self._search()
+        if not self._found:
+            return
+        known = self._found.index(self.presenter.selected) if self.presenter.selected in self._found else None
+        at = (0 if step > 0 else -1) if known is None else (known + step) % len(self._found)
+        self.presenter.select(self._found[at])
+        self._show_place()
+
+    def _show_place(self) -> None:
+        count = len(self._found)
+        eid = self.presenter.selected
+        self.found.setText(f"{self._found.index(eid) + 1} of {count}" if eid in self._found else f"{count} found")
+
+    def _opened(self) -> list[Any]:
+        """The branches that are open."""
+        found, waiting = [], [self.model.index(row, 0) for row in range(self.model.rowCount())]
+        while waiting:
+            index = waiting.pop()
+            if self.tree.isExpanded(index):
+                found.append(index)
+                waiting += [self.model.index(row, 0, index) for row in range(min(self.model.rowCount(index), 1000))]
+        return found
+
+    # -- changing ----------------------------------------------------------------------------------------------
+
+    def add(self) -> None:
+        """Opens the dialog that adds an element under the selected one."""
+        if self.presenter.mirror is not None and self.presenter.vocabulary is not None:
+            self._open(AddDialog(self.presenter, self.presenter.selected or ROOT, self))
+
+    def remove(self) -> None:
+        """Asks, and removes what is selected."""
+        ids, requests = [eid for eid in self.chosen() if eid != ROOT], self.presenter.requests
+        if not ids or requests is None:
+            return
+        gone = dict.fromkeys(one for eid in ids for one in requests.removed_with(eid))
+        dialog = RemoveDialog(self.presenter, ids, list(gone), self)
+        names = ", ".join(map(local_name, ids[:3])) + (", …" if len(ids) > 3 else "")
+        dialog.accepted.connect(lambda: self.presenter.change(f"remove {names}", lambda r: r.remove(ids)))
+        self._open(dialog)
+
+    def _move(self, ids: list[str], parent: str) -> None:
+        names = ", ".join(map(local_name, ids[:3])) + (", …" if len(ids) > 3 else "")
+        self.presenter.change(
+            f"move {names} to {local_name(parent)}", lambda r: [o for eid in ids for o in r.move(eid, parent)]
+        )
+
+    def _edit_label(self) -> None:
+        self.pages.setCurrentWidget(self.element)
+        self.element.label_edit.setFocus()
+        self.element.label_edit.selectAll()
+
+    def load(self) -> None:
+        """Asks for a file, and loads the scene from it."""
+        note = "⚠ The scene of now is replaced, for all robots; this cannot be undone. The file is in the workspace"
+        self._open_file(FileDialog("Load a scene", "Load", f"{note} of the world model.", self._file, self), "load")
+
+    def save(self) -> None:
+        """Asks for a file, and saves the scene to it."""
+        note = "The file is written in the workspace of the world model."
+        self._open_file(FileDialog("Save the scene", "Save", note, self._file, self), "save")
+
+    def validate(self) -> None:
+        """Validates the scene, and shows what was found."""
+        self.pages.setCurrentWidget(self.report)
+        self.questions.validate()
+
+    def _open_file(self, dialog: FileDialog, what: str) -> None:
+        def chosen(name: str) -> None:
+            self._file = name
+            (self.questions.load if what == "load" else self.questions.save)(name)
+
+        dialog.chosen.connect(chosen)
+        self._open(dialog)
+
+    def _open(self, dialog: Any) -> None:
+        dialog.setAttribute(Qt.WA_DeleteOnClose)
+        dialog.open()
+
+    def _open_menu(self, at: Any) -> None:
+        menu = QMenu(self)
+        index = self.tree.indexAt(at)
+        eid = self.model.element(index)
+        for text, call, is_there in (
+            ("Add an element here…", self.add, eid not in (TOP, LOOSE)),
+            ("Add a relation…", self.element.add_relation, eid not in (TOP, LOOSE)),
+            ("Edit the label", self._edit_label, eid not in (TOP, LOOSE)),
+            ("Remove…", self.remove, eid not in (TOP, LOOSE, ROOT)),
+            ("Open all below", lambda: self.tree.expandRecursively(index, 6), self.model.hasChildren(index)),
+            ("Show the history", lambda: self.pages.setCurrentWidget(self.history), eid not in (TOP, LOOSE)),
+        ):
+            menu.addAction(text, call).setEnabled(bool(is_there))
+        menu.setAttribute(Qt.WA_DeleteOnClose)
+        menu.popup(self.tree.viewport().mapToGlobal(at))
+
+
+def _tool(text: str, name: str, tip: str, clicked: Any) -> QToolButton:
+    button = QToolButton()
+    button.setText(text)
+    button.setObjectName(name)
+    button.setToolTip(tip)
+    button.clicked.connect(lambda: clicked())
+    return button
+
+
+def _timer(parent: QWidget, period: int, call: Any, single: bool = False) -> QTimer:
+    timer = QTimer(parent)
+    timer.setInterval(period)
+    timer.setSingleShot(single)
+    timer.timeout.connect(call)
+    return timer

@@ -1,0 +1,286 @@
+"""The selected element: what it is, its properties and its relations, to be looked at and changed."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtGui import QKeySequence
+from python_qt_binding.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QPushButton,
+    QShortcut,
+    QSplitter,
+    QStyledItemDelegate,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.core.world_details import Details, PropertyRow, RelationRow
+from skiros2_gui.core.world_presenter import WorldPresenter
+from skiros2_gui.qt.world_dialogs import PropertyDialog, RelationDialog, ValuesDialog
+from skiros2_gui.qt.world_tables import Row, RowsModel, RowsView
+from skiros2_world_model.core.shown import shown_time
+
+_VALUE = 1
+
+
+class ElementPanel(QWidget):
+    """Shows the presenter's selected element."""
+
+    def __init__(self, presenter: WorldPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._shown: Details | None = None
+        self.heading = QLabel()
+        self.heading.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        font = self.heading.font()
+        font.setPointSizeF(font.pointSizeF() * 1.25)
+        font.setBold(True)
+        self.heading.setFont(font)
+        self.about = QLabel()
+        self.about.setWordWrap(True)
+        self.about.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.label_edit = QLineEdit()
+        self.label_edit.setObjectName("elementLabel")
+        self.label_edit.setPlaceholderText("no label")
+        self.label_edit.setToolTip("The label: the template it was made from, or a free name. Enter writes it")
+        self.label_edit.editingFinished.connect(self._write_label)
+        self.properties = RowsView(
+            RowsModel(("Property", "Value", "Unit"), _VALUE, self._write_value, lambda row: _in_place(row)), _VALUE
+        )
+        self.properties.setObjectName("elementTable")
+        self.properties.setItemDelegateForColumn(_VALUE, _ValueDelegate(self.properties))
+        self.properties.doubleClicked.connect(self._edit_whole)
+        self.relations = RowsView(RowsModel(("Relation", "", "Element")), 2)
+        self.relations.setObjectName("relationTable")
+        self.relations.doubleClicked.connect(lambda _: self.follow_relation())
+        self.relations.setToolTip("Enter or a double click goes to the element")
+        self._lay_out()
+        for view, key, call in (
+            (self.properties, Qt.Key_Delete, self.remove_property),
+            (self.relations, Qt.Key_Delete, self.remove_relation),
+            (self.relations, Qt.Key_Return, self.follow_relation),
+            (self.relations, Qt.Key_Enter, self.follow_relation),
+        ):
+            QShortcut(QKeySequence(key), view, call, context=Qt.WidgetShortcut)
+        self.show_details()
+
+    def _lay_out(self) -> None:
+        self.add_property_button = _button("Add property…", "Gives the element another property", self.add_property)
+        self.remove_property_button = _button(
+            "Remove property", "Takes the selected property away (Delete)", self.remove_property
+        )
+        self.add_relation_button = _button("Add relation…", "Relates the element to another one", self.add_relation)
+        self.remove_relation_button = _button(
+            "Remove relation", "Takes the selected relation away (Delete)", self.remove_relation
+        )
+        self.add_property_button.setObjectName("addPropertyButton")
+        self.add_relation_button.setObjectName("addRelationButton")
+        top = QVBoxLayout()
+        top.addWidget(self.heading)
+        top.addWidget(self.about)
+        row = QHBoxLayout()
+        row.addWidget(QLabel("Label"))
+        row.addWidget(self.label_edit, 1)
+        top.addLayout(row)
+        splitter = QSplitter(Qt.Vertical)
+        splitter.addWidget(_with_buttons(self.properties, self.add_property_button, self.remove_property_button))
+        splitter.addWidget(_with_buttons(self.relations, self.add_relation_button, self.remove_relation_button))
+        splitter.setStretchFactor(0, 3)
+        splitter.setStretchFactor(1, 2)
+        splitter.setChildrenCollapsible(False)
+        column = QVBoxLayout(self)
+        column.addLayout(top)
+        column.addWidget(splitter, 1)
+
+    # -- showing -----------------------------------------------------------------------------------------------
+
+    def show_details(self) -> None:
+        """Shows the selected element as it is now. What is being edited stays."""
+        details = self._presenter.details()
+        before, self._shown = self._shown, details
+        for widget in (
+            self.label_edit,
+            self.properties,
+            self.relations,
+            self.add_property_button,
+            self.remove_property_button,
+            self.add_relation_button,
+            self.remove_relation_button,
+        ):
+            widget.setEnabled(details is not None)
+        if details is None:
+            self.heading.setText("No element is selected")
+            self.about.setText("Choose one in the tree on the left.")
+            self.label_edit.clear()
+            self.properties.rows.show_rows(())
+            self.relations.rows.show_rows(())
+            return
+        is_other = before is None or before.id != details.id
+        self.heading.setText(local_name(details.id))
+        self.about.setText(_about(details))
+        self.about.setToolTip(details.type_description)
+        if is_other or not self.label_edit.hasFocus():
+            self.label_edit.setText(details.label)
+        if is_other:  # nothing of the other element is to be kept
+            self.properties.rows.show_rows(())
+            self.relations.rows.show_rows(())
+        self.properties.rows.show_rows([_property_cells(row) for row in details.properties])
+        self.relations.rows.show_rows([_relation_cells(row) for row in details.relations])
+
+    # -- changing ----------------------------------------------------------------------------------------------
+
+    def _write_label(self) -> None:
+        details, label = self._shown, self.label_edit.text().strip()
+        if details is not None and label != details.label:
+            name = local_name(details.id)
+            self._presenter.change(f"label of {name}", lambda r: r.set_label(details.id, label))
+
+    def _write_value(self, row: PropertyRow, text: str) -> None:
+        self._write_values(row.key, [text] if text or row.kind is str else [])
+
+    def _write_values(self, key: str, texts: list[str]) -> None:
+        details = self._shown
+        if details is not None:
+            what = f"{local_name(key)} of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: r.set_values(details.id, key, texts))
+
+    def _edit_whole(self, index: Any) -> None:
+        row = self.properties.rows.rows[index.row()].item
+        if index.column() == _VALUE and row.is_editable and not _in_place(row):
+            dialog = ValuesDialog(row, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.chosen.connect(lambda texts: self._write_values(row.key, texts))
+            dialog.open()
+
+    def add_property(self) -> None:
+        """Opens the dialog for another property."""
+        vocabulary, details = self._presenter.vocabulary, self._shown
+        if vocabulary is not None and details is not None:
+            dialog = PropertyDialog(vocabulary, details, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.chosen.connect(self._write_values)
+            dialog.open()
+
+    def remove_property(self) -> None:
+        """Takes the selected properties away."""
+        details, rows = self._shown, self.properties.chosen()
+        if details is not None and rows:
+            what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: [o for row in rows for o in r.remove_property(details.id, row.key)])
+
+    def add_relation(self) -> None:
+        """Opens the dialog for another relation."""
+        if self._shown is not None and self._presenter.mirror is not None:
+            dialog = RelationDialog(self._presenter, self._shown.id, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.open()
+
+    def remove_relation(self) -> None:
+        """Takes the selected relations away."""
+        details, rows = self._shown, self.relations.chosen()
+        if details is None or not rows:
+            return
+        ends = [(details.id, r.predicate, r.other) if r.outgoing else (r.other, r.predicate, details.id) for r in rows]
+        what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
+        self._presenter.change(what, lambda r: [o for relation in ends for o in r.unrelate(*relation)])
+
+    def follow_relation(self) -> None:
+        """Goes to the element of the selected relation."""
+        rows = [row for row in self.relations.chosen() if row.is_element]
+        if rows:
+            self._presenter.select(rows[0].other)
+
+
+class _ValueDelegate(QStyledItemDelegate):
+    """The editor of one value: a choice for yes or no, a line for all else."""
+
+    def createEditor(self, parent: QWidget, option: Any, index: Any) -> QWidget:
+        row = index.model().rows[index.row()].item
+        if row.kind is bool:
+            box = QComboBox(parent)
+            box.addItems(("True", "False"))
+            return box
+        line = QLineEdit(parent)
+        line.setFrame(False)
+        line.setPlaceholderText(f"{row.kind_text}{f' in {row.unit}' if row.unit else ''}")
+        return line
+
+    def setEditorData(self, editor: QWidget, index: Any) -> None:
+        row = index.model().rows[index.row()].item
+        text = "" if not row.values else repr(row.values[0]) if row.kind is float else str(row.values[0])
+        if isinstance(editor, QComboBox):
+            editor.setCurrentText(text)
+        else:
+            editor.setText(text)
+
+    def setModelData(self, editor: QWidget, model: Any, index: Any) -> None:
+        text = editor.currentText() if isinstance(editor, QComboBox) else editor.text()
+        row = model.rows[index.row()].item
+        before = "" if not row.values else repr(row.values[0]) if row.kind is float else str(row.values[0])
+        if text != before:
+            model.setData(index, text)
+
+
+def _in_place(row: PropertyRow) -> bool:
+    """Whether a value can be written in the table itself."""
+    is_one_line = all("\n" not in value for value in row.values if isinstance(value, str))
+    return row.is_editable and len(row.values) <= 1 and is_one_line
+
+
+def _property_cells(row: PropertyRow) -> Row:
+    text = json.dumps(row.values[0], default=str) if row.kind in (list, dict) and row.values else row.text
+    told = [row.key, row.description, f"Type: {row.kind_text}"]
+    if not row.is_editable:
+        told.append("It is written by programs, and cannot be changed here")
+    elif not _in_place(row):
+        told.append("Several values: a double click opens them")
+    shown = " ".join(text.split())
+    return Row((row.name, shown, row.unit), "\n".join(line for line in told if line), row)
+
+
+def _relation_cells(row: RelationRow) -> Row:
+    direction = "to" if row.outgoing else "from"
+    told = [row.predicate, row.description, row.other if row.is_element else f"{row.other}, a template"]
+    return Row((row.name, direction, row.other_text), "\n".join(line for line in told if line), row)
+
+
+def _about(details: Details) -> str:
+    words = f"{details.type}"
+    if details.author:
+        words += f"  ·  last changed by {details.author}, {shown_time(details.stamp)}"
+    return words
+
+
+def _button(text: str, tip: str, clicked: Any) -> QPushButton:
+    button = QPushButton(text)
+    button.setToolTip(tip)
+    button.clicked.connect(lambda: clicked())
+    return button
+
+
+def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:
+    box = QWidget()
+    column = QVBoxLayout(box)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.addWidget(view, 1)
+    row = QHBoxLayout()
+    for button in buttons:
+        row.addWidget(button)
+    row.addStretch(1)
+    column.addLayout(row)
+    return box
+
+
+def text_box(parent: QWidget | None = None) -> QPlainTextEdit:
+    """A box for some lines of text, in which Tab goes on to the next field."""
+    box = QPlainTextEdit(parent)
+    box.setTabChangesFocus(True)
+    return box

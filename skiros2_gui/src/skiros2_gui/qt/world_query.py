@@ -1,0 +1,145 @@
+"""The SPARQL box: a query, the table of its answer, and where a mistake is."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtGui import QColor, QKeySequence, QTextCursor, QTextFormat
+from python_qt_binding.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QPlainTextEdit,
+    QPushButton,
+    QShortcut,
+    QSplitter,
+    QTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.core.world_presenter import WorldPresenter
+from skiros2_gui.core.world_questions import CONTEXTS, Questions
+from skiros2_gui.qt import theme
+from skiros2_gui.qt.world_tables import Row, RowsModel, RowsView, fixed_font
+from skiros2_world_model.core.shown import shown
+
+_CONTEXT_TEXTS = ("the scene and the ontologies", "the scene", "the ontologies")
+_EXAMPLES = (
+    ("All elements of a class", "SELECT ?element ?label WHERE {\n  ?element a skiros:Location .\n"
+     "  OPTIONAL { ?element rdfs:label ?label }\n}"),
+    ("What contains what", "SELECT ?container ?thing WHERE {\n  ?container skiros:contain ?thing\n}"),
+    ("Where things are (m)", "SELECT ?element ?x ?y ?z WHERE {\n  ?element skiros:PositionX ?x ; skiros:PositionY ?y ;"
+     " skiros:PositionZ ?z\n}"),
+    ("How many of each class", "SELECT ?class (COUNT(?element) AS ?number) WHERE {\n  ?element a ?class\n}"
+     " GROUP BY ?class ORDER BY DESC(?number)"),
+)  # fmt: skip
+
+
+class QueryPanel(QWidget):
+    """Asks queries. Ctrl+Enter asks; a double click on an element in the answer goes to it."""
+
+    def __init__(self, presenter: WorldPresenter, questions: Questions, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._questions = questions
+        self.box = QPlainTextEdit()
+        self.box.setObjectName("sparqlBox")
+        self.box.setFont(fixed_font())
+        self.box.setTabChangesFocus(True)
+        self.box.setPlaceholderText("SELECT ?element WHERE { ?element a skiros:Location }")
+        self.box.setPlainText(_EXAMPLES[0][1])
+        self.examples = QComboBox()
+        self.examples.setToolTip("Examples, and queries that were asked before")
+        self.examples.activated.connect(self._take_example)
+        self.context = QComboBox()
+        self.context.addItems(_CONTEXT_TEXTS)
+        self.context.setToolTip("What the query is asked of")
+        self.run = QPushButton("Ask")
+        self.run.setObjectName("sparqlRun")
+        self.run.setToolTip("Asks the query (Ctrl+Enter)")
+        self.run.clicked.connect(lambda: self.ask())
+        for key in (Qt.Key_Return, Qt.Key_Enter):
+            QShortcut(QKeySequence(Qt.CTRL + key), self, self.ask, context=Qt.WidgetWithChildrenShortcut)
+        self.table = RowsView(RowsModel(()))
+        self.table.setObjectName("sparqlResult")
+        self.table.doubleClicked.connect(self._go_to)
+        self.said = QLabel()
+        self.said.setObjectName("sparqlSaid")
+        self.said.setWordWrap(True)
+        self.said.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        row = QHBoxLayout()
+        row.addWidget(self.examples, 1)
+        row.addWidget(QLabel("of"))
+        row.addWidget(self.context)
+        row.addWidget(self.run)
+        top = QWidget()
+        above = QVBoxLayout(top)
+        above.setContentsMargins(0, 0, 0, 0)
+        above.addWidget(self.box, 1)
+        above.addLayout(row)
+        above.addWidget(self.said)
+        splitter = QSplitter(Qt.Vertical)
+        splitter.addWidget(top)
+        splitter.addWidget(self.table)
+        splitter.setStretchFactor(1, 2)
+        column = QVBoxLayout(self)
+        column.addWidget(splitter)
+        questions.hooks.answer.append(self._show)
+        self._fill_examples()
+
+    def ask(self) -> None:
+        """Asks what is in the box."""
+        text = self.box.toPlainText()
+        if text.strip():
+            self.said.setText("Asking…")
+            self._questions.ask(text, CONTEXTS[self.context.currentIndex()])
+
+    def _show(self) -> None:
+        answer, mistake = self._questions.answer, self._questions.mistake
+        rows = () if answer is None else answer.rows
+        self.table.rows.show_rows(
+            [Row(tuple("" if v is None else shown(v) for v in row), "", row) for row in rows],
+            answer.names if answer is not None else (),
+        )
+        self.table.resizeColumnsToContents()
+        self._mark_line(mistake.line if mistake is not None else 0)
+        if mistake is not None:
+            place = f"Line {mistake.line}, column {mistake.column}: " if mistake.line else ""
+            self.said.setText(f"⚠ {place}{mistake.text}")
+        else:
+            self.said.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
+        self._fill_examples()
+
+    def _mark_line(self, line: int) -> None:
+        marks = []
+        block = self.box.document().findBlockByNumber(line - 1) if line else None
+        if block is not None and block.isValid():
+            mark = QTextEdit.ExtraSelection()
+            colour = QColor(theme.signal_colour("failure", self))
+            colour.setAlpha(50)
+            mark.format.setBackground(colour)
+            mark.format.setProperty(QTextFormat.FullWidthSelection, True)
+            mark.cursor = QTextCursor(block)
+            marks.append(mark)
+        self.box.setExtraSelections(marks)
+
+    def _go_to(self, index: object) -> None:
+        cell = self.table.rows.rows[index.row()].item[index.column()]  # type: ignore[attr-defined]
+        mirror = self._presenter.mirror
+        if mirror is not None and isinstance(cell, str) and cell in mirror.scene:
+            self._presenter.select(cell)
+
+    def _fill_examples(self) -> None:
+        self.examples.clear()
+        self.examples.addItem("Examples and earlier queries")
+        for name, text in _EXAMPLES:
+            self.examples.addItem(name, text)
+        for text in self._questions.queries:
+            self.examples.addItem(" ".join(text.split())[:80], text)
+
+    def _take_example(self, row: int) -> None:
+        text = self.examples.itemData(row)
+        if text:
+            self.box.setPlainText(text)
+            self.box.setFocus()
+        self.examples.setCurrentIndex(0)

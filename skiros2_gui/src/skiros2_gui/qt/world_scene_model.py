@@ -1,0 +1,204 @@
+"""The tree of the scene for Qt's views."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from python_qt_binding.QtCore import QAbstractItemModel, QMimeData, QModelIndex, Qt, Signal
+from python_qt_binding.QtGui import QColor, QFont
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.core.world_details import shown_name
+from skiros2_gui.core.world_presenter import WorldPresenter
+from skiros2_gui.core.world_scene import LOOSE, TOP
+from skiros2_gui.qt import theme
+from skiros2_world_model.core.scene import ROOT
+
+HEADERS = ("Element", "Class", "Changed by")
+_MIME = "application/x-skiros-elements"
+
+
+class SceneModel(QAbstractItemModel):
+    """The presenter's tree: nothing of it is kept here but a number for each element that a view has asked for."""
+
+    #: Elements were dropped on another one: their ids, and its id.
+    dropped = Signal(list, str)
+
+    def __init__(self, presenter: WorldPresenter) -> None:
+        super().__init__()
+        self._presenter = presenter
+        self._numbers: dict[str, int] = {}
+        self._ids: list[str] = []
+        self._found: frozenset[str] = frozenset()
+        self._at_end: Any = None
+
+    # -- what the presenter tells ------------------------------------------------------------------------------
+
+    def show_scene(self) -> None:
+        """The scene is another one."""
+        self.beginResetModel()
+        self._numbers.clear()
+        self._ids.clear()
+        if self._presenter.mirror is not None:
+            self._presenter.mirror.view = self
+        self.endResetModel()
+
+    def inserting(self, parent: str, row: int) -> None:
+        self.beginInsertRows(self.index_of(parent), row, row)
+        self._at_end = self.endInsertRows
+
+    def removing(self, parent: str, row: int) -> None:
+        self.beginRemoveRows(self.index_of(parent), row, row)
+        self._at_end = self.endRemoveRows
+
+    def resetting(self) -> None:
+        self.beginResetModel()
+        self._at_end = self.endResetModel
+
+    def done(self) -> None:
+        self._at_end()
+
+    def renewed(self, eid: str) -> None:
+        index = self.index_of(eid)
+        if index.isValid():
+            self.dataChanged.emit(index, index.siblingAtColumn(len(HEADERS) - 1))
+
+    def show_found(self, ids: Iterable[str]) -> None:
+        """These are written in bold."""
+        before, self._found = self._found, frozenset(ids)
+        if len(before | self._found) > 500:
+            self.layoutChanged.emit()
+        else:
+            for eid in before ^ self._found:
+                self.renewed(eid)
+
+    # -- elements and indexes ----------------------------------------------------------------------------------
+
+    def index_of(self, eid: str) -> QModelIndex:
+        """Where an element is shown; an invalid index when it is not."""
+        mirror = self._presenter.mirror
+        if mirror is None or eid == TOP or not mirror.is_shown(eid):
+            return QModelIndex()
+        row = mirror.row(eid)
+        return self.createIndex(row, 0, self._number(eid)) if row >= 0 else QModelIndex()
+
+    def element(self, index: QModelIndex) -> str:
+        """The element of an index; `TOP` of an invalid one."""
+        return self._ids[index.internalId()] if index.isValid() else TOP
+
+    def _number(self, eid: str) -> int:
+        number = self._numbers.get(eid)
+        if number is None:
+            number = self._numbers[eid] = len(self._ids)
+            self._ids.append(eid)
+        return number
+
+    # -- what Qt asks ------------------------------------------------------------------------------------------
+
+    def index(self, row: int, column: int, parent: QModelIndex = QModelIndex()) -> QModelIndex:  # noqa: B008
+        mirror = self._presenter.mirror
+        above = self.element(parent)
+        if mirror is None or not 0 <= row < mirror.count(above) or not 0 <= column < len(HEADERS):
+            return QModelIndex()
+        return self.createIndex(row, column, self._number(mirror.child(above, row)))
+
+    def parent(self, index: QModelIndex) -> QModelIndex:
+        mirror = self._presenter.mirror
+        if mirror is None or not index.isValid():
+            return QModelIndex()
+        return self.index_of(mirror.parent(self.element(index)))
+
+    def rowCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+        mirror = self._presenter.mirror
+        return 0 if mirror is None or parent.column() > 0 else mirror.count(self.element(parent))
+
+    def hasChildren(self, parent: QModelIndex = QModelIndex()) -> bool:  # noqa: B008
+        mirror = self._presenter.mirror
+        return mirror is not None and parent.column() <= 0 and mirror.has_children(self.element(parent))
+
+    def columnCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+        return len(HEADERS)
+
+    def headerData(self, section: int, orientation: int, role: int = Qt.DisplayRole) -> Any:
+        return HEADERS[section] if role == Qt.DisplayRole and orientation == Qt.Horizontal else None
+
+    def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
+        mirror = self._presenter.mirror
+        if mirror is None or not index.isValid():
+            return None
+        eid = self.element(index)
+        if role in (Qt.DisplayRole, Qt.AccessibleTextRole):
+            return self._text(eid, index.column())
+        if role == Qt.ToolTipRole:
+            return self._tip(eid)
+        mark = self._presenter.marks.get(eid)
+        if role == Qt.ForegroundRole:
+            if mark is not None:
+                return theme.signal_colour("changed")
+            if eid == LOOSE:
+                return theme.signal_colour("idle")
+        if role == Qt.BackgroundRole and mark is not None:
+            colour = QColor(theme.signal_colour("changed"))
+            colour.setAlpha(40)
+            return colour
+        if role == Qt.FontRole and (eid in self._found or eid == LOOSE):
+            font = QFont()
+            font.setBold(eid in self._found)
+            font.setItalic(eid == LOOSE)
+            return font
+        return None
+
+    def _text(self, eid: str, column: int) -> str:
+        mirror = self._presenter.mirror
+        assert mirror is not None
+        if column == 0:
+            name = shown_name(mirror, eid)
+            return f"{name} ({mirror.count(LOOSE)})" if eid == LOOSE else name
+        node = mirror.scene.node(eid)
+        if column == 1:
+            return local_name(node.type) if node is not None else ""
+        mark = self._presenter.marks.get(eid)
+        return f"● {mark.author}" if mark is not None else ""
+
+    def _tip(self, eid: str) -> str:
+        mirror, vocabulary = self._presenter.mirror, self._presenter.vocabulary
+        assert mirror is not None
+        if eid == LOOSE:
+            return "Elements that no other one contains or has: skills, parameters, and what was never placed"
+        node = mirror.scene.node(eid)
+        if node is None:
+            return eid
+        lines = [eid, vocabulary.description(node.type) if vocabulary is not None else ""]
+        if node.made.author:
+            when = time.strftime("%H:%M:%S", time.localtime(node.made.stamp))
+            lines.append(f"Last changed by {node.made.author} at {when}")
+        return "\n".join(line for line in lines if line)
+
+    # -- drag and drop -----------------------------------------------------------------------------------------
+
+    def flags(self, index: QModelIndex) -> Any:
+        flags = super().flags(index)
+        eid = self.element(index)
+        if eid in (TOP, LOOSE):
+            return flags
+        return flags | Qt.ItemIsDropEnabled | (Qt.ItemIsDragEnabled if eid != ROOT else Qt.NoItemFlags)
+
+    def supportedDropActions(self) -> Any:
+        return Qt.MoveAction
+
+    def mimeTypes(self) -> list[str]:
+        return [_MIME]
+
+    def mimeData(self, indexes: list[QModelIndex]) -> QMimeData:
+        data = QMimeData()
+        ids = dict.fromkeys(self.element(index) for index in indexes)
+        data.setData(_MIME, "\n".join(ids).encode())
+        return data
+
+    def dropMimeData(self, data: QMimeData, action: int, row: int, column: int, parent: QModelIndex) -> bool:
+        target = self.element(parent)
+        if data.hasFormat(_MIME) and target not in (TOP, LOOSE):
+            self.dropped.emit(bytes(data.data(_MIME)).decode().splitlines(), target)
+        return False  # the tree changes when the scene has

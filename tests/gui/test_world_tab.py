@@ -1,0 +1,265 @@
+"""The scene tab as a user sees it: the tree, the editors and the dialogs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from pytestqt.modeltest import ModelTester
+from pytestqt.qtbot import QtBot
+from python_qt_binding.QtCore import QItemSelectionModel, QModelIndex, Qt
+from python_qt_binding.QtWidgets import QDialog, QLineEdit
+
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.window import Window
+from skiros2_gui.core.world_scene import LOOSE
+from skiros2_gui.qt.world_dialogs import AddDialog, PropertyDialog, RelationDialog, RemoveDialog
+from skiros2_gui.qt.world_tab import WorldTab
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.scene import ROOT
+
+BOX = "skiros:LargeBox"
+
+
+class Desk:
+    """The tab on a world model of this process."""
+
+    def __init__(self, qtbot: QtBot) -> None:
+        self.qtbot = qtbot
+        self.wm = LocalWorldModel("window")
+        self.other = LocalWorldModel("vision", self.wm.model)
+        self.window: Window = make_window(lambda inbox: LocalSystem(inbox, self.wm))
+        self.tab = WorldTab(self.window)
+        qtbot.addWidget(self.tab, before_close_func=WorldTab.close_tab)
+        self.tab.resize(1100, 700)
+        self.tab.show()
+
+    def add(self, label: str = "", parent: str = ROOT, etype: str = BOX) -> str:
+        """Somebody else adds an element; returns its id."""
+        element = Element(etype, label)
+        element.addRelation(parent, "skiros:contain", "-1")
+        self.other.add_element(element)
+        self.window.take_news()
+        return element.id
+
+    def select(self, eid: str) -> None:
+        """A click on an element in the tree."""
+        index = self.tab.model.index_of(eid)
+        self.tab.tree.scrollTo(index)
+        place = self.tab.tree.visualRect(index).center()
+        self.qtbot.mouseClick(self.tab.tree.viewport(), Qt.LeftButton, pos=place)
+
+    def dialog(self, kind: type[QDialog]) -> QDialog:
+        return next(d for d in self.tab.findChildren(kind) if d.isVisible())
+
+    def press(self, dialog: QDialog) -> None:
+        """OK."""
+        self.qtbot.mouseClick(dialog.ok, Qt.LeftButton)
+        self.window.take_news()
+
+    def rows(self, parent: QModelIndex = QModelIndex()) -> list[str]:  # noqa: B008
+        """What the tree shows directly under a row."""
+        model = self.tab.model
+        return [model.index(row, 0, parent).data() for row in range(model.rowCount(parent))]
+
+
+@pytest.fixture
+def desk(qtbot: QtBot) -> Iterator[Desk]:
+    yield Desk(qtbot)
+
+
+def test_the_tree_keeps_to_the_rules_of_models_while_the_scene_changes(desk: Desk) -> None:
+    tester = ModelTester(desk.tab.model)
+    tester.check(desk.tab.model, force_py=True)
+    box = desk.add()
+    parts = [desk.add(parent=box, etype="skiros:Part") for _ in range(3)]
+    desk.tab.tree.expandAll()
+    desk.tab.presenter.change("move", lambda r: r.move(parts[1], ROOT))
+    desk.window.take_news()
+    desk.other.remove_element(desk.other.get_element(box))
+    desk.window.take_news()
+    assert desk.rows(desk.tab.model.index_of(ROOT)) == [parts[1].partition(":")[2]]
+    tester._cleanup()
+
+
+def test_elements_of_others_appear_marked_and_without_moving_the_selection(desk: Desk) -> None:
+    box = desk.add("skiros:first")
+    desk.select(box)
+    new = desk.add("skiros:second")
+    index = desk.tab.model.index_of(new)
+    assert index.data() == f"second  ({new.partition(':')[2]})"
+    assert index.siblingAtColumn(2).data() == "● vision"
+    assert desk.tab.presenter.selected == box
+
+
+def test_a_value_is_written_in_the_table(desk: Desk) -> None:
+    box = desk.add()
+    desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
+    desk.window.take_news()
+    desk.select(box)
+    table = desk.tab.element.properties
+    assert [table.model().index(0, column).data() for column in range(3)] == ["Weight", "1", "kg"]
+    for text, weight in (("2.5 kg", 2.5), ("heavy", 2.5)):
+        table.edit(table.model().index(0, 1))
+        editor = table.findChild(QLineEdit)
+        editor.setText(text)
+        desk.qtbot.keyClick(editor, Qt.Key_Return)
+        desk.qtbot.waitUntil(lambda: not table.findChildren(QLineEdit))
+        desk.window.take_news()
+        assert desk.wm.get_element(box).value_of("skiros:Weight") == weight
+    assert "expected a number (in kg), got 'heavy'" in desk.window.problems.newest.line
+
+
+def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk: Desk) -> None:
+    box = desk.add()
+    desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
+    desk.window.take_news()
+    desk.select(box)
+    table = desk.tab.element.properties
+    table.edit(table.model().index(0, 1))
+    table.findChild(QLineEdit).setText("2")
+    element = desk.other.get_element(box)
+    element.label = "skiros:moved"
+    desk.other.update_element(element)
+    desk.window.take_news()
+    assert table.findChild(QLineEdit).text() == "2"
+    assert desk.tab.element.label_edit.text() == "skiros:moved"
+
+
+def test_adding_from_the_tree_of_classes(desk: Desk) -> None:
+    box = desk.add()
+    desk.select(box)
+    desk.tab.add_button.click()
+    dialog = desk.dialog(AddDialog)
+    assert not dialog.ok.isEnabled()
+    desk.qtbot.keyClicks(dialog.choice.search, "starter motor")
+    dialog.choice.choose("skiros:Starter")
+    dialog.label.setText("skiros:mine")
+    desk.press(dialog)
+    added = desk.tab.presenter.selected
+    assert desk.wm.get_element(added).label == "skiros:mine"
+    assert desk.wm.get_relations(box, "skiros:contain", added)
+
+
+def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
+    box = desk.add()
+    part = desk.add("skiros:screw", parent=box, etype="skiros:Part")
+    desk.select(box)
+    desk.qtbot.keyClick(desk.tab.tree, Qt.Key_Delete)
+    dialog = desk.dialog(RemoveDialog)
+    assert "goes one element under it:\nscrew" in dialog.note.text()
+    desk.press(dialog)
+    assert desk.wm.find_element(part) is None
+    desk.tab.undo_button.click()
+    desk.window.take_news()
+    assert desk.wm.get_relations(box, "skiros:contain", part)
+    assert desk.tab.redo_button.isEnabled()
+
+
+def test_a_relation_is_chosen_from_those_that_the_ontologies_know(desk: Desk) -> None:
+    box, part = desk.add(), desk.add("skiros:screw", etype="skiros:Part")
+    desk.select(box)
+    desk.tab.element.add_relation_button.click()
+    dialog = desk.dialog(RelationDialog)
+    names = [dialog.predicate.itemData(i) for i in range(dialog.predicate.count())]
+    assert {"skiros:contain", "skiros:at", "cora:robotPart"} <= set(names)
+    dialog.predicate.setCurrentIndex(names.index("cora:robotPart"))
+    assert "robotPart is meant for a subject of class Device, not LargeBox" in dialog.note.text()
+    dialog.predicate.setCurrentIndex(names.index("skiros:at"))
+    dialog.other.search.setText("screw")
+    desk.press(dialog)
+    assert desk.wm.get_relations(box, "skiros:at", part)
+
+
+def test_a_property_is_checked_while_it_is_written(desk: Desk) -> None:
+    box = desk.add()
+    desk.select(box)
+    desk.tab.element.add_property_button.click()
+    dialog = desk.dialog(PropertyDialog)
+    dialog.key.setEditText("Weight")
+    dialog.value.setText("a lot")
+    assert not dialog.ok.isEnabled() and "expected a number (in kg)" in dialog.note.text()
+    dialog.value.setText("4")
+    desk.press(dialog)
+    assert desk.wm.get_element(box).value_of("skiros:Weight") == 4.0
+
+
+def test_dropping_an_element_on_another_moves_it_there(desk: Desk) -> None:
+    box, part = desk.add(), desk.add(etype="skiros:Part")
+    model = desk.tab.model
+    data = model.mimeData([model.index_of(part)])
+    model.dropMimeData(data, Qt.MoveAction, -1, -1, model.index_of(box))
+    desk.window.take_news()
+    assert model.parent(model.index_of(part)) == model.index_of(box)
+    assert not model.flags(model.index_of(ROOT)) & Qt.ItemIsDragEnabled
+    assert not model.flags(model.index_of(LOOSE)) & Qt.ItemIsDropEnabled
+
+
+def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
+    first, second = desk.add("skiros:starter"), desk.add("skiros:starter")
+    desk.add("skiros:other")
+    desk.tab.find()
+    desk.qtbot.keyClicks(desk.tab.search, "Starter")
+    seen = []
+    for _ in range(3):
+        desk.qtbot.keyClick(desk.tab.search, Qt.Key_Return)
+        seen.append(desk.tab.presenter.selected)
+    assert seen == [first, second, first]
+    assert desk.tab.found.text() == "1 of 2"
+
+
+def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
+    box = desk.add()
+    query = desk.tab.query
+    query.box.setPlainText("SELECT ?what WHERE { skiros:Scene\\-0 skiros:contain ?what }")
+    query.run.click()
+    assert query.table.model().index(0, 0).data() == box
+    query.table.doubleClicked.emit(query.table.model().index(0, 0))
+    assert desk.tab.presenter.selected == box
+    query.box.setPlainText("SELECT ?what WHERE {\n  ?what skiros:contain\n}")
+    query.run.click()
+    assert query.said.text().startswith("⚠ Line 3, column 1: ")
+    assert query.table.model().rowCount() == 0
+    assert [s.cursor.blockNumber() for s in query.box.extraSelections()] == [2]
+
+
+def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
+    box = desk.add()
+    desk.tab.presenter.change("free it", lambda r: r.unrelate(ROOT, "skiros:contain", box))
+    desk.window.take_news()
+    desk.tab.validate()
+    table = desk.tab.report.table
+    texts = [table.model().index(row, 1).data() for row in range(table.model().rowCount())]
+    table.selectRow(texts.index(box.partition(":")[2]))
+    assert desk.tab.presenter.selected == box
+
+
+def test_a_world_model_without_a_journal_says_so_in_the_history(desk: Desk) -> None:
+    desk.select(desk.add())
+    desk.tab.pages.setCurrentWidget(desk.tab.history)
+    assert desk.tab.history.said.text() == "The world model keeps no journal: its past is not known"
+
+
+def test_several_are_selected_and_removed_together(desk: Desk) -> None:
+    boxes = [desk.add() for _ in range(3)]
+    desk.select(boxes[0])
+    model = desk.tab.tree.selectionModel()
+    for eid in boxes[1:]:
+        model.select(desk.tab.model.index_of(eid), QItemSelectionModel.Select | QItemSelectionModel.Rows)
+    desk.tab.remove_button.click()
+    desk.press(desk.dialog(RemoveDialog))
+    assert desk.rows() == ["Scene", "Not placed (0)"]
+    assert not desk.tab.model.hasChildren(desk.tab.model.index_of(ROOT))
+
+
+def test_settings_come_back_and_nonsense_is_left(desk: Desk) -> None:
+    desk.tab.query.box.setPlainText("ASK {}")
+    desk.tab.pages.setCurrentIndex(2)
+    kept = desk.tab.settings()
+    desk.tab.query.box.setPlainText("")
+    desk.tab.restore({"page": 99, "sizes": ["x"], "query": 5, "queries": None, "file": []})
+    desk.tab.restore(kept)
+    assert desk.tab.query.box.toPlainText() == "ASK {}"
+    assert desk.tab.pages.currentIndex() == 2

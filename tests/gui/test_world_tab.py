@@ -59,9 +59,9 @@ class Desk:
         self.qtbot.mouseClick(dialog.ok, Qt.LeftButton)
         self.window.take_news()
 
-    def rows(self, parent: QModelIndex = QModelIndex()) -> list[str]:  # noqa: B008
+    def rows(self, parent: QModelIndex | None = None) -> list[str]:
         """What the tree shows directly under a row."""
-        model = self.tab.model
+        model, parent = self.tab.model, parent or QModelIndex()
         return [model.index(row, 0, parent).data() for row in range(model.rowCount(parent))]
 
 
@@ -201,13 +201,13 @@ def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
     first, second = desk.add("skiros:starter"), desk.add("skiros:starter")
     desk.add("skiros:other")
     desk.tab.find()
-    desk.qtbot.keyClicks(desk.tab.search, "Starter")
+    desk.qtbot.keyClicks(desk.tab.finder.line, "Starter")
     seen = []
     for _ in range(3):
-        desk.qtbot.keyClick(desk.tab.search, Qt.Key_Return)
+        desk.qtbot.keyClick(desk.tab.finder.line, Qt.Key_Return)
         seen.append(desk.tab.presenter.selected)
     assert seen == [first, second, first]
-    assert desk.tab.found.text() == "1 of 2"
+    assert desk.tab.finder.said.text() == "1 of 2"
 
 
 def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:

@@ -17,6 +17,8 @@ from skiros2_gui.qt import theme
 from skiros2_world_model.core.scene import ROOT
 
 HEADERS = ("Element", "Class", "Changed by")
+#: The index that rows of the top have as their parent.
+_NOWHERE = QModelIndex()
 _MIME = "application/x-skiros-elements"
 
 
@@ -97,7 +99,7 @@ class SceneModel(QAbstractItemModel):
 
     # -- what Qt asks ------------------------------------------------------------------------------------------
 
-    def index(self, row: int, column: int, parent: QModelIndex = QModelIndex()) -> QModelIndex:  # noqa: B008
+    def index(self, row: int, column: int, parent: QModelIndex = _NOWHERE) -> QModelIndex:
         mirror = self._presenter.mirror
         above = self.element(parent)
         if mirror is None or not 0 <= row < mirror.count(above) or not 0 <= column < len(HEADERS):
@@ -110,15 +112,15 @@ class SceneModel(QAbstractItemModel):
             return QModelIndex()
         return self.index_of(mirror.parent(self.element(index)))
 
-    def rowCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
         mirror = self._presenter.mirror
         return 0 if mirror is None or parent.column() > 0 else mirror.count(self.element(parent))
 
-    def hasChildren(self, parent: QModelIndex = QModelIndex()) -> bool:  # noqa: B008
+    def hasChildren(self, parent: QModelIndex = _NOWHERE) -> bool:
         mirror = self._presenter.mirror
         return mirror is not None and parent.column() <= 0 and mirror.has_children(self.element(parent))
 
-    def columnCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def columnCount(self, parent: QModelIndex = _NOWHERE) -> int:
         return len(HEADERS)
 
     def headerData(self, section: int, orientation: int, role: int = Qt.DisplayRole) -> Any:

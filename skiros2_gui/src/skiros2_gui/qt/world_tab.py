@@ -11,8 +11,6 @@ from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
-    QLineEdit,
     QMenu,
     QShortcut,
     QSplitter,
@@ -31,13 +29,12 @@ from skiros2_gui.core.world_questions import Questions
 from skiros2_gui.core.world_scene import LOOSE, TOP
 from skiros2_gui.qt.world_dialogs import AddDialog, FileDialog, RemoveDialog
 from skiros2_gui.qt.world_element import ElementPanel
+from skiros2_gui.qt.world_finder import ElementFinder
 from skiros2_gui.qt.world_query import QueryPanel
 from skiros2_gui.qt.world_reports import HistoryPanel, ReportPanel
 from skiros2_gui.qt.world_scene_model import SceneModel
 from skiros2_world_model.core.scene import ROOT
 
-#: How long the search waits for the next letter (ms).
-_SEARCH_DELAY = 150
 #: How often marks are looked at, while there are some (ms).
 _MARKS_PERIOD = 1000
 
@@ -53,11 +50,11 @@ class WorldTab(QWidget):
         self.presenter = WorldPresenter(window)
         self.questions = Questions(window)
         self._file = ""
-        self._found: list[str] = []
         self._is_following = False
         self.model = SceneModel(self.presenter)
         self.model.dropped.connect(self._move)
         self.tree = self._make_tree()
+        self.finder = ElementFinder(self.presenter, self.model)
         self.element = ElementPanel(self.presenter)
         self.history = HistoryPanel(self.presenter, self.questions)
         self.query = QueryPanel(self.presenter, self.questions)
@@ -72,8 +69,9 @@ class WorldTab(QWidget):
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
-        self._search_timer = _timer(self, _SEARCH_DELAY, self._search, single=True)
-        self._marks_timer = _timer(self, _MARKS_PERIOD, self._forget_marks)
+        self._marks_timer = QTimer(self)
+        self._marks_timer.setInterval(_MARKS_PERIOD)
+        self._marks_timer.timeout.connect(self._forget_marks)
         self.presenter.view = self
         self.show_scene()
         self.show_edits()
@@ -104,14 +102,6 @@ class WorldTab(QWidget):
         return tree
 
     def _lay_out(self) -> None:
-        self.search = QLineEdit()
-        self.search.setObjectName("worldSearch")
-        self.search.setPlaceholderText("Find an element (Ctrl+F)")
-        self.search.setToolTip("Words of an id, a label or a value; Enter and F3 go to the next one, Shift+F3 back")
-        self.search.setClearButtonEnabled(True)
-        self.search.textChanged.connect(lambda _: self._search_timer.start())
-        self.search.returnPressed.connect(self.find_next)
-        self.found = QLabel()
         self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
         self.remove_button = _tool("Remove…", "removeButton", "Removes what is selected (Delete)", self.remove)
         self.undo_button = _tool("Undo", "undoButton", "", self.presenter.undo)
@@ -131,8 +121,7 @@ class WorldTab(QWidget):
         self.file_button.setMenu(menu)
         bar = QHBoxLayout()
         bar.setContentsMargins(6, 6, 6, 0)
-        bar.addWidget(self.search, 1)
-        bar.addWidget(self.found)
+        bar.addWidget(self.finder, 1)
         for button in (self.add_button, self.remove_button, self.undo_button, self.redo_button, self.file_button):
             bar.addWidget(button)
         self.splitter = QSplitter(Qt.Horizontal)
@@ -151,8 +140,8 @@ class WorldTab(QWidget):
             ("Ctrl+Z", self.presenter.undo),
             ("Ctrl+Shift+Z", self.presenter.redo),
             ("Ctrl+Y", self.presenter.redo),
-            ("F3", self.find_next),
-            ("Shift+F3", lambda: self.find_next(-1)),
+            ("F3", self.finder.go_on),
+            ("Shift+F3", lambda: self.finder.go_on(-1)),
         ):
             QShortcut(QKeySequence(keys), self, call, context=Qt.WidgetWithChildrenShortcut)
 
@@ -182,8 +171,8 @@ class WorldTab(QWidget):
             self._file = settings["file"]
 
     def find(self) -> None:
-        self.search.setFocus()
-        self.search.selectAll()
+        self.finder.line.setFocus()
+        self.finder.line.selectAll()
 
     def toggle(self) -> None:
         """Nothing is started or stopped here: the space bar opens and closes a branch of the tree."""
@@ -192,7 +181,7 @@ class WorldTab(QWidget):
             self.tree.setExpanded(index, not self.tree.isExpanded(index))
 
     def close_tab(self) -> None:
-        self._search_timer.stop()
+        self.finder.close_finder()
         self._marks_timer.stop()
 
     # -- what the presenter tells ------------------------------------------------------------------------------
@@ -203,7 +192,7 @@ class WorldTab(QWidget):
         for eid in [ROOT, *opened]:
             self.tree.setExpanded(self.model.index_of(eid), True)
         self.show_selection()
-        self._search()
+        self.finder.search()
 
     def show_details(self) -> None:
         self.element.show_details()
@@ -239,7 +228,7 @@ class WorldTab(QWidget):
         if not self.presenter.marks:
             self._marks_timer.stop()
 
-    # -- selecting and finding ---------------------------------------------------------------------------------
+    # -- selecting ---------------------------------------------------------------------------------------------
 
     def _select(self) -> None:
         if not self._is_following:
@@ -250,36 +239,6 @@ class WorldTab(QWidget):
         """The elements that are selected in the tree."""
         rows = self.tree.selectionModel().selectedRows()
         return [eid for index in rows if (eid := self.model.element(index)) not in (TOP, LOOSE)]
-
-    def _search(self) -> None:
-        self._found = self.presenter.find(self.search.text())
-        self.model.show_found(self._found)
-        if not self.search.text().strip():
-            self.found.setText("")
-        elif not self._found:
-            self.found.setText("none")
-        else:
-            self._show_place()
-
-    def find_next(self, step: int = 1) -> None:
-        """Goes to the next element that was found.
-
-        :param step: -1 goes back.
-        """
-        if self._search_timer.isActive():
-            self._search_timer.stop()
-            self._search()
-        if not self._found:
-            return
-        known = self._found.index(self.presenter.selected) if self.presenter.selected in self._found else None
-        at = (0 if step > 0 else -1) if known is None else (known + step) % len(self._found)
-        self.presenter.select(self._found[at])
-        self._show_place()
-
-    def _show_place(self) -> None:
-        count = len(self._found)
-        eid = self.presenter.selected
-        self.found.setText(f"{self._found.index(eid) + 1} of {count}" if eid in self._found else f"{count} found")
 
     def _opened(self) -> list[Any]:
         """The branches that are open."""
@@ -372,10 +331,3 @@ def _tool(text: str, name: str, tip: str, clicked: Any) -> QToolButton:
     button.clicked.connect(lambda: clicked())
     return button
 
-
-def _timer(parent: QWidget, period: int, call: Any, single: bool = False) -> QTimer:
-    timer = QTimer(parent)
-    timer.setInterval(period)
-    timer.setSingleShot(single)
-    timer.timeout.connect(call)
-    return timer

@@ -12,6 +12,9 @@ from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QShortcu
 
 from skiros2_gui.qt import theme
 
+#: The index that all rows of a table have as their parent.
+_NOWHERE = QModelIndex()
+
 
 @dataclass(frozen=True)
 class Row:
@@ -63,10 +66,10 @@ class RowsModel(QAbstractTableModel):
             if was != now:
                 self.dataChanged.emit(self.index(i, 0), self.index(i, len(self.headers) - 1))
 
-    def rowCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
         return 0 if parent.isValid() else len(self.rows)
 
-    def columnCount(self, parent: QModelIndex = QModelIndex()) -> int:  # noqa: B008
+    def columnCount(self, parent: QModelIndex = _NOWHERE) -> int:
         return 0 if parent.isValid() else len(self.headers)
 
     def headerData(self, section: int, orientation: int, role: int = Qt.DisplayRole) -> Any:

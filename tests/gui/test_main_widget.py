@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 
 import pytest
 from pytestqt.qtbot import QtBot
+from python_qt_binding.QtCore import QEvent, Qt
+from python_qt_binding.QtGui import QGuiApplication, QKeyEvent, QPalette
+from python_qt_binding.QtWidgets import QApplication, QLineEdit, QWidget
 
+from skiros2_common.core.errors import Refused
+from skiros2_gui.core.events import ConnectionChanged
+from skiros2_gui.qt import main_widget
+from skiros2_gui.qt.error_bar import ErrorHistory
 from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.theme import palette_of
 from skiros2_gui.testing.local_system import LocalSystem
 
 
@@ -33,3 +42,145 @@ def test_a_world_model_that_goes_and_comes_greys_its_tab_out_meanwhile(window: M
     window.system.set_up(True)
     qtbot.waitUntil(page.tab.isEnabled)
     assert page.banner.text() == ""
+
+
+def test_what_a_call_fails_with_is_shown_copied_put_away_and_kept(window: MainWidget, qtbot: QtBot) -> None:
+    def refuse() -> None:
+        raise Refused("there is no file pick.ttl in the workspace")
+
+    bar = window.error_bar
+    assert not bar.isVisible()
+    window.shared.jobs.run(refuse, what="loading the scene")
+    qtbot.waitUntil(bar.isVisible)
+    text = "loading the scene: there is no file pick.ttl in the workspace"
+    assert bar.text.text() == text
+    bar.copy_button.click()
+    assert QGuiApplication.clipboard().text() == text
+    bar.close_button.click()
+    assert not bar.isVisible()
+    bar.history_button.click()
+    history = window.findChild(ErrorHistory)
+    assert history.list.item(0).text().endswith(text)
+    history.reject()
+
+
+@pytest.mark.qt_no_exception_capture
+def test_a_mistake_in_the_windows_own_code_is_shown_and_ends_nothing(window: MainWidget) -> None:
+    window.tabs.currentChanged.connect(lambda index: 1 // 0)
+    window.tabs.setCurrentIndex(1)
+    assert "ZeroDivisionError" in window.error_bar.text.text()
+
+
+def test_a_listener_that_fails_does_not_keep_news_from_others(window: MainWidget) -> None:
+    heard = []
+    window.shared.subscribe(ConnectionChanged, lambda event: event.missing)  # type: ignore[attr-defined]
+    window.shared.subscribe(ConnectionChanged, heard.append)
+    window.shared.tell(ConnectionChanged())
+    assert heard == [ConnectionChanged()]
+    assert window.shared.problems.newest is not None
+
+
+def test_the_busy_sign_is_there_while_something_takes_time(window: MainWidget, qtbot: QtBot) -> None:
+    gate = threading.Event()
+    window.shared.jobs.run(lambda: gate.wait(10), what="loading the scene")
+    qtbot.waitUntil(window.status.bar.isVisible)
+    assert window.status.busy.text() == "loading the scene…"
+    gate.set()
+    qtbot.waitUntil(lambda: not window.status.bar.isVisible())
+    assert window.status.busy.text() == ""
+
+
+class Other(QWidget):
+    """A tab that counts what it is told."""
+
+    title = "Other"
+    needs = ()
+
+    def __init__(self, window: object) -> None:
+        super().__init__()
+        self.told: list[object] = []
+        self.line = QLineEdit(self)
+        self.plain = QWidget(self)
+        self.plain.setFocusPolicy(Qt.StrongFocus)
+
+    def settings(self) -> dict[str, object]:
+        return {"kept": 3}
+
+    def restore(self, settings: dict[str, object]) -> None:
+        self.told.append(settings["kept"])
+
+    def find(self) -> None:
+        self.told.append("find")
+
+    def toggle(self) -> None:
+        self.told.append("toggle")
+
+    def close_tab(self) -> None:
+        self.told.append("closed")
+
+
+@pytest.fixture
+def other(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Iterator[MainWidget]:
+    monkeypatch.setattr(main_widget, "TABS", (Other, Other))
+    made = MainWidget(LocalSystem)
+    qtbot.addWidget(made, before_close_func=MainWidget.shut_down)
+    made.show()
+    qtbot.waitActive(made)
+    yield made
+
+
+def test_keys_reach_the_tab_that_is_shown_and_space_not_while_text_is_edited(other: MainWidget, qtbot: QtBot) -> None:
+    other.tabs.setCurrentIndex(1)
+    tab = other.pages[1].tab
+    tab.plain.setFocus()
+    qtbot.keyClick(tab.plain, Qt.Key_Space)
+    qtbot.keyClick(tab.plain, Qt.Key_F, Qt.ControlModifier)
+    tab.line.setFocus()
+    qtbot.keyClick(tab.line, Qt.Key_Space)
+    assert tab.told == ["toggle", "find"]
+    assert tab.line.text() == " "
+    assert other.pages[0].tab.told == []
+
+
+def test_a_key_that_is_held_toggles_once(other: MainWidget, qtbot: QtBot) -> None:
+    tab = other.pages[0].tab
+    tab.plain.setFocus()
+    for is_repeated in (False, True, True):
+        event = QKeyEvent(QEvent.KeyPress, Qt.Key_Space, Qt.NoModifier, " ", is_repeated)
+        QApplication.sendEvent(tab.plain, event)
+    assert tab.told == ["toggle"]
+
+
+def test_settings_come_back_and_nonsense_is_said(other: MainWidget) -> None:
+    other.tabs.setCurrentIndex(1)
+    kept = other.settings()
+    assert kept == {"tab": "Other", "tabs": {"Other": {"kept": 3}}}
+    other.restore(kept)
+    assert other.pages[0].tab.told == [3]
+    for nonsense in ({}, {"tabs": 3, "tab": []}, {"tabs": {"Other": [1]}}):
+        other.restore(nonsense)
+    assert other.shared.problems.newest is None
+    other.restore({"tabs": {"Other": {}}})
+    assert "restoring the settings of Other" in other.error_bar.text.text()
+
+
+def test_the_end_comes_once_and_nothing_is_heard_after_it(other: MainWidget) -> None:
+    heard = []
+    other.shared.subscribe(ConnectionChanged, heard.append)
+    other.shut_down()
+    other.shut_down()
+    assert other.pages[0].tab.told == ["closed"]
+    other.system.set_up(False)
+    QApplication.processEvents()
+    assert heard == []
+
+
+def test_the_colours_follow_the_palette(window: MainWidget) -> None:
+    def ground() -> int:
+        return window.pages[0].banner.palette().color(QPalette.Window).lightness()
+
+    window.setPalette(palette_of(dark=True))
+    assert window.tabs.palette().color(QPalette.Window).lightness() < 128
+    assert ground() < 128
+    window.setPalette(palette_of(dark=False))
+    assert ground() > 128

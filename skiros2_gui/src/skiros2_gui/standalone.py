@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import signal
 import socket
 import sys
@@ -11,7 +12,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from python_qt_binding.QtCore import QSettings, QSocketNotifier, Qt
+from python_qt_binding.QtCore import QByteArray, QSettings, QSocketNotifier, Qt
 from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
@@ -115,7 +116,7 @@ class StandaloneWindow(QMainWindow):
         if size is not None:
             self.zoom(round(size - self._usual_size))
         geometry = self._settings.value("geometry")
-        if geometry is None or not self.restoreGeometry(geometry):
+        if not isinstance(geometry, QByteArray) or not self.restoreGeometry(geometry):
             em = self.fontMetrics().height()
             area = QApplication.primaryScreen().availableGeometry()
             self.resize(min(80 * em, area.width()), min(52 * em, area.height()))
@@ -197,9 +198,10 @@ def _ignored(number: int, frame: Any) -> None:
 
 def _number(value: Any) -> float | None:
     try:
-        return float(value)
+        number = float(value)
     except (TypeError, ValueError):
         return None
+    return number if math.isfinite(number) else None
 
 
 def _content(text: Any) -> dict[str, Any]:

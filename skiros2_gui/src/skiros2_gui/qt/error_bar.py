@@ -21,6 +21,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.core.health import clock
 from skiros2_gui.core.problems import Problems
+from skiros2_gui.qt.theme import tint
 
 #: So many characters of a text stand in the line; the rest is in the tooltip and in the list.
 MOST_SHOWN = 400
@@ -49,14 +50,18 @@ class ErrorBar(QFrame):
         self.close_button.clicked.connect(problems.put_away)
         row = QHBoxLayout(self)
         row.setContentsMargins(9, 5, 5, 5)
-        sign = QLabel("⚠")
-        sign.setObjectName("error_sign")
-        row.addWidget(sign)
+        self._sign = QLabel("⚠")
+        row.addWidget(self._sign)
         row.addWidget(self.text, 1)
         for button in (self.copy_button, self.history_button, self.close_button):
             row.addWidget(button)
         problems.on_change(self._show)
         self._show()
+
+    def set_dark(self, dark: bool) -> None:
+        """Takes the colours of the dark theme, or of the light one."""
+        tint(self, background="error", dark=dark)
+        tint(self._sign, text="failure", dark=dark)
 
     def copy(self) -> None:
         """Puts the whole text on the clipboard."""

@@ -35,7 +35,7 @@ from skiros2_gui.qt.run_tab import RunTab
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.qt.status_line import StatusLine
 from skiros2_gui.qt.tab import Tab
-from skiros2_gui.qt.theme import is_dark, style_sheet
+from skiros2_gui.qt.theme import is_dark, tint
 from skiros2_gui.qt.world_tab import WorldTab
 
 #: The tabs, in their order.
@@ -135,7 +135,10 @@ class MainWidget(QWidget):
         dark = is_dark(self)
         if dark != self._is_dark:
             self._is_dark = dark
-            self.setStyleSheet(style_sheet(dark))
+            for page in self.pages:
+                tint(page.banner, background="notice", dark=dark)
+            self.error_bar.set_dark(dark)
+            self.status.set_dark(dark)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The space bar starts and stops, where the focus is not in something that takes it itself."""

@@ -8,6 +8,7 @@ from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QSize
 from skiros2_gui.core.events import ConnectionChanged, ManagersChanged
 from skiros2_gui.core.health import sentence, short
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.theme import tint
 
 #: What ends sooner shows no busy sign (ms).
 BUSY_AFTER = 200
@@ -20,6 +21,7 @@ class StatusLine(QWidget):
         super().__init__(parent)
         self.setObjectName("status_line")
         self._window = window
+        self._is_dark = False
         self.parts: list[QLabel] = []
         self._row = QHBoxLayout(self)
         self._row.setContentsMargins(9, 2, 9, 2)
@@ -47,6 +49,11 @@ class StatusLine(QWidget):
         window.subscribe(ManagersChanged, lambda _: self.show_parts())
         self.show_parts()
 
+    def set_dark(self, dark: bool) -> None:
+        """Takes the colours of the dark theme, or of the light one."""
+        self._is_dark = dark
+        self.show_parts()
+
     def show_parts(self) -> None:
         """Shows what is up now."""
         parts = self._window.system.parts
@@ -60,9 +67,10 @@ class StatusLine(QWidget):
         for label, part in zip(self.parts, parts, strict=True):
             label.setText(f"{'●' if part.is_up else '✕'} {short(part)}")
             label.setToolTip(sentence(part))
-            label.setProperty("part_is_up", part.is_up)
-            label.style().unpolish(label)  # the style sheet colours by the property
-            label.style().polish(label)
+            font = label.font()
+            font.setBold(not part.is_up)
+            label.setFont(font)
+            tint(label, text="success" if part.is_up else "failure", dark=self._is_dark)
 
     def _on_busy(self) -> None:
         if not self._window.jobs.busy_with:

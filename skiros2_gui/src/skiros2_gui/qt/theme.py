@@ -37,6 +37,9 @@ _SIGNALS = {
     "changed": ("#8a5a00", "#f2c14e"),
 }
 
+#: What stands out as a whole, likewise.
+_GROUNDS = {"notice": ("#fff3d1", "#4a3a12"), "error": ("#fbe4e2", "#4a2624")}
+
 
 def is_dark(widget: QWidget | None = None) -> bool:
     """Whether a widget is drawn light on dark."""
@@ -80,15 +83,16 @@ def apply_theme(application: QApplication, choice: str) -> None:
         application.setPalette(desktop)
 
 
-def style_sheet(dark: bool) -> str:
-    """What palettes do not say, of the parts of the main widget."""
-    failure, running = _SIGNALS["failure"][dark], _SIGNALS["success"][dark]
-    banner = "#4a3a12" if dark else "#fff3d1"
-    bar = "#4a2624" if dark else "#fbe4e2"
-    return f"""
-        #banner {{ background: {banner}; border-bottom: 1px solid {_SIGNALS["changed"][dark]}; }}
-        #error_bar {{ background: {bar}; border: none; border-top: 1px solid {failure}; }}
-        #error_sign {{ color: {failure}; font-weight: bold; }}
-        QLabel[part_is_up="true"] {{ color: {running}; }}
-        QLabel[part_is_up="false"] {{ color: {failure}; font-weight: bold; }}
+def tint(widget: QWidget, background: str = "", text: str = "", dark: bool = False) -> None:
+    """Colours a widget by palette: style sheets would keep its children from following the theme.
+
+    :param background: a colour name of `_GROUNDS`; "": that of what it stands on.
+    :param text: as for `signal_colour`; "": the usual one.
     """
+    palette = QPalette()
+    if background:
+        palette.setColor(QPalette.Window, QColor(_GROUNDS[background][dark]))
+        widget.setAutoFillBackground(True)
+    if text:
+        palette.setColor(QPalette.WindowText, QColor(_SIGNALS[text][dark]))
+    widget.setPalette(palette)

@@ -1,0 +1,99 @@
+"""The window by itself: what it keeps, its menu, signals, and a machine without a display."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pytestqt.qtbot import QtBot
+from python_qt_binding.QtCore import QSettings
+from python_qt_binding.QtWidgets import QApplication
+
+from skiros2_gui import standalone
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.theme import SYSTEM, apply_theme, is_dark
+from skiros2_gui.standalone import EndBySignal, StandaloneWindow
+from skiros2_gui.testing.local_system import LocalSystem
+
+Open = Callable[[], StandaloneWindow]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    return tmp_path / "window.conf"
+
+
+@pytest.fixture
+def opened(qtbot: QtBot, settings: Path) -> Iterator[Open]:
+    font = QApplication.font()
+
+    def make() -> StandaloneWindow:
+        window = StandaloneWindow(MainWidget(LocalSystem), QSettings(str(settings), QSettings.IniFormat))
+        qtbot.addWidget(window)
+        window.show()
+        return window
+
+    yield make
+    apply_theme(QApplication.instance(), SYSTEM)
+    QApplication.setFont(font)
+
+
+def test_what_the_user_has_set_is_there_the_next_time(opened: Open) -> None:
+    first = opened()
+    usual = QApplication.font().pointSizeF()
+    first.themes["dark"].trigger()
+    assert is_dark(first.content)
+    first.zoom(1)
+    first.zoom(1)
+    first.content.tabs.setCurrentIndex(2)
+    first.resize(1300, 760)
+    first.close()
+    apply_theme(QApplication.instance(), SYSTEM)
+    font = QApplication.font()
+    font.setPointSizeF(usual)
+    QApplication.setFont(font)
+    second = opened()
+    assert is_dark(second.content)
+    assert second.themes["dark"].isChecked()
+    assert QApplication.font().pointSizeF() == usual + 2
+    assert second.content.tabs.currentIndex() == 2
+    assert (second.width(), second.height()) == (1300, 760)
+    second.zoom(0)
+    assert QApplication.font().pointSizeF() == usual
+
+
+@pytest.mark.parametrize("kept", ["not JSON", "[1]", '{"tabs": 1}'])
+def test_kept_settings_that_make_no_sense_do_no_harm(opened: Open, settings: Path, kept: str) -> None:
+    store = QSettings(str(settings), QSettings.IniFormat)
+    for key, value in {"content": kept, "geometry": "x", "theme": "pink", "text_size": "large"}.items():
+        store.setValue(key, value)
+    store.sync()
+    window = opened()
+    assert window.isVisible()
+    assert window.themes["system"].isChecked()
+
+
+def test_a_signal_closes_the_window_as_the_user_does(opened: Open, qtbot: QtBot) -> None:
+    window = opened()
+    before = signal.getsignal(signal.SIGINT)
+    ends = EndBySignal(window)
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        qtbot.waitUntil(lambda: not window.isVisible())
+    finally:
+        ends.close()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_without_a_display_one_line_says_so(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("QT_QPA_PLATFORM", "xcb")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert standalone.main(["skiros_gui"]) == standalone.NO_DISPLAY
+    assert capfd.readouterr().err == "skiros_gui: there is no display to open the window on: DISPLAY is not set\n"
+    monkeypatch.setenv("DISPLAY", ":9999")
+    assert standalone.main(["skiros_gui"]) == standalone.NO_DISPLAY
+    assert "the display :9999 (DISPLAY) cannot be opened" in capfd.readouterr().err

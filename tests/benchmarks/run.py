@@ -19,7 +19,7 @@ from support.ros import Ros, RosMaster  # noqa: E402
 
 PARTS = ("launch", "ticks", "inference", "skills", "services", "updates", "tf")
 PARTS += ("planning", "schedules", "replanning", "world_model", "journal")
-PARTS += ("simulation", "simulator", "use_case", "bags")
+PARTS += ("simulation", "simulator", "use_case", "bags", "window")
 
 
 def main() -> int:
@@ -98,6 +98,10 @@ def _measure(part: str, folder: Path, node: _Node) -> Iterator[Measurement]:
         from benchmarks import tf
 
         return node.measure(tf.measure)
+    if part == "window":
+        from benchmarks import window
+
+        return node.measure(window.measure)
     if part == "skills":
         from benchmarks import skills
 

@@ -9,21 +9,16 @@ from dataclasses import dataclass
 from skiros2_gui.core.run_shape import Shape
 from skiros2_gui.core.tree_layout import tidy
 
-#: A column is as wide as the longest name in it, between these (letters).
-NARROWEST, WIDEST = 8, 26
-
 
 @dataclass(frozen=True)
 class Column:
     """The nodes of one depth, from the top down.
 
     :param rows: how far down each is; 1 is the height of a node with its gap.
-    :param letters: what a name has room for.
     """
 
     places: Sequence[int]
     rows: Sequence[float]
-    letters: int
 
     def between(self, top: float, bottom: float) -> range:
         """The numbers of the nodes whose middle is between two rows."""
@@ -86,8 +81,4 @@ class Drawing:
             while len(levels) <= depth:
                 levels.append([])
             levels[depth].append(place)
-        return [Column(level, [self.row[p] for p in level], self._letters(level)) for level in levels]
-
-    def _letters(self, level: Sequence[int]) -> int:
-        longest = max(len(self.shape.name(place)) for place in level)
-        return min(max(longest, NARROWEST), WIDEST)
+        return [Column(level, [self.row[p] for p in level]) for level in levels]

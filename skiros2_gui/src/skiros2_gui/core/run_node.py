@@ -14,6 +14,9 @@ from skiros2_skill.core.inspection import FAILS, HOLDS, NodeNow
 VERDICTS = {HOLDS: ("✓", "holds"), FAILS: ("✗", "does not hold")}
 _UNSAID = ("?", "cannot be said")
 
+#: So many of the nodes that it is in are named.
+_MOST_ABOVE = 5
+
 #: When a condition is needed.
 STAGES = {PRE: "before the start", HOLD: "while it runs", POST: "at the end"}
 
@@ -64,7 +67,7 @@ def node_text(
         facts.append(("code", str(frame.code(place))))
     path = shape.path_names(place)[:-1]
     if path:
-        facts.append(("in", " › ".join(path)))
+        facts.append(("in", " › ".join(["…", *path[-_MOST_ABOVE:]] if len(path) > _MOST_ABOVE else path)))
     conditions = [] if now is None else [
         (STAGES.get(c.stage, c.stage), VERDICTS.get(c.verdict, _UNSAID)[0], c.text, c.found) for c in now.conditions
     ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import heapq
 import math
 from collections.abc import Collection, Iterator
 
@@ -11,7 +12,7 @@ from python_qt_binding.QtCore import QLineF, QPointF, QRectF, Qt
 from python_qt_binding.QtGui import QColor, QFontMetricsF, QPainter, QPalette, QPen
 from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem, QWidget
 
-from skiros2_gui.core.run_drawing import Drawing
+from skiros2_gui.core.run_drawing import Column, Drawing
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import RUNNING, look_of
 from skiros2_gui.qt.theme import signal_colour
@@ -21,6 +22,9 @@ _READABLE, _PLAIN = 0.45, 0.25
 
 #: So many changed nodes are painted one by one; of more, all that is in sight.
 _MOST_SINGLE = 40
+
+#: A column is as wide as the widest name in it, between these (letters).
+NARROWEST, WIDEST = 6, 30
 
 #: How much of the state's colour is in a box.
 _TINT = 0.16
@@ -74,7 +78,7 @@ class TreeItem(QGraphicsItem):
         self._lefts, self._widths = [], []
         left = 0.0
         for column in drawing.columns:
-            width = column.letters * self._letter + self._symbol + self._tail
+            width = self._widest(column) + self._symbol + self._tail
             self._lefts.append(left)
             self._widths.append(width)
             left += width + self._gap
@@ -82,6 +86,13 @@ class TreeItem(QGraphicsItem):
         self._spines = [_spines(drawing, depth) for depth in range(len(drawing.columns))]
         self._states = np.full(len(drawing.shape), -1, "i2")
         self.update()
+
+    def _widest(self, column: Column) -> float:
+        """The room for the names of a column: that of the widest, if it is among the longest."""
+        assert self._drawing is not None
+        names = heapq.nlargest(12, (self._drawing.shape.name(place) for place in column.places), key=len)
+        width = max(self._metrics.horizontalAdvance(name) for name in names) + 2.0
+        return float(min(max(width, NARROWEST * self._letter), WIDEST * self._letter))
 
     def show_states(self, frame: Frame) -> None:
         """Takes the states of the tree that is drawn; paints anew what has changed."""

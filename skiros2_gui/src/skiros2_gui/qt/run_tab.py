@@ -266,7 +266,7 @@ class RunTab(QWidget):
         for widget, stretch in ((self._tasks, 0), (middle, 1), (self._beside, 0)):
             self._splitter.addWidget(widget)
             self._splitter.setStretchFactor(self._splitter.count() - 1, stretch)
-        self._splitter.setSizes([210, 700, 320])
+        self._splitter.setSizes([220, 680, 380])
         self._splitter.setChildrenCollapsible(True)
         whole = QVBoxLayout(self)
         whole.setContentsMargins(0, 0, 0, 0)

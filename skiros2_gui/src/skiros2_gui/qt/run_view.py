@@ -48,6 +48,7 @@ class TreeView(QGraphicsView):
         self.setAccessibleName("tree of the task")
         self._pressed: QPoint | None = None
         self._is_fitted = True
+        self._least = _READABLE
 
     @property
     def item(self) -> TreeItem:
@@ -67,7 +68,7 @@ class TreeView(QGraphicsView):
             self.setSceneRect(self._item.boundingRect())
         self.show_states()
         if self._is_fitted:
-            self.fit(_READABLE)
+            self.fit(self._least)
 
     def show_states(self) -> None:
         """Takes the states of the tree that is drawn, and what is marked in it."""
@@ -92,7 +93,7 @@ class TreeView(QGraphicsView):
 
         :param least: it does not become smaller than that; of a tree that has no room then, what runs is in sight.
         """
-        self._is_fitted = True
+        self._is_fitted, self._least = True, least
         bounds, room = self._item.boundingRect(), self.viewport().rect()
         if bounds.isEmpty() or room.isEmpty():
             return
@@ -250,4 +251,4 @@ class TreeView(QGraphicsView):
     def resizeEvent(self, event: QEvent) -> None:
         super().resizeEvent(event)
         if self._is_fitted:
-            self.fit(_READABLE)
+            self.fit(self._least)

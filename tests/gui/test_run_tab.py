@@ -105,7 +105,7 @@ def test_arrow_keys_walk_through_the_tree(tab: RunTab, window: Window, qtbot: Qt
         qtbot.keyClick(tab.view, key)
         place = tab.presenter.tree.place()
         seen.append(tab.presenter.frame.shape.name(place))
-    assert seen == ["root", "place", "pick", "close_gripper", "move_arm", "pick"]
+    assert seen == ["task 5", "place", "pick", "close_gripper", "move_arm", "pick"]
 
 
 def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(

@@ -137,7 +137,7 @@ def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
     run.enter(nodes, 1002.0)
     of_arm = [(line.state, line.message) for line in run.log.lines if line.name == "move_arm"]
     assert of_arm == [(RUNNING, "0 mm"), (RUNNING, "25 mm"), (FAILURE, "it slipped")]
-    assert [line.name for line in run.log.lines if line.message == ""] == ["root", "pick"]
+    assert [line.name for line in run.log.lines if line.message == ""] == ["task 5", "pick"]
 
 
 def test_the_messages_of_a_node_that_fails_and_starts_all_the_time_are_bounded() -> None:

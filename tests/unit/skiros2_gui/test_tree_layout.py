@@ -54,7 +54,7 @@ def test_no_tree_is_no_layout() -> None:
 def test_what_is_under_a_folded_node_is_not_drawn_but_counted() -> None:
     shape = Shape(keys_of(pick_and_place()))
     drawing = Drawing(shape, {100})
-    assert [shape.name(place) for place in drawing.drawn] == ["root", "pick", "place"]
+    assert [shape.name(place) for place in drawing.drawn] == ["task 5", "pick", "place"]
     assert drawing.hidden == {1: 2}
     assert drawing.shown_for(shape.places[102]) == shape.places[100]
     assert [list(column.places) for column in drawing.columns] == [[0], [1, 4]]

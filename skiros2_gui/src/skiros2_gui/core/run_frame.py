@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skiros2_gui.core.run_shape import Shape
-from skiros2_gui.core.states import RUNNING
+from skiros2_gui.core.states import FAILURE, RUNNING
 
 #: What is kept of a node: state and code on the wire, when it began and ended (s after the task's first tick; NaN: it
 #: has not).
@@ -61,6 +61,13 @@ class Frame:
             while (place := parents[place]) not in above:
                 above.add(place)
         return [place for place in places if place not in above]
+
+    def failed(self) -> list[int]:
+        """The places of the nodes that have failed and under which none has, the one that failed last at the end."""
+        places = np.flatnonzero(self.rows["state"] == FAILURE).tolist()
+        above = {self.shape.parents[place] for place in places}
+        lowest = [place for place in places if place not in above]
+        return sorted(lowest, key=lambda place: float(np.nan_to_num(self.rows["ended"][place])))
 
     @property
     def has_ended(self) -> bool:

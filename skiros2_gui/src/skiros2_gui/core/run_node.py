@@ -106,6 +106,13 @@ def duration_text(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+def short_duration(seconds: float) -> str:
+    """In six characters at most: `0.42 s`, `12.3 s`, `3 min`, `2 h`."""
+    if seconds < 59.95:
+        return f"{seconds:.2f} s" if seconds < 9.995 else f"{seconds:.1f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.0f} h"
+
+
 def clock_text(moment: float) -> str:
     """The local time of day with tenths of a second, such as `14:05:30.2`."""
     tenths = int(moment * 10)

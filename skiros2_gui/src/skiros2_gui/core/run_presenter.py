@@ -269,7 +269,17 @@ class RunPresenter:
         if run is self.run:
             if at is not None:
                 self.tick = run.tick_at(at)  # older ones may have been dropped
+            if run.now.has_ended and self.tick is None:
+                self._look_at_end(run)
             self.on_change(Part.STATES | Part.TREE if is_new else Part.STATES)
+
+    def _look_at_end(self, run: TaskRun) -> None:
+        """The selected node is asked for once more; where none is, the one that failed last is selected."""
+        failed = run.now.failed()
+        if failed and self.tree.selected is None:
+            self.select(failed[-1])
+        else:
+            self.ask_node()
 
     def _may_go_on_to(self, run: TaskRun) -> bool:
         """Whether a task that runs takes the place of the one that is shown: nobody wanted to see that one."""

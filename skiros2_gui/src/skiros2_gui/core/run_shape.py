@@ -69,7 +69,7 @@ class Shape:
         """The label; where there is none, the type without prefix, or how a node ticks its children."""
         _, _, kind, label, processor = self.keys[place]
         if not place:
-            return label or "task"
+            return f"task {self.keys[place][0]}"
         return label or (local_name(kind) if ":" in kind else processor) or kind or f"node {self.keys[place][0]}"
 
     def path(self, place: int) -> list[int]:

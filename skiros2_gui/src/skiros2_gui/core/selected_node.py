@@ -20,7 +20,7 @@ from skiros2_skill.core.inspection import NodeNow
 
 _OF_A_BAG = "The values of conditions are not recorded in bags."
 _OF_THE_PAST = "The values of conditions are known at present only."
-_ENDED = "The task has ended: its conditions are not checked any more."
+_ENDED = "The task has ended: its conditions are not checked any more, what is told of them is from before."
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,20 @@ class SelectedNode:
         manager = self._window.system.managers.get(run.robot) if bag is None else None
         has_failed = frame.state(place) == FAILURE
         is_skill = frame.shape.is_skill(place)
-        note = _OF_A_BAG if bag is not None else _ENDED if run.now.has_ended or run.is_lost else _OF_THE_PAST
+        note = _OF_A_BAG if bag is not None else _ENDED if frame is run.now else _OF_THE_PAST
         note = note if is_skill and not is_live else ""
         if manager is None or not (is_live or has_failed) or not (is_skill or has_failed):
-            self._answer = _Answer(None, self._answer.why, note)
+            known = self._answer.now if note == _ENDED else None
+            self._answer = _Answer(known, self._answer.why, note)
             return
         if self._is_asking:
             self._asks_again = lambda: self.ask(run, frame, place, is_live, bag)
             return
         self._is_asking = True
+        known = self._answer.now if note == _ENDED else None
 
         def call() -> _Answer:
-            now, trouble = _inspect(manager, run.task_id, node) if is_live and is_skill else (None, "")
+            now, trouble = _inspect(manager, run.task_id, node) if is_live and is_skill else (known, "")
             return _Answer(now, _why(manager, run.task_id, node) if has_failed else None, trouble or note)
 
         self._window.jobs.run(call, lambda answer: self._take(run, node, answer), self._fail, lane=run.robot)

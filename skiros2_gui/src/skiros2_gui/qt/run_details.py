@@ -56,7 +56,7 @@ class NodeDetails(QTextBrowser):
         if node.params:
             parts.append("<h4>Parameters</h4><table cellspacing='0' cellpadding='2'>")
             for key, value, origin in node.params:
-                faint = f" <span style='color:{self._faint()}'>{escape(origin)}</span>" if origin else ""
+                faint = f"<br><span style='color:{self._faint()}'>{escape(origin)}</span>" if origin else ""
                 shown = self._linked(value)
                 parts.append(f"<tr><td>{escape(key)}&nbsp;&nbsp;</td><td>{shown}{faint}</td></tr>")
             parts.append("</table>")
@@ -83,7 +83,7 @@ class NodeDetails(QTextBrowser):
             colour = self._colour(marks[mark]) if mark in marks else self._faint()
             but = f"<br><i>but {escape(found)}</i>" if found else ""
             rows.append(
-                f"<tr><td><b style='color:{colour}'>{mark}</b>&nbsp;</td><td>{escape(text)}{but}</td></tr>"
+                f"<tr><td width='20'><b style='color:{colour}'>{mark}</b></td><td>{escape(text)}{but}</td></tr>"
             )
         return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
 
@@ -92,7 +92,9 @@ class NodeDetails(QTextBrowser):
         found = _ELEMENT.match(value)
         if found is None:
             return f"<b>{escape(value)}</b>"
-        return f"<a href='{escape(found.group(1), quote=True)}'>{escape(value)}</a>"
+        eid, label = found.group(1), value[found.end() :]
+        link = f"<a href='{escape(eid, quote=True)}' title='{escape(eid, quote=True)}'>{escape(label or eid)}</a>"
+        return f"{link} <span style='color:{self._faint()}'>{escape(eid) if label else ''}</span>"
 
     def _colour(self, look: Look) -> str:
         return str(signal_colour(look.signal, self).name())

@@ -14,6 +14,7 @@ from python_qt_binding.QtWidgets import QGraphicsItem, QStyleOptionGraphicsItem,
 
 from skiros2_gui.core.run_drawing import Column, Drawing
 from skiros2_gui.core.run_frame import Frame
+from skiros2_gui.core.run_node import short_duration
 from skiros2_gui.core.states import RUNNING, look_of
 from skiros2_gui.qt.theme import signal_colour
 
@@ -40,6 +41,7 @@ class TreeItem(QGraphicsItem):
         super().__init__()
         self.setFlag(QGraphicsItem.ItemUsesExtendedStyleOption)
         self._drawing: Drawing | None = None
+        self._frame: Frame | None = None
         self._states = np.zeros(0, "i2")
         self._selected: int | None = None
         self._found: Collection[int] = ()
@@ -60,7 +62,7 @@ class TreeItem(QGraphicsItem):
         self.box = metrics.height() + 10.0  # height of a node
         self.pitch = self.box + 7.0  # from a row to the next
         self._symbol = self.box  # room for the state's symbol
-        self._tail = metrics.horizontalAdvance("+999") + 8.0  # room for the fold mark
+        self._tail = metrics.horizontalAdvance("99.99 s") + 10.0  # room for the fold mark, or the time
         self._gap = 30.0  # between columns
         text = self._palette.color(QPalette.Text)
         base = self._palette.color(QPalette.Base)
@@ -84,6 +86,7 @@ class TreeItem(QGraphicsItem):
             left += width + self._gap
         self._bounds = QRectF(-20.0, -20.0, left - self._gap + 40.0, drawing.height * self.pitch + self.box + 40.0)
         self._spines = [_spines(drawing, depth) for depth in range(len(drawing.columns))]
+        self._frame = None
         self._states = np.full(len(drawing.shape), -1, "i2")
         self.update()
 
@@ -100,8 +103,10 @@ class TreeItem(QGraphicsItem):
             return
         states = frame.rows["state"]
         changed = np.flatnonzero(states != self._states)
-        self._states = states.copy()
-        self._repaint([p for p in changed.tolist() if self._drawing.is_drawn(p)])
+        self._states, self._frame = states.copy(), frame
+        runs = np.flatnonzero(states == RUNNING)  # their times go on
+        touched = {*changed.tolist(), *(runs.tolist() if len(runs) <= _MOST_SINGLE else ())}
+        self._repaint([place for place in touched if self._drawing.is_drawn(place)])
 
     def mark(self, selected: int | None, found: Collection[int], marks: dict[int, str]) -> None:
         """
@@ -225,16 +230,20 @@ class TreeItem(QGraphicsItem):
             room = width - self._symbol - self._tail
             beside = QRectF(left + self._symbol, top, room, self.box)
             painter.drawText(beside, Qt.AlignVCenter | Qt.AlignLeft, self._name(place, room))
-            self._paint_fold(painter, place, QRectF(left + width - self._tail, top, self._tail - 5.0, self.box))
+            self._paint_tail(painter, place, QRectF(left + width - self._tail, top, self._tail - 5.0, self.box))
 
-    def _paint_fold(self, painter: QPainter, place: int, room: QRectF) -> None:
+    def _paint_tail(self, painter: QPainter, place: int, room: QRectF) -> None:
+        """What folds a node, or for how long one that has nothing below ran."""
         drawing = self._drawing
         assert drawing is not None
-        if not drawing.shape.children[place]:
-            return
-        hidden = drawing.hidden.get(place)
+        if drawing.shape.children[place]:
+            hidden = drawing.hidden.get(place)
+            text = f"+{hidden}" if hidden is not None else "−"
+        else:
+            duration = self._frame.duration(place) if self._frame is not None else None
+            text = short_duration(duration) if duration is not None else ""
         painter.setPen(self._faint)
-        painter.drawText(room, Qt.AlignVCenter | Qt.AlignRight, f"+{hidden}" if hidden is not None else "−")
+        painter.drawText(room, Qt.AlignVCenter | Qt.AlignRight, text)
 
     def _paint_mark(self, painter: QPainter, mark: str, left: float, top: float, width: float) -> None:
         """A breakpoint: a red dot where the node begins, or ends."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QSlider, QStyle, QToolButton, QWidget
+from python_qt_binding.QtCore import QEvent, Qt
+from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QSlider, QToolButton, QWidget
 
 from skiros2_gui.core.run_node import clock_text, duration_text
 from skiros2_gui.core.run_presenter import RunPresenter
+from skiros2_gui.qt.media_icons import BACK, STEP, media_icon
 
 
 class HistoryBar(QWidget):
@@ -21,8 +22,8 @@ class HistoryBar(QWidget):
         self._slider.setToolTip("the ticks of the task; the arrow keys go one back or on")
         self._slider.setPageStep(25)
         self._slider.valueChanged.connect(self._go)
-        self._back = _button(self, QStyle.SP_MediaSeekBackward, "one tick back", "historyBack")
-        self._on = _button(self, QStyle.SP_MediaSeekForward, "one tick on", "historyOn")
+        self._back = _button("one tick back", "historyBack")
+        self._on = _button("one tick on", "historyOn")
         self._back.clicked.connect(lambda: presenter.step(-1))
         self._on.clicked.connect(lambda: presenter.step(1))
         self._live = QToolButton()
@@ -37,7 +38,17 @@ class HistoryBar(QWidget):
         row.setContentsMargins(6, 2, 6, 2)
         for widget in (self._back, self._slider, self._on, self._live, self._label):
             row.addWidget(widget, 1 if widget is self._slider else 0)
+        self._draw_icons()
         self.show_history()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.PaletteChange:
+            self._draw_icons()
+
+    def _draw_icons(self) -> None:
+        self._back.setIcon(media_icon(BACK, self))
+        self._on.setIcon(media_icon(STEP, self))
 
     def show_history(self) -> None:
         """Shows which tick is shown, out of how many."""
@@ -67,10 +78,9 @@ class HistoryBar(QWidget):
         self._presenter.go_to(None if is_last and self._presenter.bag is None else tick)
 
 
-def _button(widget: QWidget, icon: QStyle.StandardPixmap, tip: str, name: str) -> QToolButton:
+def _button(tip: str, name: str) -> QToolButton:
     button = QToolButton()
     button.setObjectName(name)
-    button.setIcon(widget.style().standardIcon(icon))
     button.setToolTip(tip)
     button.setAccessibleName(tip)
     button.setAutoRaise(True)

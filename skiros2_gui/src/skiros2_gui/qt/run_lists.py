@@ -63,6 +63,7 @@ class _List(QListView):
         self.setUniformItemSizes(True)
         self.setEditTriggers(QAbstractItemView.NoEditTriggers)
         self.setTextElideMode(Qt.ElideRight)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
         self.clicked.connect(lambda index: self.chosen.emit(self.rows.rows[index.row()][2]))
         self.activated.connect(lambda index: self.chosen.emit(self.rows.rows[index.row()][2]))
 

@@ -30,8 +30,8 @@ from skiros2_gui.qt.run_lists import MessageList, TimeList
 from skiros2_gui.qt.run_tasks import TaskPanel
 from skiros2_gui.qt.run_view import TreeView
 
-#: Trees are drawn anew so often at most, and what stands beside them (ms).
-_PERIOD, _SLOW_PERIOD = 40, 400
+#: After news the tree is drawn so much later, and what stands beside it (ms): news come 25 times a second at most.
+_PERIOD, _SLOW_PERIOD = 15, 400
 
 
 class RunTab(QWidget):
@@ -241,6 +241,7 @@ class RunTab(QWidget):
         bar.setContentsMargins(6, 4, 6, 4)
         for widget in (self._search, self._count, self._follow, self._jump, self._fold, self._fit):
             bar.addWidget(widget, 1 if widget is self._search else 0)
+        bar.setSpacing(8)
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
@@ -261,6 +262,7 @@ class RunTab(QWidget):
             (self._breakpoints, "Breakpoints"),
         ):
             self._beside.addTab(widget, title)
+        self._beside.setMinimumWidth(self._beside.tabBar().sizeHint().width() + 4)
         self._beside.currentChanged.connect(lambda _: self._on_beside())
         self._splitter = QSplitter(Qt.Horizontal)
         for widget, stretch in ((self._tasks, 0), (middle, 1), (self._beside, 0)):

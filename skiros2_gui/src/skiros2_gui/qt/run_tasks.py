@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QEvent, Qt
 from python_qt_binding.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
@@ -12,15 +13,16 @@ from python_qt_binding.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPushButton,
-    QStyle,
     QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from skiros2_gui.core.run_history import TaskRun
-from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter, state_text
+from skiros2_gui.core.run_presenter import STEP, STOP, RunPresenter, state_text
 from skiros2_gui.core.states import look_of
+from skiros2_gui.qt import media_icons
+from skiros2_gui.qt.media_icons import media_icon
 from skiros2_gui.qt.theme import signal_colour
 
 
@@ -37,11 +39,12 @@ class TaskPanel(QWidget):
         self._list = QListWidget()
         self._list.setObjectName("taskChoice")
         self._list.setAccessibleName("tasks")
+        self._list.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
         self._list.setToolTip("the tasks that run, and those that have ended since the window was opened")
         self._list.currentItemChanged.connect(self._on_chosen)
-        self.pause = self._tool(QStyle.SP_MediaPause, "pauseTask", self._toggle)
-        self.step = self._tool(QStyle.SP_MediaSkipForward, "stepTask", lambda: presenter.command(STEP))
-        self.stop = self._tool(QStyle.SP_MediaStop, "stopTask", lambda: presenter.command(STOP))
+        self.pause = self._tool("pauseTask", presenter.toggle)
+        self.step = self._tool("stepTask", lambda: presenter.command(STEP))
+        self.stop = self._tool("stopTask", lambda: presenter.command(STOP))
         self.step.setText("Step")
         self.step.setToolTip("tick the task once and pause it")
         self.stop.setText("Stop")
@@ -66,6 +69,7 @@ class TaskPanel(QWidget):
         column.addLayout(buttons)
         column.addWidget(self._list, 1)
         column.addLayout(below)
+        self._draw_icons()
         self.show_tasks()
 
     def show_tasks(self) -> None:
@@ -92,8 +96,7 @@ class TaskPanel(QWidget):
         for button in (self.pause, self.step, self.stop):
             button.setEnabled(presenter.is_live)
         self.pause.setText("Go on" if presenter.is_paused else "Pause")
-        icon = QStyle.SP_MediaPlay if presenter.is_paused else QStyle.SP_MediaPause
-        self.pause.setIcon(self.style().standardIcon(icon))
+        self._show_icon()
         self.pause.setToolTip(
             "go on with the task (space)" if presenter.is_paused else "pause the task; it keeps its state (space)"
         )
@@ -101,11 +104,12 @@ class TaskPanel(QWidget):
     def _dress(self, item: QListWidgetItem, run: TaskRun) -> None:
         symbol, word = state_text(run)
         first = self._first_skill(run)
-        item.setText(f"{symbol} {first}\n     task {run.task_id} of {run.robot.lstrip('/')}, {word}")
+        item.setText(f"{symbol} {first}\n     {word}, task {run.task_id} of {run.robot.lstrip('/')}")
         item.setData(Qt.UserRole, run)
         began = time.strftime("%H:%M:%S", time.localtime(run.start))
         said = run.now.message(0)
-        item.setToolTip(f"seen first at {began}" + (f"\n{said[:300]}" if said else ""))
+        where = f"task {run.task_id} of {run.robot}, seen first at {began}"
+        item.setToolTip(f"{where}\n{said[:300]}" if said else where)
         item.setForeground(signal_colour(look_of(run.now.state(0)).signal, self))
 
     @staticmethod
@@ -121,8 +125,20 @@ class TaskPanel(QWidget):
         if item is not None:
             self._presenter.pick(item.data(Qt.UserRole))
 
-    def _toggle(self) -> None:
-        self._presenter.command(RESUME if self._presenter.is_paused else PAUSE)
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.PaletteChange:
+            self._draw_icons()
+            self.show_tasks()
+
+    def _draw_icons(self) -> None:
+        self._icons = {kind: media_icon(kind, self) for kind in (media_icons.PLAY, media_icons.PAUSE)}
+        self.step.setIcon(media_icon(media_icons.STEP, self))
+        self.stop.setIcon(media_icon(media_icons.STOP, self))
+        self._show_icon()
+
+    def _show_icon(self) -> None:
+        self.pause.setIcon(self._icons[media_icons.PLAY if self._presenter.is_paused else media_icons.PAUSE])
 
     def _on_bag(self) -> None:
         if self._presenter.bag is not None:
@@ -133,10 +149,9 @@ class TaskPanel(QWidget):
             self.folder = path.rpartition("/")[0]
             self._presenter.open_bag(path)
 
-    def _tool(self, icon: QStyle.StandardPixmap, name: str, call: object) -> QToolButton:
+    def _tool(self, name: str, call: Callable[[], None]) -> QToolButton:
         button = QToolButton()
         button.setObjectName(name)
         button.setToolButtonStyle(Qt.ToolButtonTextBesideIcon)
-        button.setIcon(self.style().standardIcon(icon))
-        button.clicked.connect(lambda: call())  # type: ignore[operator]
+        button.clicked.connect(lambda: call())
         return button

@@ -6,7 +6,7 @@ from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
 from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
 from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
 
-from skiros2_gui.core.run_node import duration_text
+from skiros2_gui.core.run_node import duration_text, processor_text
 from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.states import look_of
@@ -185,6 +185,8 @@ class TreeView(QGraphicsView):
             lines[0] += f", {duration_text(duration)}"
         if frame.shape.is_skill(place):
             lines.append(frame.shape.type(place))
+        if frame.shape.processor(place):
+            lines.append(f"its children: {processor_text(frame.shape.processor(place))}")
         if message := frame.message(place):
             lines.append(message if len(message) < 300 else f"{message[:299]}…")
         return "\n".join(lines)

@@ -79,7 +79,7 @@ def test_kept_settings_that_make_no_sense_do_no_harm(opened: Open, settings: Pat
 def test_a_signal_closes_the_window_as_the_user_does(opened: Open, qtbot: QtBot) -> None:
     window = opened()
     before = signal.getsignal(signal.SIGINT)
-    ends = EndBySignal(window)
+    ends = EndBySignal()
     try:
         os.kill(os.getpid(), signal.SIGINT)
         qtbot.waitUntil(lambda: not window.isVisible())

@@ -146,7 +146,7 @@ def main(argv: Sequence[str]) -> int:
     application.setApplicationName("skiros_gui")
     application.setApplicationDisplayName("SkiROS")
     window = StandaloneWindow(MainWidget(RosSystem), QSettings("skiros2", "window"))
-    ends = EndBySignal(window)
+    ends = EndBySignal()
     window.show()
     status = int(application.exec_())
     ends.close()
@@ -155,15 +155,14 @@ def main(argv: Sequence[str]) -> int:
 
 
 class EndBySignal:
-    """SIGINT and SIGTERM close a window as the user does; Python alone would look when Qt has something to do."""
+    """SIGINT and SIGTERM close the windows as the user does; Python alone would look when Qt has something to do."""
 
-    def __init__(self, window: Any) -> None:
+    def __init__(self) -> None:
         self._reader, self._writer = socket.socketpair()
         for end in (self._reader, self._writer):
             end.setblocking(False)
         self._notifier = QSocketNotifier(self._reader.fileno(), QSocketNotifier.Read)
         self._notifier.activated.connect(self._on_signal)
-        self._window = window
         self._before = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         self._handlers = {number: signal.signal(number, _ignored) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -178,8 +177,7 @@ class EndBySignal:
 
     def _on_signal(self) -> None:
         self._reader.recv(64)
-        self._window.close()
-        QApplication.quit()
+        QApplication.closeAllWindows()  # dialogs too
 
 
 def _leave_ros() -> None:

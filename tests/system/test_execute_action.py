@@ -1,4 +1,4 @@
-"""The action `~execute` and the service `~why` of a skill manager, on real nodes."""
+"""The action `~execute` and the services `~why` and `~inspect` of a skill manager, on real nodes."""
 
 import json
 import os
@@ -10,11 +10,12 @@ import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 
-from skiros2_common.core.errors import TimedOut
+from skiros2_common.core.errors import TimedOut, UnknownName
 from skiros2_common.core.explanation import EXECUTE, INFERENCE, PARAMETER, START
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Ros, wait_until
@@ -236,6 +237,21 @@ def test_why_tells_of_tasks_that_run_and_of_unknown_ones(ros, robot):
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(4711)
     assert not answer.ok
     assert "task 4711 neither runs nor is it among the last 100" in answer.text
+
+
+# -- inspect ----------------------------------------------------------------------------------------------------------
+
+
+def test_inspect_tells_of_a_node_of_a_running_task_and_what_there_is_not(robot):
+    task = robot.run([skill(robot, "stay")]).wait_for_task(30)
+    manager = Manager(ROBOT, "tests")
+    ((_, node, *_),) = manager.tasks(task)
+    now = manager.inspect(task, node.id)
+    assert (now.node, now.type, now.label) == (node.id, node.type, "stay")
+    assert "Robot" in {p.key for p in now.params if p.value}
+    for ids, text in (((task, 4711), f"task {task} has no node 4711"), ((4711, 1), "4711")):
+        with pytest.raises(UnknownName, match=text):
+            manager.inspect(*ids)
 
 
 # -- breakpoints ------------------------------------------------------------------------------------------------------

@@ -156,7 +156,7 @@ class TaskList(QWidget):
         self._show_buttons()
 
     def _rebuild(self, rows: list[TaskRow], chosen: TaskRow | None) -> None:
-        new = [row for row in rows if row.key not in self._items and not row.is_over]
+        new = [row for row in rows if row.key not in self._items]
         self.list.clear()
         self._items = {}
         for row in rows:

@@ -8,7 +8,15 @@ from typing import Any, TypeVar
 
 from python_qt_binding.QtCore import QEventLoop, QModelIndex, QPoint, Qt
 from python_qt_binding.QtTest import QTest
-from python_qt_binding.QtWidgets import QAbstractItemView, QApplication, QComboBox, QTabWidget, QTreeView, QWidget
+from python_qt_binding.QtWidgets import (
+    QAbstractItemView,
+    QApplication,
+    QComboBox,
+    QListView,
+    QTabWidget,
+    QTreeView,
+    QWidget,
+)
 
 from skiros2_common.core.errors import TimedOut
 
@@ -92,9 +100,22 @@ class Driver:
         view.scrollTo(entry)
         QTest.mouseClick(view.viewport(), Qt.LeftButton, Qt.NoModifier, view.visualRect(entry).center() + QPoint(1, 0))
 
-    def entries(self, name: str) -> list[str]:
-        """The texts of the first column of a tree, list or table."""
-        return [str(entry.data()) for entry in _entries(self.widget(name))]
+    def rows(self, name: str) -> list[str]:
+        """What a tree, list or table shows, row by row; columns are two spaces apart."""
+        view = self.widget(name)
+        columns = 1 if isinstance(view, QListView) else view.model().columnCount()
+        return ["  ".join(_texts(entry, columns)) for entry in _entries(view)]
+
+    def wait_for_row(self, name: str, *texts: str) -> None:
+        """Waits until a row of a tree, list or table has all of these texts.
+
+        :raises TimedOut: there is none; the text has what is shown instead.
+        """
+        try:
+            self.wait_until(lambda: any(all(text in row for text in texts) for row in self.rows(name)), "")
+        except TimedOut:
+            shown = "\n".join(self.rows(name))
+            raise TimedOut(f"the window: no row of {name} has {texts}:\n{shown}") from None
 
     def wait_until(self, condition: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
         """Lets the window go on until the condition is true; returns its value.
@@ -120,6 +141,10 @@ def _entries(view: QAbstractItemView, above: QModelIndex | None = None) -> Itera
 
 def _number_of(box: QComboBox, text: str) -> int:
     return next((number for number in range(box.count()) if _begins(box.itemText(number), text)), -1)
+
+
+def _texts(entry: QModelIndex, columns: int) -> list[str]:
+    return [str(entry.sibling(entry.row(), column).data() or "") for column in range(columns)]
 
 
 def _begins(shown: Any, text: str) -> bool:

@@ -1,0 +1,135 @@
+"""The window beside real nodes: used by clicks and keys, and while parts of the system are killed and come back."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtWidgets import QApplication
+
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.testing.driver import Driver
+from skiros2_msgs.msg import TreeProgress
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support import window_onlooker
+from support.ros import Ros, RosMaster, wait_until
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytestmark = pytest.mark.timeout(90)
+
+ROBOT = "/mobile_manipulator"
+ALL_PARTS = {"ROS master", "world model", "robot", "task manager"}
+
+
+@pytest.fixture(scope="module")
+def demo(ros_master: RosMaster) -> Iterator[Ros]:
+    """The demo whose motions only take time; one for all tests of this file."""
+    ros = Ros(ros_master)
+    ros.launch("skiros2_demo_skills", "demo.launch", gui=False)
+    yield ros
+    ros.stop()
+
+
+@pytest.fixture(scope="module")
+def shown(demo: Ros, qapp: QApplication) -> Iterator[Driver]:
+    content = MainWidget(RosSystem)
+    content.resize(1280, 800)
+    content.show()
+    driver = Driver(content)
+    driver.wait_until(lambda: up(driver) == ALL_PARTS, "the whole system")
+    yield driver
+    content.shut_down()
+    content.close()
+
+
+@pytest.fixture
+def window(shown: Driver) -> Iterator[Driver]:
+    """The window; at the end of the test it has shown no errors."""
+    yield shown
+    problems = shown.window.shared.problems
+    assert [problem.line for problem in problems.history] == []
+    problems.clear()
+
+
+def up(driver: Driver) -> set[str]:
+    """The kinds of parts that the window has."""
+    return {part.kind for part in driver.window.system.parts if part.is_up}
+
+
+def test_a_skill_is_started_watched_and_stopped_by_clicks(window: Driver, demo: Ros) -> None:
+    told = demo.messages(f"{ROBOT}/monitor", TreeProgress)
+    window.open_tab("Skills")
+    window.choose("skillTree", "wait")
+    window.write("param_Duration", "60")
+    window.click("startButton")
+    window.wait_for_row("taskList", "wait", "running", "Waiting: ")
+    window.open_tab("Running")
+    window.open_tab("Messages")
+    window.wait_for_row("messages", "Waiting: ")
+    window.click("stopTask")
+    window.wait_for_row("messages", "Stopped while waiting")
+    root = told.wait_for(lambda message: abs(message.progress[0].progress_code) == 1).progress[0]
+    assert root.type == ":Root"
+    window.open_tab("Skills")
+    window.wait_for_row("taskList", "wait", "failed")
+
+
+def test_a_start_that_is_refused_is_explained_before_and_after(window: Driver) -> None:
+    window.open_tab("Skills")
+    window.choose("skillTree", "pick")
+    window.choose("param_Object", "Product A")
+    why_not = window.widget("whyNot")
+    window.wait_until(lambda: why_not.text() == "It would be refused: no element of the scene fits Workstation.", "why")
+    window.click("whyNotMore")
+    assert "skiros:at" in window.widget("whyNotDetails").toPlainText()
+    window.click("startButton")
+    window.wait_for_row("taskList", "pick", "failed")
+    why = window.widget("taskWhy")
+    window.wait_until(lambda: "Workstation" in why.toPlainText(), "why it failed")
+
+
+def test_an_edit_is_seen_in_the_world_model(window: Driver) -> None:
+    wmi = WorldModelInterface("/test_window")
+    window.open_tab("World model")
+    window.choose("sceneTree", "Product C")
+    window.wait_until(lambda: window.widget("elementLabel").text() == "Product C", "the element")
+    window.write("elementLabel", "Spare part", Qt.Key_Return)
+    window.wait_until(lambda: wmi.get_element("skiros:Product-16").label == "Spare part", "the new label")
+    window.click("undoButton")
+    window.wait_until(lambda: wmi.get_element("skiros:Product-16").label == "Product C", "the old label")
+    theirs = wmi.get_element("skiros:Product-16")
+    theirs.label = "Renamed by others"
+    wmi.update_element(theirs)
+    window.wait_for_row("sceneTree", "Renamed by others")
+
+
+@pytest.mark.parametrize(("node", "kind"), [("/wm", "world model"), (ROBOT, "robot"), ("/tm", "task manager")])
+def test_a_part_that_is_killed_is_missed_and_found_again(window: Driver, demo: Ros, node: str, kind: str) -> None:
+    label = next(label for label in window.window.status.parts if kind in label.text())
+    assert label.text().startswith("●")
+    demo.kill_node(node)  # roslaunch starts it again
+    window.wait_until(lambda: label.text().startswith("✕"), f"the {kind} being missed")
+    window.wait_until(lambda: label.text().startswith("●") and up(window) == ALL_PARTS, f"the {kind} being there again")
+
+
+def test_a_master_that_is_killed_is_missed_and_its_successor_found(tmp_path: Path) -> None:
+    with RosMaster(tmp_path) as master:
+        ros = Ros(master)
+        try:
+            ros.run("skiros2_world_model", "world_model_server_node", name="wm")
+            onlooker = ros.program(sys.executable, window_onlooker.__file__)
+            onlooker.wait_for_line("^● ROS master.*● world model")
+            master.kill()
+            onlooker.wait_for_line("^✕ ROS master.*has not been there since")
+            master.start()
+            again = re.compile(r"^✕ ROS master.*^● ROS master[^\n]*● world model", re.DOTALL | re.MULTILINE)
+            wait_until(lambda: again.search(onlooker.output), what="the new master in the window")
+        finally:
+            ros.stop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,8 @@ from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.property import Property
 from skiros2_gui.core.world_scene import LOOSE, SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary
+from skiros2_std_reasoners.core.geometry import to_euler
+from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.shown import shown_values
 
@@ -87,9 +90,31 @@ class RelationRow:
 
 
 @dataclass(frozen=True)
+class ShownPose:
+    """Where an element is.
+
+    :param position: x, y, z (m).
+    :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
+    :param frame: the name of the frame that this is given in; "" not known.
+    """
+
+    position: tuple[float, float, float]
+    angles: tuple[float, float, float]
+    frame: str
+
+    @property
+    def text(self) -> str:
+        """All of it in one line."""
+        place = ", ".join(f"{number:.4g}" for number in self.position)
+        turn = ", ".join(f"{_plain(number):.4g}°" for number in self.angles)
+        return f"At ({place}) m, turned by ({turn})" + (f" in {self.frame}" if self.frame else "")
+
+
+@dataclass(frozen=True)
 class Details:
     """All that is shown of an element.
 
+    :param pose: where it is; None when it is nowhere in space.
     :param author, stamp: who changed it last, and when (s since the epoch; 0.0: not known).
     """
 
@@ -101,6 +126,7 @@ class Details:
     stamp: float
     properties: tuple[PropertyRow, ...]
     relations: tuple[RelationRow, ...]
+    pose: ShownPose | None = None
 
 
 def details_of(mirror: SceneMirror, vocabulary: Vocabulary, eid: str) -> Details | None:
@@ -126,6 +152,7 @@ def details_of(mirror: SceneMirror, vocabulary: Vocabulary, eid: str) -> Details
         node.made.stamp,
         tuple(sorted(rows, key=_property_order)),
         tuple(relations),
+        _pose(mirror, eid),
     )
 
 
@@ -147,6 +174,21 @@ def shown_name(mirror: SceneMirror, eid: str) -> str:
         return "Scene"
     label = local_name(node.label)
     return f"{label}  ({short})" if label else short
+
+
+def _pose(mirror: SceneMirror, eid: str) -> ShownPose | None:
+    element = mirror.scene.element(eid)
+    pose = pose_of(element) if element is not None else None
+    if element is None or pose is None:
+        return None
+    roll, pitch, yaw = map(math.degrees, to_euler(pose.orientation))
+    frame = text(element, BASE_FRAME)
+    return ShownPose(pose.position, (roll, pitch, yaw), shown_name(mirror, frame) if frame in mirror.scene else frame)
+
+
+def _plain(number: float) -> float:
+    """A number without the noise of its computation."""
+    return round(number, 6) + 0.0
 
 
 def _property_order(row: PropertyRow) -> tuple[int, str]:

@@ -145,7 +145,7 @@ class WorldPresenter:
         mirror = self.mirror
         if mirror is None or not changes:
             return
-        author = self._author()
+        author = self.author()
         touched = mirror.follow(changes, author)
         if touched is None:
             self.read()
@@ -306,7 +306,8 @@ class WorldPresenter:
             return ""
         return f"{node.made.author} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
 
-    def _author(self) -> str:
+    def author(self) -> str:
+        """Who makes the changes of this window, as the world model names it."""
         world = self.window.system.world
         return world.author if world is not None else ""
 

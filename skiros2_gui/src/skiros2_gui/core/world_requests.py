@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, local_name
@@ -10,6 +11,8 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
 from skiros2_gui.core.world_scene import SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary
+from skiros2_std_reasoners.core.geometry import Pose, from_euler
+from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
 from skiros2_world_model.core.queries import held_only_by
 from skiros2_world_model.core.scene import ROOT, Node
@@ -69,6 +72,25 @@ class Requests:
             return []
         return [Patch(eid, ElementChanges(type=etype))]
 
+    def set_pose(self, eid: str, position: Sequence[float], angles: Sequence[float]) -> list[Operation]:
+        """Puts an element somewhere, in the frame that its pose is given in.
+
+        :param position: x, y, z (m).
+        :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
+        """
+        node = self._node(eid)
+        if not all(math.isfinite(number) for number in (*position, *angles)):
+            raise WrongValue(f"{eid}: a pose is six finite numbers")
+        x, y, z = position
+        pose = Pose((x, y, z), from_euler(*map(math.radians, angles)))
+        moved = Element(node.type, node.label, eid)
+        for key in pose_keys(node.properties):
+            moved._put(key, node.properties[key].clone())
+        set_pose(moved, pose)
+        before = node.properties
+        changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
+        return [Patch(eid, ElementChanges(changed))] if changed else []
+
     # -- elements ----------------------------------------------------------------------------------------------
 
     def add(
@@ -77,12 +99,14 @@ class Requests:
         """Adds an element of a class under another one.
 
         :param parent: "" adds it under none.
-        :param in_space: whether it has a frame and a pose, if things of its class can have one.
+        :param in_space: whether it has a frame and a pose, if things of its class can have one: at first the origin of
+            what it is in.
         """
         self._check_class(etype)
         element = Element(etype, label)
         if in_space and self._vocabulary.ontology.is_subclass(etype, _IN_SPACE):
             element.setProperty(REASONER_PROPERTY, _SPACE_REASONER)
+            set_pose(element, Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
         element._rels = self._placed(parent, predicate)
         return [Add(element)]
 
@@ -174,3 +198,8 @@ class Requests:
         if node is None:
             raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
         return node
+
+
+def pose_keys(properties: Mapping[str, Property]) -> list[str]:
+    """The properties of an element that its pose is made of."""
+    return [key for key in (*POSITION, *ORIENTATION) if key in properties]

@@ -11,6 +11,7 @@ from python_qt_binding.QtWidgets import (
     QCompleter,
     QDialog,
     QDialogButtonBox,
+    QDoubleSpinBox,
     QFormLayout,
     QLabel,
     QLineEdit,
@@ -22,7 +23,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
 from skiros2_gui.core.world_choices import CLASS, class_choices, predicate_choices
-from skiros2_gui.core.world_details import Details, PropertyRow, shown_name
+from skiros2_gui.core.world_details import Details, PropertyRow, ShownPose, shown_name
 from skiros2_gui.core.world_presenter import WorldPresenter
 from skiros2_gui.core.world_requests import CONTAINS
 from skiros2_gui.core.world_vocabulary import Vocabulary
@@ -293,6 +294,35 @@ class ValuesDialog(_Dialog):
         super().accept()
 
 
+class PoseDialog(_Dialog):
+    """Puts an element somewhere else, or turns it."""
+
+    #: Position (m) and angles (degrees), three numbers each.
+    chosen = Signal(list, list)
+
+    def __init__(self, details: Details, parent: QWidget | None = None) -> None:
+        super().__init__(f"Pose of {local_name(details.id)}", "Write", parent)
+        pose = details.pose or ShownPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+        self.position = [_spin_box(number, " m", 1000.0, 0.01, 4) for number in pose.position]
+        self.angles = [_spin_box(number, " °", 360.0, 5.0, 3) for number in pose.angles]
+        form = QFormLayout()
+        for name, box in zip(("x", "y", "z"), self.position, strict=True):
+            form.addRow(name, box)
+        for name, tip, box in zip(
+            ("Roll", "Pitch", "Yaw"), ("about x", "then about y", "then about z"), self.angles, strict=True
+        ):
+            box.setToolTip(f"The turn {tip}")
+            form.addRow(name, box)
+        self.content.addLayout(form)
+        self.content.addStretch(1)
+        self.note.setText(f"In the frame of {pose.frame}" if pose.frame else "It has no pose yet.")
+        self.size_to(20, 18)
+
+    def accept(self) -> None:
+        self.chosen.emit([box.value() for box in self.position], [box.value() for box in self.angles])
+        super().accept()
+
+
 class FileDialog(_Dialog):
     """Asks for a file in the workspace of the world model, which may be on another computer."""
 
@@ -313,6 +343,17 @@ class FileDialog(_Dialog):
     def accept(self) -> None:
         self.chosen.emit(self.name.text().strip())
         super().accept()
+
+
+def _spin_box(number: float, unit: str, most: float, step: float, decimals: int) -> QDoubleSpinBox:
+    box = QDoubleSpinBox()
+    box.setDecimals(decimals)
+    box.setRange(min(-most, number), max(most, number))
+    box.setSingleStep(step)
+    box.setSuffix(unit)
+    box.setValue(number)
+    box.setAccelerated(True)
+    return box
 
 
 def _counted(number: int) -> str:

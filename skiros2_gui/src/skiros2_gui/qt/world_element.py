@@ -24,7 +24,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_common.core.names import local_name
 from skiros2_gui.core.world_details import Details, PropertyRow, RelationRow
 from skiros2_gui.core.world_presenter import WorldPresenter
-from skiros2_gui.qt.world_dialogs import PropertyDialog, RelationDialog, ValuesDialog
+from skiros2_gui.qt.world_dialogs import PoseDialog, PropertyDialog, RelationDialog, ValuesDialog
 from skiros2_gui.qt.world_tables import Row, RowsModel, RowsView
 from skiros2_world_model.core.shown import shown_time
 
@@ -77,6 +77,9 @@ class ElementPanel(QWidget):
         self.remove_property_button = _button(
             "Remove property", "Takes the selected property away (Delete)", self.remove_property
         )
+        tip = "Puts the element somewhere else, or turns it, in metres and degrees"
+        self.pose_button = _button("Pose…", tip, self.edit_pose)
+        self.pose_button.setObjectName("poseButton")
         self.add_relation_button = _button("Add relation…", "Relates the element to another one", self.add_relation)
         self.remove_relation_button = _button(
             "Remove relation", "Takes the selected relation away (Delete)", self.remove_relation
@@ -91,10 +94,12 @@ class ElementPanel(QWidget):
         row.addWidget(self.label_edit, 1)
         top.addLayout(row)
         splitter = QSplitter(Qt.Vertical)
-        splitter.addWidget(_with_buttons(self.properties, self.add_property_button, self.remove_property_button))
+        buttons = self.pose_button, self.add_property_button, self.remove_property_button
+        splitter.addWidget(_with_buttons(self.properties, *buttons))
         splitter.addWidget(_with_buttons(self.relations, self.add_relation_button, self.remove_relation_button))
-        splitter.setStretchFactor(0, 3)
+        splitter.setStretchFactor(0, 5)
         splitter.setStretchFactor(1, 2)
+        splitter.setSizes([500, 200])
         splitter.setChildrenCollapsible(False)
         column = QVBoxLayout(self)
         column.addLayout(top)
@@ -110,6 +115,7 @@ class ElementPanel(QWidget):
             self.label_edit,
             self.properties,
             self.relations,
+            self.pose_button,
             self.add_property_button,
             self.remove_property_button,
             self.add_relation_button,
@@ -125,7 +131,7 @@ class ElementPanel(QWidget):
             return
         is_other = before is None or before.id != details.id
         self.heading.setText(local_name(details.id))
-        self.about.setText(_about(details))
+        self.about.setText(_about(details, self._presenter.author()))
         self.about.setToolTip(details.type_description)
         if is_other or not self.label_edit.hasFocus():
             self.label_edit.setText(details.label)
@@ -175,6 +181,21 @@ class ElementPanel(QWidget):
         if details is not None and rows:
             what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
             self._presenter.change(what, lambda r: [o for row in rows for o in r.remove_property(details.id, row.key)])
+
+    def edit_pose(self) -> None:
+        """Opens the dialog for the pose."""
+        details = self._shown
+        if details is None:
+            return
+
+        def chosen(position: list[float], angles: list[float]) -> None:
+            what = f"pose of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
+
+        dialog = PoseDialog(details, self)
+        dialog.setAttribute(Qt.WA_DeleteOnClose)
+        dialog.chosen.connect(chosen)
+        dialog.open()
 
     def add_relation(self) -> None:
         """Opens the dialog for another relation."""
@@ -252,11 +273,12 @@ def _relation_cells(row: RelationRow) -> Row:
     return Row((row.name, direction, row.other_text), "\n".join(line for line in told if line), row)
 
 
-def _about(details: Details) -> str:
+def _about(details: Details, own: str) -> str:
     words = f"{details.type}"
     if details.author:
-        words += f"  ·  last changed by {details.author}, {shown_time(details.stamp)}"
-    return words
+        who = "this window" if details.author == own else details.author
+        words += f"  ·  last changed by {who}, {shown_time(details.stamp)}"
+    return f"{words}\n{details.pose.text}" if details.pose is not None else words
 
 
 def _button(text: str, tip: str, clicked: Any) -> QPushButton:

@@ -117,7 +117,11 @@ class HistoryPanel(QWidget):
         rows = []
         for entry in past.entries or ():
             own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
-            rows.append(Row((shown_time(entry.stamp), entry.author, "   ".join(own)), "\n".join(own), entry.number))
+            who = "this window" if entry.author == self._presenter.author() else entry.author
+            tip = "\n".join([f"{shown_time(entry.stamp)}, {entry.author}", *own])
+            rows.append(Row((shown_time(entry.stamp), who, "   ".join(own)), tip, entry.number))
         self.table.rows.show_rows(rows)
         self.table.resizeColumnsToContents()
+        most = self.table.fontMetrics().averageCharWidth() * 24
+        self.table.setColumnWidth(1, min(self.table.columnWidth(1), most))
         self.table.horizontalHeader().setStretchLastSection(True)

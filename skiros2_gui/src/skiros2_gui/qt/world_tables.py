@@ -115,7 +115,7 @@ class RowsView(QTableView):
         self.setWordWrap(False)
         self.setTextElideMode(Qt.ElideRight)
         self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.5))
+        self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.35))
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         if stretched >= 0:

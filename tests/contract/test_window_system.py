@@ -1,0 +1,176 @@
+"""The system as the window sees it, in process and over ROS: the same calls tell the same."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import Event, Progressed, WorldChanged
+from skiros2_gui.core.inbox import Inbox
+from skiros2_gui.core.system import MANAGER, WORLD_MODEL, System, part_of
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_skill.command_line.assignments import Step
+from skiros2_skill.command_line.tree import SUCCESS, has_ended
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+from support import hand_skills
+from support.ros import Ros
+
+ROBOT = "/test_robot"
+SCENE = "skiros:Scene-0"
+SKILLS = ["add", "stay", "give_up"]
+TESTS = Path(__file__).resolve().parents[1]
+PATIENCE = 30.0  # s
+
+
+class Desk:
+    """A system and what it tells."""
+
+    def __init__(self) -> None:
+        self._came = threading.Event()
+        self.inbox = Inbox(self._came.set)
+        self.system: System = None  # type: ignore[assignment]
+
+    def events(self) -> Iterator[Event]:
+        """What comes, for as long as somebody asks."""
+        end = time.monotonic() + PATIENCE
+        while self._came.wait(max(0.0, end - time.monotonic())):
+            self._came.clear()
+            yield from self.inbox.take()
+        pytest.fail("nothing more has come")
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        if not condition():
+            next(event for event in self.events() if condition())
+
+    def heard(self, kind: type[Event], fits: Callable[[Any], bool]) -> Any:
+        return next(event for event in self.events() if isinstance(event, kind) and fits(event))
+
+    @property
+    def manager(self) -> Any:
+        return self.system.managers[ROBOT]
+
+    def start(self, label: str, **values: Any) -> int:
+        skill = next(s for s in self.manager.skills() if s.label == label)
+        params = [skill.parameters[key].wire([value]) for key, value in values.items()]
+        return int(self.manager.command("start", -1, [Step(skill.type, label, {}, params)]))
+
+    def end_of(self, task: int) -> Progressed:
+        return self.heard(Progressed, lambda e: e.task == task and has_ended(e.nodes))
+
+
+@pytest.fixture(scope="module", params=["in process", "over ROS"])
+def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    made = Desk()
+    workspace = tmp_path_factory.mktemp("workspace")
+    if request.param == "in process":
+        model = WorldModel(source_ontologies(), workspace)
+        system = LocalSystem(made.inbox, LocalWorldModel("window", model))
+        system.add_manager(ROBOT, [getattr(hand_skills, name) for name in SKILLS])
+        made.system = system
+        yield made
+        system.close()
+        return
+    from skiros2_gui.ros.system import RosSystem
+
+    ros = Ros(request.getfixturevalue("ros_master"))
+    env = {**ros.master.env, "PYTHONPATH": f"{TESTS}:{ros.master.env['PYTHONPATH']}"}
+    ros.launch(
+        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
+        primitive_list=f"[{', '.join(SKILLS)}]", workspace_dir=str(workspace), env=env,
+    )  # fmt: skip
+    made.system = RosSystem(made.inbox)
+    made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
+    yield made
+    made.system.close()
+    ros.stop()
+
+
+def test_the_parts_that_are_up_are_told(desk: Desk) -> None:
+    for kind in (WORLD_MODEL, MANAGER):
+        part = part_of(desk.system, kind)
+        assert part is not None
+        assert part.is_up
+        assert part.since <= time.time()
+    assert part_of(desk.system, MANAGER).name == ROBOT
+    assert desk.manager.name == ROBOT
+
+
+def test_a_manager_tells_its_skills(desk: Desk) -> None:
+    skills = {skill.label: skill for skill in desk.manager.skills()}
+    assert sorted(skills) == sorted(SKILLS)
+    assert skills["add"].parameters["A"].wire_type == "float"
+
+
+def test_a_task_is_started_and_followed_to_its_end(desk: Desk) -> None:
+    task = desk.start("add", A=2.0, B=3.0)
+    end = desk.end_of(task)
+    assert end.manager == ROBOT
+    assert end.nodes[0].state == SUCCESS
+    assert [(node.parent_id, node.label) for node in end.nodes[1:]] == [(end.nodes[0].id, "add")]
+    assert desk.manager.tasks() == []
+
+
+def test_a_task_is_paused_stepped_resumed_and_stopped(desk: Desk) -> None:
+    task = desk.start("stay")
+    desk.heard(Progressed, lambda e: e.task == task)
+    desk.manager.command("pause", task)
+    desk.manager.command("tick_once", task)
+    assert [nodes[0].id for nodes in desk.manager.tasks(task)] == [task]
+    desk.manager.command("preempt", task)
+    end = desk.end_of(task)
+    assert end.nodes[0].state != SUCCESS
+    assert json.loads(desk.manager.why(task).json)[-1]["stage"] == "preempt"
+
+
+@pytest.mark.parametrize("action", ["start", "pause", "preempt", "dance"])
+def test_what_a_manager_refuses_is_said(desk: Desk, action: str) -> None:
+    with pytest.raises(SkirosError, match=r"999|dance"):
+        desk.manager.command(action, 999)
+
+
+def test_a_start_that_is_refused_is_explained(desk: Desk) -> None:
+    with pytest.raises(SkirosError, match="required parameter 'B'"):
+        desk.start("add")
+    assert "required parameter 'B'" in desk.manager.why(-1).text
+
+
+def test_breakpoints_are_set_listed_and_taken_away(desk: Desk) -> None:
+    number, known = desk.manager.breakpoint("add", "node", "stay")
+    assert [(b["number"], b["kind"], b["pattern"]) for b in known] == [(number, "node", "stay")]
+    task = desk.start("stay")
+    desk.heard(Progressed, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
+    desk.manager.command("preempt", task)
+    desk.end_of(task)
+    assert desk.manager.breakpoint("remove", number=number)[1] == []
+
+
+def test_a_change_of_the_scene_is_told_and_can_be_read_then(desk: Desk) -> None:
+    element = Element("skiros:Product", "bolt")
+    element.addRelation(SCENE, "skiros:contain", "-1")
+    eid = desk.system.world.add_element(element)
+    change = desk.heard(WorldChanged, lambda e: any(x.id == eid for c in e.changes for x in c.elements))
+    assert not change.is_new
+    assert desk.system.scene.find(eid, "scene").label == "bolt"
+    assert [r["src"] for r in desk.system.scene.related("", "skiros:contain", eid, "scene")] == [SCENE]
+    assert eid in {e.id for e in desk.system.scene.matching(Element("skiros:Product"), "scene")}
+
+
+def test_a_scene_that_is_loaded_is_told_as_new(desk: Desk) -> None:
+    desk.system.world.save("kept.ttl")
+    desk.system.world.load("kept.ttl")
+    desk.heard(WorldChanged, lambda e: e.is_new)
+    assert desk.system.scene.find(SCENE, "scene") is not None
+
+
+def test_a_class_that_is_added_is_known_after_it_was_told(desk: Desk) -> None:
+    desk.system.world.add_class("skiros:Bolt", "skiros:Product")
+    desk.heard(WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product"))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections import defaultdict
+import math
+import time
+from collections import defaultdict, deque
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -30,6 +32,7 @@ class Window:
         self.jobs = jobs
         self.problems = problems
         self._inbox = inbox
+        self._untold: deque[Event] = deque()
         self._handlers: defaultdict[type, list[Callable[[Any], None]]] = defaultdict(list)
 
     def subscribe(self, kind: type[E], handler: Callable[[E], None]) -> None:
@@ -46,7 +49,16 @@ class Window:
                 log.exception("%s could not be shown", type(event).__name__)
                 self.problems.tell("showing what is new", error)
 
-    def take_news(self) -> None:
-        """Tells what has come in. Called 25 times a second at most."""
-        for event in self._inbox.take():
-            self.tell(event)
+    def take_news(self, budget: float = math.inf) -> bool:
+        """Tells what has come in. Called 25 times a second at most.
+
+        :param budget: s after which the rest is left for the next call, so that the window answers to the user.
+        :returns: whether there is more to tell.
+        """
+        end = time.perf_counter() + budget
+        self._untold += self._inbox.take()
+        while self._untold:
+            self.tell(self._untold.popleft())
+            if time.perf_counter() > end:
+                break
+        return bool(self._untold)

@@ -14,6 +14,9 @@ from skiros2_gui.core.window import Window
 #: The least time between two batches of news (ms): 25 a second.
 NEWS_PERIOD = 40
 
+#: So long one batch may keep the window from answering to the user (s); what is left is told soon after.
+NEWS_BUDGET = 0.02
+
 
 class Bridge(QObject):
     """The inbox and the jobs of one window. Nothing runs while nothing comes in.
@@ -56,5 +59,5 @@ class Bridge(QObject):
 
     def _take(self) -> None:
         self._last = time.monotonic()
-        if self._window is not None:
-            self._window.take_news()
+        if self._window is not None and self._window.take_news(NEWS_BUDGET):
+            self._timer.start(0)

@@ -248,3 +248,8 @@ def test_zooming_keeps_to_what_can_be_seen(tab: RunTab, window: Window, qtbot: Q
     assert tab.view.scale_now == pytest.approx(4.0)
     qtbot.keyClick(tab.view, Qt.Key_0)
     assert tab.view.scale_now == pytest.approx(1.0)
+
+
+def test_it_has_room_on_a_small_screen(tab: RunTab) -> None:
+    assert tab.minimumSizeHint().width() < 700
+    assert tab.minimumSizeHint().height() < 500

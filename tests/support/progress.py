@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
 
@@ -41,6 +41,11 @@ def pick_and_place(pick: int = RUNNING, place: int = IDLE, task_id: int = 5, **o
     for node in nodes:
         node.task_id = task_id
     return nodes
+
+
+def fresh(nodes: list[Told]) -> list[Told]:
+    """The same once more: what is told again is told of as other objects."""
+    return [replace(node) for node in nodes]
 
 
 def random_tree(count: int, seed: int = 1) -> list[Told]:

@@ -10,7 +10,7 @@ from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_log import MOST_LINES
 from skiros2_gui.core.runs import Runs
-from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, pick_and_place, random_tree, root
+from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, fresh, pick_and_place, random_tree, root
 
 
 def seen(frame: Frame) -> list[tuple[int, int, int, str]]:
@@ -28,7 +28,7 @@ def test_every_tick_can_be_gone_back_to() -> None:
         for node in chance.sample(nodes, 3):
             node.state, node.progress_code = chance.choice([1, 2, 3, 4]), chance.randrange(2, 9)
             node.progress_message = chance.choice(["", f"at {number}"])
-        if run.enter(nodes, 1000.0 + number) or len(run) > len(told):
+        if run.enter(fresh(nodes), 1000.0 + number) or len(run) > len(told):
             told.append((1000.0 + number, [(n.id, n.state, n.progress_code, n.progress_message) for n in nodes]))
     assert len(run) == len(told) > 250
     for tick in (0, 1, 62, 63, 64, 65, 88, 89, 90, len(told) - 1, *chance.sample(range(len(told)), 30)):
@@ -44,6 +44,19 @@ def test_ticks_in_which_nothing_changes_take_no_room() -> None:
         run.enter(pick_and_place(), 1000.0 + number)
     assert len(run) == 1
     assert run.now.time == 1049.0
+
+
+def test_nodes_that_are_the_same_objects_are_not_read_again() -> None:
+    """As `QuickTreeProgress` tells those of which nothing is new."""
+    run, nodes = TaskRun("/robot", 5), pick_and_place()
+    run.enter(nodes, 1000.0)
+    other = fresh(nodes)[4]
+    other.state, other.progress_message = RUNNING, "placing"
+    assert not run.enter([*nodes[:4], other], 1001.0)
+    assert [run.now.state(place) for place in range(5)] == [RUNNING, RUNNING, RUNNING, IDLE, RUNNING]
+    assert (run.now.message(4), run.now.duration(4), run.now.duration(1)) == ("placing", 0.0, 1.0)
+    assert run.frame(0).messages == {}
+    assert run.enter([*nodes[:4], Told(300, 5, "other")], 1002.0)
 
 
 def test_how_long_a_node_ran_is_known_live_and_back_in_time() -> None:
@@ -72,7 +85,7 @@ def test_a_task_that_ran_before_the_window_opened_has_its_managers_times() -> No
     nodes[2].progress_time = 30.0
     nodes[1].progress_time = float("nan")
     run = TaskRun("/robot", 5)
-    run.enter(nodes, 1000.0)
+    run.enter(fresh(nodes), 1000.0)
     assert run.now.duration(2) == 30.0
     assert run.now.duration(1) == 0.0
 
@@ -111,7 +124,7 @@ def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:
     for number in range(2000):
         for node in nodes[1:20]:
             node.progress_code += 1
-        entered = runs.enter("/robot", nodes, 1000.0 + number)
+        entered = runs.enter("/robot", fresh(nodes), 1000.0 + number)
     assert entered is not None
     run = entered[0]
     assert run.size <= 200_000
@@ -132,9 +145,9 @@ def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     for number in range(50):
         nodes[2].progress_message = f"{number} mm"
-        run.enter(nodes, 1000.0 + number * 0.04)
+        run.enter(fresh(nodes), 1000.0 + number * 0.04)
     nodes[2].state, nodes[2].progress_message = FAILURE, "it slipped"
-    run.enter(nodes, 1002.0)
+    run.enter(fresh(nodes), 1002.0)
     of_arm = [(line.state, line.message) for line in run.log.lines if line.name == "move_arm"]
     assert of_arm == [(RUNNING, "0 mm"), (RUNNING, "25 mm"), (FAILURE, "it slipped")]
     assert [line.name for line in run.log.lines if line.message == ""] == ["task 5", "pick"]
@@ -144,7 +157,7 @@ def test_the_messages_of_a_node_that_fails_and_starts_all_the_time_are_bounded()
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     for number in range(MOST_LINES):
         nodes[2].state, nodes[2].progress_message = (FAILURE, "x" * 5000) if number % 2 else (RUNNING, "")
-        run.enter(nodes, 1000.0 + number)
+        run.enter(fresh(nodes), 1000.0 + number)
     assert len(run.log) == MOST_LINES
     assert run.log.dropped == run.log.count - MOST_LINES
     assert max(len(line.message) for line in run.log.lines) == 500

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from skiros2_gui.core.run_frame import ROW, Frame, Rows
 from skiros2_gui.core.run_log import RunLog
-from skiros2_gui.core.run_shape import Shape, keys_of
+from skiros2_gui.core.run_shape import Shape, key_of
 from skiros2_gui.core.states import IDLE, RUNNING
 
 #: Every so many ticks are kept whole.
@@ -68,6 +68,7 @@ class TaskRun:
         self._times: list[float] = []
         self._since_whole = 0
         self._now: Frame | None = None
+        self._nodes: Sequence[Any] = ()
 
     def __len__(self) -> int:
         """How many ticks there are to go to."""
@@ -92,20 +93,29 @@ class TaskRun:
     def enter(self, nodes: Sequence[Any], time: float) -> bool:
         """Takes in what was told of the task.
 
-        :param nodes: a `SkillProgress` for each node, the root first.
+        :param nodes: a `SkillProgress` for each node, the root first. One that is the same object as the last time is
+            taken for unchanged.
         :param time: when it was told (s since the epoch).
         :returns: whether the tree has another shape now.
         """
-        before = self._now
+        before, last = self._now, self._nodes
+        self._nodes = nodes
         if before is None:
             self._start = time
-        keys = keys_of(nodes)
-        is_new = before is None or keys != before.shape.keys
-        shape = Shape(keys) if is_new or before is None else before.shape
-        rows = self._rows(nodes, time, shape, before)
-        messages = {place: node.progress_message for place, node in enumerate(nodes) if node.progress_message}
-        self._keep(Frame(time, shape, rows, messages, self._start), before, is_new)
-        return is_new
+        touched = list(range(len(nodes)))
+        if before is not None and len(nodes) == len(last):
+            touched = [place for place in touched if nodes[place] is not last[place]]
+            if all(key_of(nodes[place]) == before.shape.keys[place] for place in touched):
+                self._go_on(nodes, time, before, touched)
+                return False
+        shape = Shape([key_of(node) for node in nodes])
+        rows = _moved(shape, before)
+        self._update(rows, nodes, touched, time, before is None)
+        said = {place: node.progress_message for place, node in enumerate(nodes) if node.progress_message}
+        frame = Frame(time, shape, rows, said, self._start)
+        self.log.enter(frame, touched)
+        self._keep(frame, None, said)
+        return True
 
     def frame(self, tick: int) -> Frame:
         """The tree at a tick: 0 the oldest that is kept.
@@ -144,59 +154,71 @@ class TaskRun:
                 return True
         return False
 
-    def _rows(self, nodes: Sequence[Any], time: float, shape: Shape, before: Frame | None) -> Rows:
-        rows = np.empty(len(nodes), ROW)
-        rows["state"] = [node.state for node in nodes]
-        rows["code"] = [node.progress_code for node in nodes]
-        began, ended = self._known_times(shape, before)
-        told = np.fromiter((node.progress_time for node in nodes), "f4", len(nodes))
+    def _go_on(self, nodes: Sequence[Any], time: float, before: Frame, touched: list[int]) -> None:
+        """Takes in a message that tells of the same nodes as the one before."""
+        rows, said = before.rows, before.messages
+        texts = {p: nodes[p].progress_message for p in touched if nodes[p].progress_message != said.get(p, "")}
+        if touched:
+            rows = rows.copy()
+            self._update(rows, nodes, touched, time, False)
+        if texts:
+            said = {place: text for place, text in {**said, **texts}.items() if text}
+        frame = Frame(time, before.shape, rows, said, self._start)
+        among = np.array(touched, "i4")
+        places = among[_differ(rows[among], before.rows[among])]
+        others = places[rows["state"][places] != before.rows["state"][places]]
+        self.log.enter(frame, sorted({*others.tolist(), *texts}))
+        self._keep(frame, places, texts)
+
+    def _update(self, rows: Rows, nodes: Sequence[Any], touched: list[int], time: float, is_first: bool) -> None:
+        """Enters what was told of some nodes."""
+        count, now = len(touched), time - self._start
+        at: Any = touched if count < len(rows) else slice(None)
+        state = np.fromiter((nodes[place].state for place in touched), "i2", count)
+        told = np.fromiter((nodes[place].progress_time for place in touched), "f4", count)
         told = np.where(np.isfinite(told) & (told > 0.0), told, 0.0)
-        now = time - self._start
-        runs, idle = rows["state"] == RUNNING, rows["state"] == IDLE
+        began, ended = rows["began"][at], rows["ended"][at]
+        runs, idle = state == RUNNING, state == IDLE
         starts = runs & (np.isnan(began) | ~np.isnan(ended))
         # Of one that ran already when it was first told of, the manager knows for how long.
-        began = np.where(starts, now - (told if before is None else 0.0), began)
+        began = np.where(starts, now - (told if is_first else 0.0), began)
         ended = np.where(starts, np.nan, ended)
         ends = ~runs & ~idle & np.isnan(ended)
         began = np.where(ends & np.isnan(began), now - told, began)
         ended = np.where(ends | (idle & ~np.isnan(began) & np.isnan(ended)), now, ended)
-        rows["began"], rows["ended"] = began, ended
-        return rows
+        rows["state"][at], rows["began"][at], rows["ended"][at] = state, began, ended
+        rows["code"][at] = np.fromiter((nodes[place].progress_code for place in touched), "i2", count)
 
-    def _known_times(self, shape: Shape, before: Frame | None) -> tuple[Any, Any]:
-        """When the nodes began and ended, as far as it is known from the tick before."""
-        if before is not None and shape is before.shape:
-            known = before.rows
-        else:
-            known = _unknown(len(shape))
-            if before is not None:
-                pairs = [
-                    (place, before.shape.places[key[0]])
-                    for place, key in enumerate(shape.keys)
-                    if key[0] in before.shape.places
-                ]
-                if pairs:
-                    new, old = np.array(pairs, "i4").T
-                    known[new] = before.rows[old]
-        return known["began"], known["ended"]
+    def _keep(self, frame: Frame, places: npt.NDArray[np.int32] | None, texts: dict[int, str]) -> None:
+        """Keeps a tick. One in which nothing has changed is told at times only: it makes the last one longer.
 
-    def _keep(self, frame: Frame, before: Frame | None, is_new: bool) -> None:
-        """Keeps a tick. One in which nothing has changed is told at times only: it makes the last one longer."""
+        :param places: of the rows that have changed; None: the tree has another shape.
+        :param texts: the messages that have.
+        """
         self._now = frame
-        self.log.enter(frame)
-        if before is None or is_new or self._since_whole >= _WHOLE:
+        if places is not None and not len(places) and not texts:
+            return
+        if places is None or self._since_whole >= _WHOLE:
             tick = _Tick(frame.time, frame.shape, None, frame.rows, frame.messages)
             self._since_whole = 0
         else:
-            places = np.flatnonzero(_differ(frame.rows, before.rows)).astype("i4")
-            messages = _changed(before.messages, frame.messages)
-            if not len(places) and not messages:
-                return
-            tick = _Tick(frame.time, frame.shape, places, frame.rows[places], messages)
+            tick = _Tick(frame.time, frame.shape, places, frame.rows[places], texts)
             self._since_whole += 1
         self._ticks.append(tick)
         self._times.append(frame.time)
         self.size += tick.size
+
+
+def _moved(shape: Shape, before: Frame | None) -> Rows:
+    """What is known of the nodes of another shape from the tick before: when they began and ended."""
+    known = _unknown(len(shape))
+    if before is not None:
+        old = before.shape.places
+        pairs = [(place, old[key[0]]) for place, key in enumerate(shape.keys) if key[0] in old]
+        if pairs:
+            new, places = np.array(pairs, "i4").T
+            known[new] = before.rows[places]
+    return known
 
 
 def _unknown(count: int) -> Rows:
@@ -210,10 +232,3 @@ def _differ(rows: Rows, others: Rows) -> npt.NDArray[np.bool_]:
     size = ROW.itemsize
     wide = np.ascontiguousarray(rows).view("u1").reshape(-1, size)
     return np.asarray((wide != np.ascontiguousarray(others).view("u1").reshape(-1, size)).any(axis=1))
-
-
-def _changed(before: dict[int, str], now: dict[int, str]) -> dict[int, str]:
-    """The messages that are others than before, "" for those that are no more."""
-    changed = {place: text for place, text in now.items() if before.get(place) != text}
-    changed.update((place, "") for place in before.keys() - now.keys())
-    return changed

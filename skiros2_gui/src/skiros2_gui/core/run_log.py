@@ -6,8 +6,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING
 
@@ -45,7 +43,6 @@ class RunLog:
     def __init__(self) -> None:
         self._lines: deque[LogLine] = deque(maxlen=MOST_LINES)
         self._told: dict[int, LogLine] = {}
-        self._before: Frame | None = None
         self.dropped = 0
 
     def __len__(self) -> int:
@@ -61,20 +58,13 @@ class RunLog:
         """Oldest first."""
         return self._lines
 
-    def enter(self, frame: Frame) -> None:
-        """Notes what is new."""
-        for place in self._candidates(frame):
-            self._note(frame, place)
-        self._before = frame
+    def enter(self, frame: Frame, places: Sequence[int]) -> None:
+        """Notes what is new.
 
-    def _candidates(self, frame: Frame) -> list[int]:
-        """The places of nodes that may have something new."""
-        before = self._before
-        if before is None or before.shape is not frame.shape:
-            return list(range(len(frame.shape)))
-        places = set(np.flatnonzero(frame.rows["state"] != before.rows["state"]).tolist())
-        places |= {p for p, text in frame.messages.items() if before.messages.get(p) != text}
-        return sorted(places)
+        :param places: of the nodes whose state or message may have changed.
+        """
+        for place in places:
+            self._note(frame, place)
 
     def _note(self, frame: Frame, place: int) -> None:
         state, message, node = frame.state(place), frame.message(place), frame.shape.id(place)

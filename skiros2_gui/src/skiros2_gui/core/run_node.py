@@ -51,7 +51,7 @@ def node_text(
     """
     shape, state = frame.shape, frame.state(place)
     facts = [("state", f"{look_of(state).symbol} {look_of(state).word}")]
-    if message := frame.message(place):
+    if why is None and (message := frame.message(place)):
         facts.append(("message", message))
     duration = frame.duration(place)
     if duration is not None:

@@ -11,9 +11,14 @@ from skiros2_common.core.names import local_name
 Key = tuple[int, int, str, str, str]
 
 
+def key_of(node: Any) -> Key:
+    """Of the `SkillProgress` of a node what makes the shape."""
+    return (node.id, node.parent_id, node.type, node.label, node.processor)
+
+
 def keys_of(nodes: Sequence[Any]) -> list[Key]:
-    """What makes the shape, of a `SkillProgress` for each node."""
-    return [(n.id, n.parent_id, n.type, n.label, n.processor) for n in nodes]
+    """Likewise of each."""
+    return [key_of(node) for node in nodes]
 
 
 class Shape:

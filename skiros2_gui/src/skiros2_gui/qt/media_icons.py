@@ -29,7 +29,7 @@ _SHAPES: dict[str, Sequence[Corners]] = {
 }
 
 #: Pixels; it is scaled down.
-_SIDE, _INSIDE = 64.0, 14.0
+_SIDE, _INSIDE = 64.0, 8.0
 
 
 def media_icon(kind: str, widget: QWidget) -> QIcon:

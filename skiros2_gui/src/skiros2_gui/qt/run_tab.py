@@ -8,12 +8,12 @@ from typing import Any
 from python_qt_binding.QtCore import QByteArray, Qt, QTimer
 from python_qt_binding.QtWidgets import (
     QCheckBox,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QMenu,
     QSplitter,
     QTabWidget,
+    QToolBar,
     QToolButton,
     QVBoxLayout,
     QWidget,
@@ -214,10 +214,11 @@ class RunTab(QWidget):
         self._search.setObjectName("nodeSearch")
         self._search.setPlaceholderText("Find nodes by label or type (Ctrl+F)")
         self._search.setClearButtonEnabled(True)
-        self._search.setMinimumWidth(self.fontMetrics().averageCharWidth() * 18)
+        self._search.setMinimumWidth(self.fontMetrics().averageCharWidth() * 10)
         self._search.textChanged.connect(self._on_search)
         self._search.returnPressed.connect(lambda: self._go_next(1))
         self._count = QLabel()
+        self._count.setContentsMargins(6, 0, 6, 0)
         self._followed = -1
         self._follow = QCheckBox("Follow")
         self._follow.setObjectName("follow")
@@ -237,11 +238,9 @@ class RunTab(QWidget):
         self._fit.clicked.connect(lambda: self.view.fit())
 
     def _lay_out(self) -> None:
-        bar = QHBoxLayout()
-        bar.setContentsMargins(6, 4, 6, 4)
+        bar = QToolBar()  # it folds what has no room
         for widget in (self._search, self._count, self._follow, self._jump, self._fold, self._fit):
-            bar.addWidget(widget, 1 if widget is self._search else 0)
-        bar.setSpacing(8)
+            bar.addWidget(widget)
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
@@ -249,7 +248,7 @@ class RunTab(QWidget):
         column = QVBoxLayout(middle)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
-        column.addLayout(bar)
+        column.addWidget(bar)
         column.addWidget(self._empty, 1)
         column.addWidget(self.view, 1)
         self._beside = QTabWidget()
@@ -262,13 +261,13 @@ class RunTab(QWidget):
             (self._breakpoints, "Breakpoints"),
         ):
             self._beside.addTab(widget, title)
-        self._beside.setMinimumWidth(self._beside.tabBar().sizeHint().width() + 4)
         self._beside.currentChanged.connect(lambda _: self._on_beside())
         self._splitter = QSplitter(Qt.Horizontal)
-        for widget, stretch in ((self._tasks, 0), (middle, 1), (self._beside, 0)):
+        for widget, stretch, least in ((self._tasks, 0, 110), (middle, 1, 240), (self._beside, 0, 160)):
+            widget.setMinimumWidth(least)
             self._splitter.addWidget(widget)
             self._splitter.setStretchFactor(self._splitter.count() - 1, stretch)
-        self._splitter.setSizes([220, 680, 380])
+        self._splitter.setSizes([260, 630, self._beside.tabBar().sizeHint().width() + 4])
         self._splitter.setChildrenCollapsible(True)
         whole = QVBoxLayout(self)
         whole.setContentsMargins(0, 0, 0, 0)

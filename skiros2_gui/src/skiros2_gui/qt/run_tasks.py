@@ -12,7 +12,7 @@ from python_qt_binding.QtWidgets import (
     QLabel,
     QListWidget,
     QListWidgetItem,
-    QPushButton,
+    QSizePolicy,
     QToolButton,
     QVBoxLayout,
     QWidget,
@@ -49,20 +49,16 @@ class TaskPanel(QWidget):
         self.step.setToolTip("tick the task once and pause it")
         self.stop.setText("Stop")
         self.stop.setToolTip("end the task: what runs is preempted")
-        self._open = QPushButton("Open bag…")
+        self._open = QToolButton()
         self._open.setObjectName("openBag")
         self._open.setToolTip("look at the tasks of a recorded run")
         self._open.clicked.connect(self._on_bag)
-        self._clear = QPushButton("Clear ended")
+        self._clear = QToolButton()
+        self._clear.setText("Clear ended")
         self._clear.setObjectName("clearEnded")
         self._clear.setToolTip("take the tasks that have ended from the list")
         self._clear.clicked.connect(presenter.forget_ended)
-        buttons, below = QHBoxLayout(), QHBoxLayout()
-        for button in (self.pause, self.step, self.stop):
-            buttons.addWidget(button)
-        buttons.addStretch(1)
-        below.addWidget(self._open)
-        below.addWidget(self._clear)
+        buttons, below = _row(self.pause, self.stop, self.step), _row(self._open, self._clear)
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self._source)
@@ -155,3 +151,15 @@ class TaskPanel(QWidget):
         button.setToolButtonStyle(Qt.ToolButtonTextBesideIcon)
         button.clicked.connect(lambda: call())
         return button
+
+
+def _row(*buttons: QToolButton) -> QHBoxLayout:
+    """Buttons beside each other, which become narrower where there is little room."""
+    row = QHBoxLayout()
+    row.setSpacing(4)
+    for button in buttons:
+        button.setMinimumWidth(button.fontMetrics().height() + 8)
+        button.setSizePolicy(QSizePolicy.Preferred, QSizePolicy.Fixed)
+        row.addWidget(button)
+    row.addStretch(1)
+    return row

@@ -67,19 +67,27 @@ def flat(choices: Sequence[Choice]) -> Iterator[Choice]:
 
 
 def element_choices(
-    mirror: SceneMirror, vocabulary: Vocabulary, types: Sequence[str] = (), text: str = "", most: int = 200
+    mirror: SceneMirror,
+    vocabulary: Vocabulary,
+    types: Sequence[str] = (),
+    text: str = "",
+    without: str = "",
+    most: int = 200,
 ) -> list[tuple[str, str]]:
-    """The elements that a text finds ("": all), as ids and names.
+    """The elements that a text finds ("": all), as ids and names; then the templates that it finds.
 
     :param types: those of these classes, or under them, come first.
-    :param most: so many at most.
+    :param without: this one is left out.
+    :param most: so many elements at most.
     """
-    found = mirror.find(text, len(mirror)) if text.strip() else sorted((n.id for n in mirror.scene), key=id_order)
+    words = text.lower().split()
+    found = mirror.find(text, len(mirror)) if words else sorted((node.id for node in mirror.scene), key=id_order)
     wanted = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
     if wanted:
-        fits = [eid for eid in found if (node := mirror.scene.node(eid)) is not None and node.type in wanted]
-        found = [*fits, *(eid for eid in found if eid not in set(fits))] if len(fits) < most else fits
-    return [(eid, shown_name(mirror, eid)) for eid in found[:most]]
+        found.sort(key=lambda eid: (node := mirror.scene.node(eid)) is None or node.type not in wanted)
+    chosen = [(eid, shown_name(mirror, eid)) for eid in found if eid != without][:most]
+    templates = [name for name in vocabulary.templates() if words and all(word in name.lower() for word in words)]
+    return chosen + [(name, f"{local_name(name)}  (template)") for name in templates]
 
 
 def predicate_choices(vocabulary: Vocabulary, subject_type: str) -> list[tuple[Predicate, bool]]:

@@ -50,6 +50,9 @@ class TreeView(Protocol):
     def renewed(self, eid: str) -> None:
         """What is shown of an element is other; its place is the same."""
 
+    def settled(self) -> None:
+        """These were all changes for now."""
+
 
 class SceneMirror:
     """The elements of a scene as a tree. An element is shown once: under what contains it, else under what has it.
@@ -65,6 +68,8 @@ class SceneMirror:
         self._snapshot = ""  # the state after the last change that was followed
         self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
         self._children: dict[str, list[tuple[tuple[int, str, int], str]]] = {}
+        self._orders: dict[str, tuple[int, str, int]] = {}  # what sorts the elements among their siblings
+        self._texts: dict[str, tuple[Node, str]] = {}  # what the elements are found by
         self._moving: set[str] = set()  # what is still to be put in its place, while a change is followed
         elements = list(elements)
         for element in elements:
@@ -74,6 +79,8 @@ class SceneMirror:
             for relation in element._rels:
                 if relation["src"] == "-1":
                     self.scene.relate(element.id, relation["type"], relation["dst"])
+        for node in self.scene:
+            self._searchable(node)
         self._newest = max((element.version for element in elements), default=0)
         self._loose = {node.id for node in self.scene if self._parent(node.id) == LOOSE}
 
@@ -110,8 +117,11 @@ class SceneMirror:
         """Whether something is shown under an element."""
         if eid in (TOP, LOOSE) or eid in self._children:
             return bool(self._sorted_children(eid))
-        below = (dst for _, _, dst in self.scene.relations(eid, self.spatial) if dst in self.scene)
-        return any(dst not in self._moving and self._parent(dst) == eid for dst in below)
+        for pred in self.spatial:
+            for dst in self.scene.targets(eid, pred):
+                if dst in self.scene and dst not in self._moving and self._parent(dst) == eid:
+                    return True
+        return False
 
     def is_shown(self, eid: str) -> bool:
         """Whether it is a node of the tree."""
@@ -149,8 +159,15 @@ class SceneMirror:
         words = text.lower().split()
         if not words:
             return []
-        found = (node for node in self.scene if all(word in _searchable(node) for word in words))
+        found = (node for node in self.scene if all(map(self._searchable(node).__contains__, words)))
         return sorted((node.id for node in found), key=id_order)[:most]
+
+    def _searchable(self, node: Node) -> str:
+        known = self._texts.get(node.id)
+        if known is None or known[0] is not node:
+            values = (str(v) for prop in node.properties.values() for v in prop.values if isinstance(v, str))
+            known = self._texts[node.id] = node, " ".join((node.id, node.label, *values)).lower()
+        return known[1]
 
     # -- changes -----------------------------------------------------------------------------------------------
 
@@ -176,6 +193,8 @@ class SceneMirror:
             touched.elements.update(affected)
             if change.author == wanted:
                 touched.by_change[change.snapshot_id] = self._entry(change, before, relations)
+        if self.view is not None:
+            self.view.settled()
         return touched
 
     def _apply(self, change: Change, affected: dict[str, None]) -> None:
@@ -225,7 +244,8 @@ class SceneMirror:
         self._loose.discard(eid)
         self._places.pop(eid, None)
         if eid not in self.scene:
-            self._children.pop(eid, None)
+            for known in (self._children, self._orders, self._texts):
+                known.pop(eid, None)
 
     def _put_in(self, eid: str) -> None:
         parent = self._parent(eid)
@@ -321,10 +341,11 @@ class SceneMirror:
             yield from (child for child in below - self._moving if self._parent(child) == eid)
 
     def _order(self, eid: str) -> tuple[int, str, int]:
-        if eid == LOOSE:
-            return 1, "", 0
-        name, number = id_order(eid)
-        return 0, local_name(name).lower(), number
+        known = self._orders.get(eid)
+        if known is None:
+            name, number = id_order(eid)
+            known = self._orders[eid] = (1, "", 0) if eid == LOOSE else (0, local_name(name).lower(), number)
+        return known
 
 
 class _Ids(Sequence[str]):
@@ -338,11 +359,6 @@ class _Ids(Sequence[str]):
 
     def __getitem__(self, row):  # type: ignore[no-untyped-def]
         return self._children[row][1]
-
-
-def _searchable(node: Node) -> str:
-    values = (str(value) for prop in node.properties.values() for value in prop.values if isinstance(value, str))
-    return " ".join((node.id, node.label, *values)).lower()
 
 
 def _same_content(one: Node, other: Node) -> bool:

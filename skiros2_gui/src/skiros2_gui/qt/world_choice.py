@@ -113,14 +113,18 @@ class ClassChoice(QWidget):
 
 
 class ElementChoice(QWidget):
-    """A list of elements of the scene."""
+    """A list of elements of the scene, and of the templates that are searched for.
+
+    :param without: an element that is left out.
+    """
 
     changed = Signal()
     taken = Signal()
 
-    def __init__(self, presenter: WorldPresenter, parent: QWidget | None = None) -> None:
+    def __init__(self, presenter: WorldPresenter, without: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._presenter = presenter
+        self._without = without
         self._types: tuple[str, ...] = ()
         self.list = QListWidget()
         self.list.setObjectName("elementList")
@@ -160,7 +164,7 @@ class ElementChoice(QWidget):
             return
         before = self.chosen()
         self.list.clear()
-        for eid, name in element_choices(mirror, vocabulary, self._types, self.search.text()):
+        for eid, name in element_choices(mirror, vocabulary, self._types, self.search.text(), self._without):
             item = QListWidgetItem(name, self.list)
             item.setData(Qt.UserRole, eid)
             item.setToolTip(eid)

@@ -174,7 +174,7 @@ class RelationDialog(_Dialog):
         self.direction.setObjectName("relationDirection")
         name = shown_name(mirror, eid)
         self.direction.addItems((f"from {name}", f"to {name}"))
-        self.other = ElementChoice(presenter)
+        self.other = ElementChoice(presenter, eid)
         form = QFormLayout()
         form.addRow("Relation", self.predicate)
         form.addRow("Direction", self.direction)

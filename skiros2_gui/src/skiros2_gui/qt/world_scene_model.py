@@ -19,6 +19,10 @@ from skiros2_world_model.core.scene import ROOT
 HEADERS = ("Element", "Class", "Changed by")
 #: The index that rows of the top have as their parent.
 _NOWHERE = QModelIndex()
+#: Of other roles there is nothing to say; views ask for many.
+_ROLES = frozenset(
+    (Qt.DisplayRole, Qt.AccessibleTextRole, Qt.ToolTipRole, Qt.ForegroundRole, Qt.BackgroundRole, Qt.FontRole)
+)
 _MIME = "application/x-skiros-elements"
 
 
@@ -27,6 +31,8 @@ class SceneModel(QAbstractItemModel):
 
     #: Elements were dropped on another one: their ids, and its id.
     dropped = Signal(list, str)
+    #: Something is drawn in another way.
+    redrawn = Signal()
 
     def __init__(self, presenter: WorldPresenter) -> None:
         super().__init__()
@@ -34,6 +40,7 @@ class SceneModel(QAbstractItemModel):
         self._numbers: dict[str, int] = {}
         self._ids: list[str] = []
         self._found: frozenset[str] = frozenset()
+        self._renewed: dict[str, None] = {}
         self._at_end: Any = None
 
     # -- what the presenter tells ------------------------------------------------------------------------------
@@ -63,18 +70,25 @@ class SceneModel(QAbstractItemModel):
         self._at_end()
 
     def renewed(self, eid: str) -> None:
-        index = self.index_of(eid)
-        if index.isValid():
-            self.dataChanged.emit(index, index.siblingAtColumn(len(HEADERS) - 1))
+        self._renewed[eid] = None
+
+    def settled(self) -> None:
+        rows: dict[str, list[int]] = {}
+        mirror, renewed = self._presenter.mirror, self._renewed
+        self._renewed = {}
+        for eid in renewed:
+            if mirror is not None and eid in self._numbers and mirror.is_shown(eid):
+                rows.setdefault(mirror.parent(eid), []).append(mirror.row(eid))
+        for parent, some in rows.items():
+            above = self.index_of(parent)
+            first, last = self.index(min(some), 0, above), self.index(max(some), len(HEADERS) - 1, above)
+            if first.isValid() and last.isValid():
+                self.dataChanged.emit(first, last)
 
     def show_found(self, ids: Iterable[str]) -> None:
         """These are written in bold."""
-        before, self._found = self._found, frozenset(ids)
-        if len(before | self._found) > 500:
-            self.layoutChanged.emit()
-        else:
-            for eid in before ^ self._found:
-                self.renewed(eid)
+        self._found = frozenset(ids)
+        self.redrawn.emit()
 
     # -- elements and indexes ----------------------------------------------------------------------------------
 
@@ -128,9 +142,9 @@ class SceneModel(QAbstractItemModel):
 
     def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
         mirror = self._presenter.mirror
-        if mirror is None or not index.isValid():
+        if role not in _ROLES or mirror is None or not index.isValid():
             return None
-        eid = self.element(index)
+        eid = self._ids[index.internalId()]
         if role in (Qt.DisplayRole, Qt.AccessibleTextRole):
             return self._text(eid, index.column())
         if role == Qt.ToolTipRole:

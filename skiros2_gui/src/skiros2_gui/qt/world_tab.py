@@ -89,9 +89,10 @@ class WorldTab(QWidget):
         header = tree.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(0, QHeaderView.Stretch)
-        header.setSectionResizeMode(1, QHeaderView.ResizeToContents)
-        header.setSectionResizeMode(2, QHeaderView.Interactive)
-        header.resizeSection(2, int(tree.fontMetrics().averageCharWidth() * 14))
+        for column in (1, 2):
+            header.setSectionResizeMode(column, QHeaderView.Interactive)
+            header.resizeSection(column, int(tree.fontMetrics().averageCharWidth() * 16))
+        self.model.redrawn.connect(tree.viewport().update)
         tree.selectionModel().currentChanged.connect(lambda *_: self._select())
         for key, call in (
             (QKeySequence(Qt.Key_Delete), self.remove),
@@ -218,8 +219,8 @@ class WorldTab(QWidget):
             button.setToolTip(f"{name}: {text} ({keys})" if text else f"Nothing to {name.lower()} ({keys})")
 
     def show_marks(self, ids: Sequence[str]) -> None:
-        for eid in ids:
-            self.model.renewed(eid)
+        if ids:
+            self.model.redrawn.emit()
         if self.presenter.marks and not self._marks_timer.isActive():
             self._marks_timer.start()
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from skiros2_gui.core.health import clock, missing, sentence, short
+from skiros2_gui.core.health import clock, missing, sentence, short, sign
 from skiros2_gui.core.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Part
 
 NOW = time.time()
@@ -19,6 +19,21 @@ def test_a_part_in_short_and_in_a_sentence() -> None:
     assert sentence(robot) == f"The robot /arm has not been there since {AT}. It was killed."
     assert short(Part(WORLD_MODEL, "/wm", True, NOW)) == "world model"
     assert sentence(Part(WORLD_MODEL, "/wm", True, NOW)) == f"The world model has been there since {AT}."
+
+
+@pytest.mark.parametrize(
+    ("is_up", "since", "mark"),
+    [(True, NOW, ("●", "success")), (False, NOW, ("✕", "failure")), (False, 0.0, ("○", "idle"))],
+)
+def test_a_part_that_has_gone_and_one_that_never_came_have_signs_of_their_own(
+    is_up: bool, since: float, mark: tuple[str, str]
+) -> None:
+    assert sign(Part(TASK_MANAGER, "/tm", is_up, since)) == mark
+
+
+def test_what_was_never_there_has_no_time() -> None:
+    assert sentence(Part(TASK_MANAGER, "/tm", False, 0.0)) == "The task manager is not there yet."
+    assert missing([Part(WORLD_MODEL, "/wm", False, 0.0)], (WORLD_MODEL,)) == "The world model is not there yet."
 
 
 def test_a_time_of_another_day_has_its_day() -> None:

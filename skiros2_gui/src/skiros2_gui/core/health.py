@@ -13,8 +13,17 @@ def short(part: Part) -> str:
     return f"{part.kind} {part.name.lstrip('/')}" if part.kind == MANAGER else part.kind
 
 
+def sign(part: Part) -> tuple[str, str]:
+    """What stands before a part in the status line, and the name of its colour."""
+    if part.is_up:
+        return "●", "success"
+    return ("✕", "failure") if part.since else ("○", "idle")
+
+
 def sentence(part: Part) -> str:
     """How a part is, in one sentence."""
+    if not part.is_up and not part.since:
+        return f"{_never(part.kind)} {part.text}".rstrip()
     name = f"The {part.kind} {part.name}" if part.kind in (MASTER, MANAGER) else f"The {part.kind}"
     since = clock(part.since)
     if part.is_up:

@@ -22,7 +22,7 @@ class Part:
 
     :param kind: one of those above.
     :param name: the node's name, or the master's address.
-    :param since: since when it is so (s since the epoch).
+    :param since: since when it is so (s since the epoch); 0.0: it was never there.
     :param text: for people, where there is more to say.
     """
 

@@ -6,7 +6,7 @@ from python_qt_binding.QtCore import Qt, QTimer
 from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QSizePolicy, QWidget
 
 from skiros2_gui.core.events import ConnectionChanged, ManagersChanged
-from skiros2_gui.core.health import sentence, short
+from skiros2_gui.core.health import sentence, short, sign
 from skiros2_gui.core.window import Window
 from skiros2_gui.qt.theme import tint
 
@@ -65,12 +65,13 @@ class StatusLine(QWidget):
             self.parts.append(label)
             self._signs.addWidget(label)
         for label, part in zip(self.parts, parts, strict=True):
-            label.setText(f"{'●' if part.is_up else '✕'} {short(part)}")
+            mark, colour = sign(part)
+            label.setText(f"{mark} {short(part)}")
             label.setToolTip(sentence(part))
             font = label.font()
-            font.setBold(not part.is_up)
+            font.setBold(colour == "failure")
             label.setFont(font)
-            tint(label, text="success" if part.is_up else "failure", dark=self._is_dark)
+            tint(label, text=colour, dark=self._is_dark)
 
     def _on_busy(self) -> None:
         if not self._window.jobs.busy_with:

@@ -26,7 +26,7 @@ class TaskManagerLink:
     def __init__(self, changed: Callable[[], None]) -> None:
         self.name = rospy.resolve_name(ACHIEVE_ACTION).rpartition("/")[0]
         self.is_up = False
-        self.since = time.time()
+        self.since = 0.0
         self._changed = changed
         self._heard_at = -SILENCE
         self._client: TaskManagerInterface | None = None

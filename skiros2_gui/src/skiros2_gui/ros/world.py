@@ -78,7 +78,7 @@ class WorldLink:
     def __init__(self, author: str, told: Callable[[WorldChanged], None], changed: Callable[[], None]) -> None:
         self.world: WindowWorld | None = None
         self.is_up = False
-        self.since = time.time()
+        self.since = 0.0
         self.why = ""
         self.name = rospy.resolve_name(SERVER)
         self._author = author

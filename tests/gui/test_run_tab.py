@@ -7,17 +7,22 @@ from collections.abc import Iterator
 
 import pytest
 from pytestqt.qtbot import QtBot
-from python_qt_binding.QtCore import QPointF, Qt
+from python_qt_binding.QtCore import QPointF, Qt, QTimer, QUrl
 from python_qt_binding.QtGui import QPalette
-from python_qt_binding.QtWidgets import QAction, QListWidget, QSlider
+from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLineEdit, QListWidget, QSlider
 
-from skiros2_gui.core.events import Progressed, TaskStarted
+from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import ElementSelected, Progressed, TaskStarted
 from skiros2_gui.core.window import Window
 from skiros2_gui.qt.run_tab import RunTab
 from skiros2_gui.testing.at_once import make_window
-from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.local_system import LocalManager, LocalSystem
+from skiros2_skill.command_line.assignments import Step
 from support.progress import FAILURE, RUNNING, SUCCESS, Told, pick_and_place, random_tree
 from support.recorded_run import ROOT
+from unit.skiros2_skill.skills import describe
 
 
 @pytest.fixture
@@ -253,3 +258,77 @@ def test_zooming_keeps_to_what_can_be_seen(tab: RunTab, window: Window, qtbot: Q
 def test_it_has_room_on_a_small_screen(tab: RunTab) -> None:
     assert tab.minimumSizeHint().width() < 700
     assert tab.minimumSizeHint().height() < 500
+
+
+class Waiting(PrimitiveBase):
+    """Runs until it is ended from outside."""
+
+    def createDescription(self) -> None:
+        wait = describe("Wait", [("Place", Element("skiros:Container"), ParamTypes.Inferred)])
+        self.setDescription(wait(), "waiting")
+
+    def execute(self) -> object:
+        return self.step("waiting")
+
+
+@pytest.fixture
+def waiting(tab: RunTab, window: Window, qtbot: QtBot) -> Iterator[LocalManager]:
+    """A robot that runs a skill, which is selected."""
+    box = Element("skiros:Container", "box")
+    box.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    window.system.world.add_element(box)
+    robot = window.system.add_manager("/robot", [Waiting])
+    news = QTimer()
+    news.timeout.connect(window.take_news)
+    news.start(10)
+    robot.command("start", -1, [Step("skiros:Wait", "waiting")])
+    qtbot.waitUntil(lambda: tab.presenter.frame is not None and bool(tab.presenter.running()))
+    tab.presenter.select(1)
+    drawn(tab, qtbot)
+    yield robot
+    news.stop()
+
+
+def button(tab: RunTab, name: str) -> QAbstractButton:
+    return tab.findChild(QAbstractButton, name)
+
+
+def test_a_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
+    qtbot.mouseClick(button(tab, "pauseTask"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Go on")
+    code = tab.presenter.frame.code(1)
+    qtbot.mouseClick(button(tab, "stepTask"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: tab.presenter.frame.code(1) == code + 1)
+    tab.toggle()
+    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Pause")
+    qtbot.mouseClick(button(tab, "stopTask"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: not button(tab, "stopTask").isEnabled())
+    assert tab.presenter.run.now.has_ended
+
+
+def test_an_element_in_the_details_is_selected_in_the_other_tabs_by_a_click(
+    tab: RunTab, waiting: LocalManager, window: Window, qtbot: QtBot
+) -> None:
+    chosen: list[str] = []
+    window.subscribe(ElementSelected, lambda event: chosen.append(event.eid))
+    qtbot.waitUntil(lambda: "box" in tab._details.toPlainText())
+    tab._details.anchorClicked.emit(QUrl("#skirOS:Container-1"))
+    assert chosen == ["skirOS:Container-1"]
+    assert "href=\"#skiros:Container-" in tab._details.toHtml()
+
+
+def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
+    panel = tab._breakpoints
+    tab._beside.setCurrentWidget(panel)
+    pattern, listed = panel.findChild(QLineEdit, "breakpointPattern"), panel.findChild(QListWidget, "breakpoints")
+    assert not button(tab, "breakpointAdd").isEnabled()
+    qtbot.keyClicks(pattern, "wait*")
+    qtbot.mouseClick(button(tab, "breakpointAdd"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: listed.count() == 1)
+    assert listed.item(0).text() == "before the start of node wait*"
+    assert pattern.text() == ""
+    assert waiting.breakpoint("list")[1][0]["pattern"] == "wait*"
+    listed.setCurrentRow(0)
+    qtbot.mouseClick(button(tab, "breakpointRemove"), Qt.LeftButton)
+    qtbot.waitUntil(lambda: listed.count() == 0)
+    assert waiting.breakpoint("list")[1] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -180,11 +181,23 @@ def test_when_a_robot_goes_its_tasks_are_lost_and_can_still_be_looked_at(window,
     robot._told = lambda event: None  # it is killed
     window.system.remove_manager("/robot")
     window.take_news()
-    assert state_text(run) == ("?", "lost: its robot has gone")
+    assert state_text(run) == ("?", "lost: its end was not heard of")
     assert not presenter.is_live
     assert presenter.frame.state(1) == RUNNING
     presenter.forget_ended()
     assert presenter.run is None and presenter.frame is None
+
+
+def test_a_task_whose_end_was_not_heard_of_is_lost_and_one_that_is_paused_is_not(window, presenter, robot):
+    task = started(window, presenter, robot)
+    presenter.toggle()
+    until(window, lambda: presenter.is_paused)
+    window.tell(Progressed("/robot", pick_and_place(task_id=task + 1), time.time() - 100))
+    presenter.check(time.time())
+    presenter.check(time.time() + 100)
+    assert {run.task_id: run.is_lost for run in presenter.runs} == {task: False, task + 1: True}
+    window.tell(Progressed("/robot", pick_and_place(task_id=task + 1), time.time()))
+    assert not any(run.is_lost for run in presenter.runs)  # it has told of itself again
 
 
 def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_picked_it(window, presenter):

@@ -17,6 +17,9 @@ _UNSAID = ("?", "cannot be said")
 #: So many of the nodes that it is in are named.
 _MOST_ABOVE = 5
 
+#: Said of a skill without a label.
+CHOSEN_LATER = "chosen when it starts"
+
 #: When a condition is needed.
 STAGES = {PRE: "before the start", HOLD: "while it runs", POST: "at the end"}
 
@@ -61,6 +64,8 @@ def node_text(
             facts.append(("began", clock_text(began)))
     if shape.is_skill(place):
         facts.append(("skill", shape.type(place)))
+        if not shape.label(place):
+            facts.append(("implementation", CHOSEN_LATER))
     if shape.processor(place):
         facts.append(("children", processor_text(shape.processor(place))))
     if state != IDLE:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 import weakref
 from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
 
 from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
 from skiros2_gui.core.run_bag import RunBag, read_bag
@@ -20,6 +22,10 @@ from skiros2_gui.core.window import Window
 #: The commands for a task, and what one is doing who sends them.
 PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
 _DOING = {PAUSE: "pausing", RESUME: "going on with", STEP: "ticking", STOP: "stopping"}
+
+
+#: A task that has not ended tells of itself once a second; of one that has not for so long (s) the end may be lost.
+_SILENT = 3.0
 
 
 class Part(enum.Flag):
@@ -117,6 +123,26 @@ class RunPresenter:
         if self.bag is None and self.run is not None and self.run not in list(self._live):
             self._show(next(iter(self._live), None))
         self.on_change(Part.TASKS)
+
+    def check(self, now: float) -> None:
+        """Asks for the tasks of which nothing was heard for long: news of their end may have got lost.
+
+        :param now: s since the epoch.
+        """
+        silent = [r for r in self._live if not (r.now.has_ended or r.is_lost) and now - r.now.time > _SILENT]
+        for robot in {run.robot for run in silent} & self._window.system.managers.keys():
+            manager = self._window.system.managers[robot]
+            of_robot = [run for run in silent if run.robot == robot]
+            self._window.jobs.run(
+                manager.tasks, partial(self._take_alive, of_robot, now), lambda error: None, lane=robot
+            )
+
+    def _take_alive(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
+        alive = {nodes[0].id for nodes in tasks if nodes}
+        for run in silent:
+            if run.task_id not in alive and run.now.time < asked and not run.now.has_ended:
+                run.is_lost = True
+                self.on_change(Part.TASKS | Part.STATES)
 
     # -- bags ------------------------------------------------------------------------------------------------------
 
@@ -325,7 +351,7 @@ def state_text(run: TaskRun) -> tuple[str, str]:
         look = look_of(run.now.state(0))
         return look.symbol, look.word
     if run.is_lost:
-        return "?", "lost: its robot has gone"
+        return "?", "lost: its end was not heard of"
     if is_paused(run):
         return "‖", "paused"
     look = look_of(run.now.state(0))

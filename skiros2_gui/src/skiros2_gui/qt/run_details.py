@@ -30,7 +30,7 @@ class NodeDetails(QTextBrowser):
         self.setObjectName("nodeDetails")
         self.setAccessibleName("the selected node")
         self.setOpenLinks(False)
-        self.anchorClicked.connect(lambda link: self.element.emit(link.toString()))
+        self.anchorClicked.connect(lambda link: self.element.emit(link.fragment()))
         self._shown = ""
         self.show_node(None)
 
@@ -93,7 +93,7 @@ class NodeDetails(QTextBrowser):
         if found is None:
             return f"<b>{escape(value)}</b>"
         eid, label = found.group(1), value[found.end() :]
-        link = f"<a href='{escape(eid, quote=True)}' title='{escape(eid, quote=True)}'>{escape(label or eid)}</a>"
+        link = f"<a href='#{escape(eid, quote=True)}' title='{escape(eid, quote=True)}'>{escape(label or eid)}</a>"
         return f"{link} <span style='color:{self._faint()}'>{escape(eid) if label else ''}</span>"
 
     def _colour(self, look: Look) -> str:

@@ -67,7 +67,8 @@ class HistoryBar(QWidget):
             self._label.setText("")
             return
         moment = run.times[tick] if presenter.tick is not None else run.now.time
-        text = f"tick {run.dropped + tick + 1} of {run.dropped + count}, {clock_text(moment)}, "
+        live = "live: " if presenter.is_live else ""
+        text = f"{live}tick {run.dropped + tick + 1} of {run.dropped + count}, {clock_text(moment)}, "
         self._label.setText(text + duration_text(max(0.0, moment - run.start)))
         self._label.setToolTip(
             f"{run.dropped} older ticks were given up for want of room" if run.dropped else "since the task began"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,6 +34,9 @@ from skiros2_gui.qt.run_view import TreeView
 #: After news the tree is drawn so much later, and what stands beside it (ms): news come 25 times a second at most.
 _PERIOD, _SLOW_PERIOD = 15, 400
 
+#: How often it is looked whether tasks have gone silent (ms).
+_WATCH_PERIOD = 2000
+
 
 class RunTab(QWidget):
     """The tab; see `qt.tab.Tab`. What is told is drawn at most 25 times a second, and only while the tab is seen."""
@@ -56,6 +60,9 @@ class RunTab(QWidget):
         self._slow_stale = True
         self._timer = _timer(self, _PERIOD, self._draw)
         self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_beside)
+        self._watch = QTimer(self)
+        self._watch.timeout.connect(lambda: self.presenter.check(time.time()))
+        self._watch.start(_WATCH_PERIOD)
         self.presenter.on_change = self._on_change
         self._messages.chosen.connect(self._on_message)
         self._times.chosen.connect(lambda node: self._go_to_node(node))
@@ -93,6 +100,7 @@ class RunTab(QWidget):
     def close_tab(self) -> None:
         self._timer.stop()
         self._slow_timer.stop()
+        self._watch.stop()
         self.presenter.on_change = lambda part: None
 
     # -- drawing -----------------------------------------------------------------------------------------------------

@@ -100,7 +100,9 @@ class TaskPanel(QWidget):
     def _dress(self, item: QListWidgetItem, run: TaskRun) -> None:
         symbol, word = state_text(run)
         first = self._first_skill(run)
-        item.setText(f"{symbol} {first}\n     {word}, task {run.task_id} of {run.robot.lstrip('/')}")
+        robots = {other.robot for other in self._presenter.runs}
+        of = f"\n     {run.robot.lstrip('/')}" if len(robots) > 1 else ""
+        item.setText(f"{symbol} {first}\n     task {run.task_id}, {word}{of}")
         item.setData(Qt.UserRole, run)
         began = time.strftime("%H:%M:%S", time.localtime(run.start))
         said = run.now.message(0)

@@ -6,7 +6,7 @@ from python_qt_binding.QtCore import QEvent, QPoint, QPointF, Qt, Signal
 from python_qt_binding.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QWheelEvent
 from python_qt_binding.QtWidgets import QGraphicsScene, QGraphicsView, QMenu, QToolTip, QWidget
 
-from skiros2_gui.core.run_node import duration_text, processor_text
+from skiros2_gui.core.run_node import CHOSEN_LATER, duration_text, processor_text
 from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.states import look_of
@@ -184,7 +184,8 @@ class TreeView(QGraphicsView):
         if duration is not None:
             lines[0] += f", {duration_text(duration)}"
         if frame.shape.is_skill(place):
-            lines.append(frame.shape.type(place))
+            later = "" if frame.shape.label(place) else f"; the implementation is {CHOSEN_LATER}"
+            lines.append(f"{frame.shape.type(place)}{later}")
         if frame.shape.processor(place):
             lines.append(f"its children: {processor_text(frame.shape.processor(place))}")
         if message := frame.message(place):

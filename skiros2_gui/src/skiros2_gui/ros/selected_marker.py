@@ -35,10 +35,21 @@ OnProblem = Callable[[str, Exception], None]
 _instances = itertools.count(1)
 
 
+class _Server(InteractiveMarkerServer):  # type: ignore[misc]
+    """One that ends quietly with the node."""
+
+    def keepAlive(self, msg: Any) -> None:
+        try:
+            super().keepAlive(msg)
+        except rospy.ROSException:
+            if not rospy.core.is_shutdown_requested():
+                raise
+
+
 @functools.cache
 def _server() -> InteractiveMarkerServer:
     """One for the process, for as long as it lives: it cannot be closed."""
-    return InteractiveMarkerServer(TOPIC)
+    return _Server(TOPIC)
 
 
 class SelectedMarker:

@@ -35,7 +35,7 @@ _KEYS = """\
 Space\tstart or stop what is selected
 Arrows\tmove in lists and trees
 Ctrl+F\tfind
-Alt+1, 2, 3\tSkills, Running, World model
+Alt+1, 2, 3, 4\tSkills, Running, World model, 3D (where rviz is installed)
 Ctrl++, Ctrl+-, Ctrl+0\tlarger, smaller, usual text
 Ctrl+Q\tclose the window"""
 

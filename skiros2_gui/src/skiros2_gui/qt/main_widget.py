@@ -32,13 +32,14 @@ from skiros2_gui.qt.bridge import Bridge
 from skiros2_gui.qt.error_bar import ErrorBar
 from skiros2_gui.qt.mishaps import Mishaps
 from skiros2_gui.qt.run_tab import RunTab
+from skiros2_gui.qt.rviz_panel import RvizPanel, rviz_trouble
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.qt.status_line import StatusLine
 from skiros2_gui.qt.tab import Tab
 from skiros2_gui.qt.theme import is_dark, tint
 from skiros2_gui.qt.world_tab import WorldTab
 
-#: The tabs, in their order.
+#: The tabs, in their order; after them rviz, where it can be drawn.
 TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
 
 #: Where the space bar has a meaning of its own.
@@ -62,7 +63,8 @@ class MainWidget(QWidget):
         self.shared.subscribe(ProblemHeard, lambda event: self.shared.problems.tell(event.what, event.text))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
-        self.pages = [_Page(made(self.shared), self.shared) for made in TABS]
+        tabs = TABS if rviz_trouble() else (*TABS, RvizPanel)
+        self.pages = [_Page(made(self.shared), self.shared) for made in tabs]
         for page in self.pages:
             self.tabs.addTab(page, page.tab.title)
         self.error_bar = ErrorBar(self.shared.problems)
@@ -78,6 +80,7 @@ class MainWidget(QWidget):
             (QKeySequence("Alt+1"), lambda: self.tabs.setCurrentIndex(0)),
             (QKeySequence("Alt+2"), lambda: self.tabs.setCurrentIndex(1)),
             (QKeySequence("Alt+3"), lambda: self.tabs.setCurrentIndex(2)),
+            (QKeySequence("Alt+4"), lambda: self.tabs.setCurrentIndex(3)),
         ):
             QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
         QApplication.instance().installEventFilter(self)

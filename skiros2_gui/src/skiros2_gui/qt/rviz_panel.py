@@ -25,7 +25,7 @@ CONFIGURATION = "launch/skiros.rviz"
 _left_over: list[Any] = []
 
 
-def why_not() -> str:
+def rviz_trouble() -> str:
     """Why rviz cannot be a part of the window here, in words; "" where it can."""
     if find_spec("rviz") is None:
         return "rviz's Python bindings are not installed (Debian: python3-rviz)"
@@ -117,7 +117,7 @@ class RvizPanel(QWidget):
         master = part_of(self._window.system, MASTER)
         if master is not None and not master.is_up:
             return "rviz needs the ROS master"
-        return why_not()
+        return rviz_trouble()
 
     def _show_state(self) -> None:
         if self._frame is None:

@@ -1,0 +1,62 @@
+"""The tab of rviz: where it can be drawn it may be opened, elsewhere it says why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from pytestqt.qtbot import QtBot
+from python_qt_binding.QtWidgets import QPushButton
+
+from skiros2_gui.core.events import ConnectionChanged
+from skiros2_gui.core.system import MASTER, Part
+from skiros2_gui.core.window import Window
+from skiros2_gui.qt import rviz_panel
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.rviz_panel import RvizPanel, rviz_trouble
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+
+
+class WithMaster(LocalSystem):
+    """A system with a master, which is up or not."""
+
+    master_is_up = True
+
+    @property
+    def parts(self) -> list[Part]:
+        return [Part(MASTER, "http://localhost:11311", self.master_is_up, 0.0), *super().parts]
+
+
+@pytest.fixture
+def window() -> Iterator[Window]:
+    made = make_window(WithMaster)
+    yield made
+    made.system.close()
+
+
+def button(panel: RvizPanel) -> QPushButton:
+    return panel.findChild(QPushButton, "rvizOpen")
+
+
+def test_where_it_cannot_be_drawn_the_window_has_no_such_tab(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rviz_panel, "find_spec", lambda _: None)
+    assert "python3-rviz" in rviz_trouble()
+    monkeypatch.undo()
+    assert "X11" in rviz_trouble(), "this is drawn nowhere"
+    main = MainWidget(LocalSystem)
+    qtbot.addWidget(main, before_close_func=MainWidget.shut_down)
+    assert "3D" not in [main.tabs.tabText(i) for i in range(main.tabs.count())]
+
+
+def test_it_waits_for_the_master(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rviz_panel, "rviz_trouble", lambda: "")
+    window.system.master_is_up = False
+    panel = RvizPanel(window)
+    qtbot.addWidget(panel)
+    assert not button(panel).isEnabled() and "ROS master" in button(panel).toolTip()
+    panel.open()
+    assert not panel.is_open
+    window.system.master_is_up = True
+    window.tell(ConnectionChanged())
+    assert button(panel).isEnabled()

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QComboBox, QLineEdit, QPlainTextEdit, QPushButton, QTreeWidget, QWidget
+from python_qt_binding.QtWidgets import QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QTreeWidget, QWidget
 
+from skiros2_gui.core.goal_course import Course
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.testing.local_system import LocalSystem
@@ -137,3 +140,41 @@ def test_settings_come_back_and_nonsense_does_no_harm(tab: SkillsTab) -> None:
     tab.restore({"uses": [], "across": 3, "down": "ä", "more": None})
     tab.restore(kept)
     assert tab.skills.rows[0].skills[0].offer.key == NOTE
+
+
+# -- the goal line -------------------------------------------------------------------------------------------------
+
+
+def test_words_are_completed_and_a_mistake_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
+    line = _child(tab, QLineEdit, "goalLine")
+    tab.goals.look()
+    qtbot.waitUntil(lambda: bool(tab.goals.suggestions(0).words) and bool(tab.goals._vocabulary.elements))
+    line.setFocus()
+    qtbot.keyClicks(line, "(skiros:contain empty")
+    popup = line._completer.popup()
+    qtbot.waitUntil(popup.isVisible)
+    qtbot.keyClick(popup, Qt.Key_Return)
+    assert line.text() == "(skiros:contain skiros:LargeBox-2 "
+    line.setText("(skiros:contain box blot)")
+    mistake = _child(tab, QLabel, "goalMistake")
+    qtbot.waitUntil(lambda: mistake.text() == "⚠ column 21: unknown element 'blot'; did you mean bolt?")
+    assert not _child(tab, QPushButton, "planButton").isEnabled()
+
+
+def test_how_a_goal_goes_on_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
+    step = {"number": 1, "skill": "skiros:Drive", "label": "drive", "robot": "/a", "start": 0.0, "end": 2.0}
+    states = '[{"number": 1, "state": "running"}]'
+    course = Course("(a b)").after_feedback(
+        SimpleNamespace(phase="running", message="", plan=json.dumps([step]), steps=states)
+    )
+    tab.goals.course = course
+    tab.goals.on_goal()
+    steps = _child(tab, QTreeWidget, "planView")
+    assert [steps.topLevelItem(0).text(i) for i in (0, 1, 5)] == ["1", "▶ running", "drive"]
+    done = json.dumps([{**step, "state": "failed", "message": "no way"}])
+    tab.goals.course = course.after_result(
+        SimpleNamespace(state="failed", message="given up", done=done, explanations="[]")
+    )
+    tab.goals.on_goal()
+    assert _child(tab, QLabel, "planHead").text() == "✕ given up"
+    assert "1. drive: no way" in _child(tab, QPlainTextEdit, "planWhy").toPlainText()

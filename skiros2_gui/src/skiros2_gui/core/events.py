@@ -81,4 +81,24 @@ class ProblemHeard:
     text: str
 
 
-Event = WorldChanged | Progressed | ManagersChanged | ConnectionChanged | ElementSelected | TaskStarted | ProblemHeard
+@dataclass(frozen=True, eq=False)
+class AchieveTold:
+    """The task manager has told how a goal of this window goes on.
+
+    :param feedback: an `AchieveFeedback`.
+    """
+
+    goal: str
+    feedback: Any
+
+
+Event = (
+    WorldChanged
+    | Progressed
+    | ManagersChanged
+    | ConnectionChanged
+    | ElementSelected
+    | TaskStarted
+    | ProblemHeard
+    | AchieveTold
+)

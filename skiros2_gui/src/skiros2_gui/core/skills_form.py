@@ -6,8 +6,8 @@ from typing import Any
 
 from skiros2_gui.core.skills_catalogue import Offer
 from skiros2_gui.core.skills_fields import Field
-from skiros2_gui.core.skills_trial import ROBOT_KEY
 from skiros2_skill.command_line.assignments import Step
+from skiros2_task.core.actions import ROBOT_KEY
 
 #: In which order parameters are shown.
 _ORDER = ("required", "optional", "inferred")

@@ -19,11 +19,9 @@ from skiros2_skill.command_line.description import KINDS, Parameter, Skill
 from skiros2_skill.core.emptiness import candidates_of, told
 from skiros2_skill.core.failures import PRE_FAILED
 from skiros2_skill.core.inference import infer, inferable
+from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import as_condition
 from skiros2_task.core.skill_model import MANAGER_PROPERTY, SkillCondition, read_skill
-
-#: The parameter that holds the robot itself.
-ROBOT_KEY = "Robot"
 
 _KINDS = dict(zip(KINDS, (ParamTypes.Required, ParamTypes.Optional, ParamTypes.Inferred), strict=True))
 _TYPES: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool, "list": list, "dict": dict}

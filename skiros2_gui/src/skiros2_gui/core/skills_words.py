@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from skiros2_common.core.explanation import Explanation
 from skiros2_gui.core.skills_presenter import SkillsPresenter
-from skiros2_gui.core.skills_trial import ROBOT_KEY, Trial
+from skiros2_gui.core.skills_trial import Trial
+from skiros2_task.core.actions import ROBOT_KEY
 
 READY, REFUSED, WAITING = "ready", "refused", "waiting"
 

@@ -49,6 +49,10 @@ class Window:
                 log.exception("%s could not be shown", type(event).__name__)
                 self.problems.tell("showing what is new", error)
 
+    def post(self, event: Event) -> None:
+        """Has an event told soon. Any thread."""
+        self._inbox.put(event)
+
     def take_news(self, budget: float = math.inf) -> bool:
         """Tells what has come in. Called 25 times a second at most.
 

@@ -21,8 +21,10 @@ from skiros2_gui.core.skills_fields import Field, Way
 from skiros2_gui.core.skills_presenter import SkillsPresenter
 from skiros2_gui.core.skills_words import READY, REFUSED, verdict
 from skiros2_gui.qt.skills_editors import FieldEditor, editor_of
+from skiros2_gui.qt.state_colours import colour_words
 
 _SIGNS = {READY: "✓", REFUSED: "✕"}
+_SIGNALS = {READY: "success", REFUSED: "failure"}
 
 
 class SkillForm(QWidget):
@@ -130,6 +132,7 @@ class SkillForm(QWidget):
         skills = self._skills
         said = verdict(skills)
         self.sign.setText(_SIGNS.get(said.mood, "…"))
+        colour_words(self.sign, _SIGNALS.get(said.mood, ""))
         self.why_not.setText(said.text)
         self.why_not.setToolTip("\n".join(said.details))
         self.more.setVisible(bool(said.details))
@@ -147,6 +150,7 @@ class SkillForm(QWidget):
             error = self._errors[key]
             # What is missing is not told of a field that nobody has touched; the verdict names it.
             error.setText(f"⚠ {field.error}")
+            colour_words(error, "failure")
             error.setVisible(bool(field.error) and bool(field.text))
             if trial is not None and field.declared.is_element:
                 found = trial.values.get(key) if field.way is Way.INFER else None

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from python_qt_binding.QtCore import QByteArray, Qt, QTimer
-from python_qt_binding.QtWidgets import QSplitter, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QSplitter, QTabWidget, QVBoxLayout, QWidget
 
+from skiros2_gui.core.goal_presenter import GoalPresenter
 from skiros2_gui.core.skills_presenter import SkillsPresenter
 from skiros2_gui.core.system import MANAGER
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.goal_panel import GoalBar, GoalView
 from skiros2_gui.qt.skills_form import SkillForm
 from skiros2_gui.qt.skills_tasks import TaskList
 from skiros2_gui.qt.skills_tree import SkillTree
@@ -36,9 +38,17 @@ class SkillsTab(QWidget):
         self.across.addWidget(self.form)
         self.across.setStretchFactor(0, 2)
         self.across.setStretchFactor(1, 3)
+        self.goals = GoalPresenter(window)
+        self.goal_bar = GoalBar(self.goals)
+        self.goal_view = GoalView(self.goals)
+        self.goals.on_goal = self._show_goal
+        self.below = QTabWidget()
+        self.below.setDocumentMode(True)
+        self.below.addTab(self.tasks, "Tasks")
+        self.below.addTab(self.goal_view, "Plan")
         self.down = QSplitter(Qt.Vertical)
         self.down.addWidget(self.across)
-        self.down.addWidget(self.tasks)
+        self.down.addWidget(self._with_goal_bar(self.below))
         self.down.setStretchFactor(0, 3)
         self.down.setStretchFactor(1, 2)
         for splitter in (self.across, self.down):
@@ -46,20 +56,39 @@ class SkillsTab(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self.down)
+        self._was_busy = False
+        self._show_goal()
         self._looking = QTimer(self)
         self._looking.setInterval(_LOOK)
         self._looking.timeout.connect(self._look)
         self._looking.start()
 
+    def _with_goal_bar(self, below: QWidget) -> QWidget:
+        holder = QWidget()
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 4, 0, 0)
+        column.addWidget(self.goal_bar)
+        column.addWidget(below, 1)
+        return holder
+
+    def _show_goal(self) -> None:
+        was_busy, self._was_busy = self._was_busy, self.goals.is_busy
+        self.goal_bar.show_goal()
+        self.goal_view.show_goal()
+        if self._was_busy and not was_busy:
+            self.below.setCurrentWidget(self.goal_view)
+
     def settings(self) -> dict[str, Any]:
         return {
             **self.skills.settings(),
+            **self.goals.settings(),
             "across": _text(self.across.saveState()),
             "down": _text(self.down.saveState()),
         }
 
     def restore(self, settings: Mapping[str, Any]) -> None:
         self.skills.restore(settings)
+        self.goals.restore(settings)
         for splitter, name in ((self.across, "across"), (self.down, "down")):
             state = settings.get(name)
             if isinstance(state, str):
@@ -77,11 +106,14 @@ class SkillsTab(QWidget):
 
     def close_tab(self) -> None:
         self._looking.stop()
+        self.goals.close()
         self.tasks.close_timers()
 
     def _look(self) -> None:
         if self.isVisible():
             self.skills.look()
+            if self.goal_bar.line.hasFocus():
+                self.goals.look()
 
 
 def _text(state: QByteArray) -> str:

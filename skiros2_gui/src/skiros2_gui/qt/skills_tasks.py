@@ -9,7 +9,6 @@ from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QPlainTextEdit,
     QPushButton,
     QTreeWidget,
@@ -20,6 +19,7 @@ from python_qt_binding.QtWidgets import (
 
 from skiros2_gui.core.skills_running import SkillsRunning
 from skiros2_gui.core.skills_tasks import Key, TaskRow
+from skiros2_gui.qt.state_colours import colour_state
 
 _KEY = Qt.UserRole
 _HEADS = ("Robot", "Task", "Skill", "State", "Time", "What it says")
@@ -56,7 +56,7 @@ class TaskList(QWidget):
         self.why.setMaximumHeight(self.fontMetrics().lineSpacing() * 8)
         self.why.hide()
         column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
+        column.setContentsMargins(0, 4, 0, 0)
         column.addLayout(self._buttons())
         column.addWidget(self.list, 1)
         column.addWidget(self.why)
@@ -83,11 +83,7 @@ class TaskList(QWidget):
             return made
 
         row = QHBoxLayout()
-        heading = QLabel("Tasks")
-        font = heading.font()
-        font.setBold(True)
-        heading.setFont(font)
-        row.addWidget(heading, 1)
+        row.addStretch(1)
         self.pause = button("❚❚ Pause", "pauseButton", "Holds the selected task: nothing of it is ticked any more")
         self.step = button("Step", "stepButton", "Ticks the selected task, which is paused, once")
         self.stop = button("■ Stop", "stopButton", "Ends the selected task  (space or Del in the list)")
@@ -179,6 +175,7 @@ class TaskList(QWidget):
             if item.text(column) != text:
                 item.setText(column, text)
                 item.setToolTip(column, text)
+        colour_state(item, 3, row.state, self.list)
 
     def _show_times(self) -> None:
         for row in self._running.rows:

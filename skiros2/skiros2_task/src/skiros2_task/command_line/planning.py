@@ -18,6 +18,7 @@ from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.plan_table import plan_head, plan_rows
 from skiros2_task.core.planner import Limits
 from skiros2_task.core.portfolio import Wish, planner_named
 from skiros2_task.core.preview import preview as try_out
@@ -33,6 +34,8 @@ _DURATIONS = "durations.json"
 
 #: How long to look for a plan (s), and for the best one.
 _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
+
+_HEADS = ("step", "start", "end", "robot", "skill", "after step", "parameters")
 
 
 def plan(arguments: argparse.Namespace, screen: Screen) -> Answer:
@@ -120,37 +123,19 @@ def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
 
 def _shown(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:
     """A plan in time, the steps in the order of their starts."""
-    before = schedule.order.predecessors()
-    rows = []
-    for step in sorted(schedule.steps, key=lambda s: (s.start, s.step)):
-        call = calls[step.step]
-        after = ", ".join(str(i + 1) for i in before[step.step])
-        rows.append(
-            (
-                str(step.step + 1),
-                f"{step.start:.1f}",
-                f"{step.end:.1f}",
-                call.manager,
-                _name(call),
-                after,
-                _arguments(call),
-            )
+    rows = [
+        (
+            str(row.number),
+            f"{row.start:.1f}",
+            f"{row.end:.1f}",
+            row.robot,
+            row.skill,
+            ", ".join(map(str, row.after)),
+            row.parameters,
         )
-    robots = len({call.manager for call in calls})
-    head = f"{len(calls)} step{'s' * (len(calls) > 1)} of {robots} robot{'s' * (robots > 1)}, {schedule.makespan:.1f} s"
-    return [head, "", *table(screen, rows, ("step", "start", "end", "robot", "skill", "after step", "parameters"))]
-
-
-def _name(call: SkillCall) -> str:
-    return call.label or call.type
-
-
-def _arguments(call: SkillCall) -> str:
-    return ", ".join(f"{key}={_element(e)}" for key, e in call.arguments if key != "Robot")
-
-
-def _element(element: Element) -> str:
-    return f'"{element.label}"' if element.label else element.id
+        for row in plan_rows(schedule, calls)
+    ]
+    return [plan_head(schedule, calls), "", *table(screen, rows, _HEADS)]
 
 
 def _as_json(result: PlanningResult) -> dict[str, Any]:

@@ -26,7 +26,17 @@ _MAX_DEPTH = 100
 
 
 class GoalError(WrongValue):
-    """A goal that cannot be read. The text names the line, the column, what was found and what was expected."""
+    """A goal that cannot be read. The text names the line, the column, what was found and what was expected.
+
+    :param line, column: the place, from 1.
+    :param reason: the text without the place.
+    """
+
+    def __init__(self, text: str, line: int = 1, column: int = 1, reason: str = "") -> None:
+        super().__init__(text)
+        self.line = line
+        self.column = column
+        self.reason = reason or text
 
 
 @dataclass(frozen=True)
@@ -94,7 +104,8 @@ def goal_error(text: str, at: Name, message: str) -> GoalError:
     shown = text.split("\n")[at.line - 1].rstrip()
     # A tab is as wide above the mark as before it.
     indent = "".join("\t" if char == "\t" else " " for char in shown[: at.column - 1]).ljust(at.column - 1)
-    return GoalError(f"goal, line {at.line}, column {at.column}: {message}\n  {shown}\n  {indent}^")
+    told = f"goal, line {at.line}, column {at.column}: {message}\n  {shown}\n  {indent}^"
+    return GoalError(told, at.line, at.column, message)
 
 
 def parse_goals(text: str) -> tuple[ParsedGoal, ...]:

@@ -1,0 +1,129 @@
+"""How a goal that the robots work at goes on: its plan with the state of each step."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from skiros2_common.core.explanation import Explanation
+
+#: States of a result that are no failure.
+_REACHED = {"succeeded": "The goal is reached.", "nothing_to_do": "The goal holds already."}
+
+
+@dataclass(frozen=True)
+class CourseRow:
+    """A step.
+
+    :param state: `waiting`, `running`, `succeeded`, `failed`, `stopped` or `dropped`.
+    """
+
+    number: int
+    start: float
+    end: float
+    robot: str
+    skill: str
+    after: tuple[int, ...]
+    parameters: str
+    state: str = "waiting"
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Course:
+    """
+    :param phase: `planning`, `running`, `stopping`, or `ended`.
+    :param text: what has just happened, in words.
+    :param rows: the steps of all plans so far, in their order.
+    :param why: why it was not reached, in lines.
+    :param reached: at the end, whether the goal holds.
+    """
+
+    goal: str
+    phase: str = "planning"
+    text: str = "Asking the task manager…"
+    rows: tuple[CourseRow, ...] = ()
+    why: tuple[str, ...] = ()
+    reached: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        return self.phase == "ended"
+
+    def after_feedback(self, feedback: Any) -> Course:
+        """The course after an `AchieveFeedback`.
+
+        :raises ValueError: it is not as it has to be.
+        """
+        if self.is_over:
+            return self  # overtaken by the result
+        rows = _with_states(_with_plan(self.rows, _read(feedback.plan)), _read(feedback.steps))
+        return replace(self, phase=feedback.phase, text=feedback.message or feedback.phase, rows=rows)
+
+    def after_result(self, result: Any) -> Course:
+        """The course at its end, from an `AchieveResult`.
+
+        :raises ValueError: it is not as it has to be.
+        """
+        done = _read(result.done)
+        rows = _with_states(_with_plan(self.rows, done), done)
+        text = _REACHED.get(result.state) or result.message or result.state
+        whys = _read(result.explanations)
+        try:
+            lines = tuple(Explanation.from_dict(whys[-1]).lines()) if whys else ()
+        except (TypeError, LookupError) as error:
+            raise ValueError(f"the explanation cannot be read: {error}") from None
+        head, _, rest = text.partition("\n")
+        return replace(
+            self,
+            phase="ended",
+            text=head,
+            rows=rows,
+            why=(*rest.splitlines(), *lines),
+            reached=result.state in _REACHED,
+        )
+
+    def after_error(self, text: str) -> Course:
+        """The course when it cannot be followed any more."""
+        return replace(self, phase="ended", text=text)
+
+
+def _read(text: str) -> list[dict[str, Any]]:
+    data = json.loads(text or "[]")
+    if not isinstance(data, list) or not all(isinstance(item, dict) for item in data):
+        raise ValueError(f"expected a list of objects, got {text[:80]!r}")
+    return data
+
+
+def _with_plan(rows: Iterable[CourseRow], plan: Iterable[dict[str, Any]]) -> tuple[CourseRow, ...]:
+    """The rows, and those of a plan that are new."""
+    known = {row.number: row for row in rows}
+    for step in plan:
+        try:
+            arguments = {k: v for k, v in step.get("arguments", {}).items() if k != "Robot"}
+            row = CourseRow(
+                int(step["number"]),
+                float(step["start"]),
+                float(step["end"]),
+                str(step["robot"]),
+                str(step.get("label") or step.get("skill", "")),
+                tuple(int(n) for n in step.get("after", ())),
+                ", ".join(f"{k}={v}" for k, v in arguments.items()),
+            )
+        except (TypeError, AttributeError, LookupError) as error:
+            raise ValueError(f"a step cannot be read: {error!r}") from None
+        old = known.get(row.number)
+        known[row.number] = replace(row, state=old.state, message=old.message) if old is not None else row
+    return tuple(sorted(known.values(), key=lambda row: row.number))
+
+
+def _with_states(rows: Iterable[CourseRow], steps: Iterable[dict[str, Any]]) -> tuple[CourseRow, ...]:
+    states = {step.get("number"): step for step in steps}
+    return tuple(
+        replace(row, state=str(new.get("state", row.state)), message=str(new.get("message", "")))
+        if (new := states.get(row.number)) is not None
+        else row
+        for row in rows
+    )

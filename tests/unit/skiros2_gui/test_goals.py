@@ -1,0 +1,235 @@
+"""The goal line without widgets: completion, mistakes, plans, and goals that the robots work at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skiros2_gui.core.events import AchieveTold
+from skiros2_gui.core.goal_course import Course
+from skiros2_gui.core.goal_plan import GoalPlanner, syntax_mistake
+from skiros2_gui.core.goal_presenter import GoalPresenter
+from skiros2_gui.core.window import Window
+from skiros2_gui.testing.at_once import AtOnce, make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from support.planning_world import DRIVE, PlanningWorld
+
+
+@dataclass
+class Feedback:
+    phase: str = "running"
+    message: str = ""
+    plan: str = ""
+    steps: str = ""
+
+
+@dataclass
+class Result:
+    state: str = "succeeded"
+    message: str = ""
+    done: str = ""
+    explanations: str = ""
+
+
+def _step(number: int, **more: Any) -> dict[str, Any]:
+    planned = {"number": number, "skill": "skiros:Drive", "label": "drive", "robot": "/alpha", "start": 0.0, "end": 2.0}
+    return {**planned, "after": [], "arguments": {"To": "skiros:Location-3", "Robot": "cora:Robot-1"}, **more}
+
+
+class TaskManager:
+    """Carries a goal out as it is told to."""
+
+    def __init__(self) -> None:
+        self.feedback: list[Any] = []
+        self.result: Any = Result()
+        self.cancelled = 0
+
+    def achieve(self, goals: str, told: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+        for feedback in self.feedback:
+            told(feedback)
+        if isinstance(self.result, Exception):
+            raise self.result
+        return self.result
+
+    def cancel(self) -> None:
+        self.cancelled += 1
+
+
+@dataclass
+class Lab:
+    window: Window
+    goals: GoalPresenter
+    tasks: TaskManager
+    ids: dict[str, str]
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    world = PlanningWorld()
+    robot = world.robot("alpha", DRIVE)
+    ids = {name: world.thing("skiros:Location", name) for name in ("dock", "bench 1", "shelf")}
+    world.relate(robot, "skiros:at", ids["dock"])
+    window = make_window(lambda inbox: LocalSystem(inbox, world.wm))
+    system: Any = window.system
+    system.planner = tasks = TaskManager()
+    planner = GoalPlanner(tmp_path)
+    goals = GoalPresenter(window, planner)
+    goals.look()
+    yield Lab(window, goals, tasks, {"alpha": robot, **ids})
+    planner.close()
+
+
+def _suggested(lab: Lab, text: str) -> list[str]:
+    lab.goals.write(text)
+    return [word.text for word in lab.goals.suggestions(len(text)).words]
+
+
+# -- completion ----------------------------------------------------------------------------------------------------
+
+
+def test_what_skills_bring_about_is_suggested_first(lab: Lab) -> None:
+    assert _suggested(lab, "(")[0] == "skiros:at"
+    assert _suggested(lab, "(not (")[0] == "skiros:at"
+
+
+def test_words_are_found_by_their_end_and_in_any_case(lab: Lab) -> None:
+    assert "skiros:contain" in _suggested(lab, "(CONT")
+    assert lab.goals.suggestions(5).start == 1
+
+
+def test_elements_are_found_by_label_and_written_as_ids(lab: Lab) -> None:
+    assert _suggested(lab, "(skiros:at alpha ben") == [lab.ids["bench 1"]]
+    assert lab.goals.suggestions(20).words[0].shown == "bench 1"
+
+
+def test_quantifiers_ask_for_variables_classes_and_know_them(lab: Lab) -> None:
+    assert _suggested(lab, "(forall (") == ["?x"]
+    assert _suggested(lab, "(forall (?x ") == ["-"]
+    assert "skiros:Location" in _suggested(lab, "(forall (?x - Loc")
+    assert _suggested(lab, "(forall (?x - skiros:Location) (skiros:at ")[0] == "?x"
+
+
+def test_nothing_is_suggested_for_nonsense(lab: Lab) -> None:
+    assert _suggested(lab, "(skiros:at zzzzzz") == []
+    assert _suggested(lab, ")))") == ["("]
+    assert lab.goals.suggestions(9_999).words
+
+
+# -- mistakes ------------------------------------------------------------------------------------------------------
+
+
+def test_a_mistake_is_told_with_its_place(lab: Lab) -> None:
+    lab.goals.write("(skiros:at alpha\n  (x))")
+    mistake = lab.goals.mistake
+    assert mistake is not None
+    assert (mistake.line, mistake.column) == (2, 3)
+    assert lab.goals.text[mistake.position(lab.goals.text) :] == "(x))"
+    assert not lab.goals.can_plan
+
+
+def test_a_name_that_nobody_knows_is_a_mistake(lab: Lab) -> None:
+    lab.goals.write("(skiros:at alpha shlef)")
+    assert lab.goals.mistake is not None
+    assert "shelf" in lab.goals.mistake.reason
+    lab.goals.write("(skiros:at alpha shelf)")
+    assert lab.goals.mistake is None
+    assert lab.goals.can_achieve
+
+
+def test_an_empty_goal_is_no_mistake(lab: Lab) -> None:
+    lab.goals.write("(")
+    lab.goals.write(" ")
+    assert (lab.goals.mistake, lab.goals.can_plan) == (None, False)
+    assert syntax_mistake("(a b)") is None
+
+
+# -- planning ------------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
+    lab.goals.write(f"(skiros:at alpha {lab.ids['shelf']})")
+    lab.goals.make_plan()
+    plan = lab.goals.plan
+    assert plan is not None
+    assert (plan.verdict, plan.works, [row.skill for row in plan.rows]) == ("planned", True, ["drive"])
+    assert any("+ " in line and "skiros:at" in line for line in plan.changes)
+    assert "makes" in plan.why[1]
+    assert lab.goals.remembered == [lab.goals.text]
+    lab.goals.write("(skiros:at alpha dock)")
+    lab.goals.make_plan()
+    assert lab.goals.plan is not None
+    assert (lab.goals.plan.verdict, lab.goals.plan.head) == ("nothing to do", "the goal holds already")
+    lab.goals.write("(skiros:contain dock shelf)")
+    lab.goals.make_plan()
+    assert lab.goals.plan is not None
+    assert lab.goals.plan.verdict == "impossible"
+    assert lab.goals.plan.rows == ()
+
+
+# -- achieving -----------------------------------------------------------------------------------------------------
+
+
+def test_a_goal_is_followed_to_its_end(lab: Lab) -> None:
+    plan = json.dumps([_step(1), _step(2, after=[1])])
+    states = [{"number": 1, "state": "succeeded", "message": ""}, {"number": 2, "state": "running", "message": "on"}]
+    lab.tasks.feedback = [Feedback("planning", "planning"), Feedback("running", "", plan, json.dumps(states))]
+    jobs: Any = lab.window.jobs
+    assert isinstance(jobs, AtOnce)
+    lab.goals.write("(skiros:at alpha shelf)")
+    jobs.held = True
+    lab.goals.achieve()
+    assert (lab.goals.is_busy, lab.goals.can_achieve) == (True, False)
+    course = lab.goals.course
+    assert course is not None
+    for feedback in lab.tasks.feedback:
+        lab.window.tell(AchieveTold(course.goal, feedback))
+    assert lab.goals.course is not None
+    assert [(row.skill, row.state, row.parameters) for row in lab.goals.course.rows] == [
+        ("drive", "succeeded", "To=skiros:Location-3"),
+        ("drive", "running", "To=skiros:Location-3"),
+    ]
+    lab.goals.cancel()
+    lab.tasks.result = Result(done=json.dumps([{**_step(1), **states[0]}, {**_step(2), "state": "succeeded"}]))
+    jobs.release()
+    lab.window.take_news()
+    course = lab.goals.course
+    assert (course.is_over, course.reached, course.text) == (True, True, "The goal is reached.")
+    assert [row.state for row in course.rows] == ["succeeded", "succeeded"]
+    assert (lab.tasks.cancelled, lab.goals.is_busy) == (1, False)
+
+
+def test_a_goal_that_is_not_reached_says_why(lab: Lab) -> None:
+    lab.tasks.result = Result("impossible", "there is no plan\n  (skiros:at a b) cannot be reached")
+    lab.goals.write("(skiros:at alpha shelf)")
+    lab.goals.achieve()
+    course = lab.goals.course
+    assert course is not None
+    assert (course.reached, course.text) == (False, "there is no plan")
+    assert course.why == ("  (skiros:at a b) cannot be reached",)
+
+
+@pytest.mark.parametrize("nonsense", [Feedback(plan="{"), Feedback(plan='[{"number": "x"}]'), Feedback(steps="[3]")])
+def test_feedback_that_cannot_be_read_is_said(lab: Lab, nonsense: Feedback) -> None:
+    lab.goals.course = Course("goal")
+    lab.window.tell(AchieveTold("goal", nonsense))
+    assert "cannot be read" in lab.window.problems.history[0].text
+
+
+def test_a_task_manager_that_goes_is_said(lab: Lab) -> None:
+    lab.tasks.result = TimeoutError("silent for 5 s")
+    lab.goals.write("(skiros:at alpha shelf)")
+    lab.goals.achieve()
+    assert lab.goals.course is not None
+    assert "silent for 5 s" in lab.goals.course.text
+    assert not lab.goals.is_busy
+    assert lab.window.problems.history
+
+
+def test_goals_are_remembered_and_nonsense_left_out(lab: Lab) -> None:
+    lab.goals.restore({"goal": "(skiros:at alpha dock)", "goals": [3, "", "(a b)"]})
+    assert lab.goals.settings() == {"goal": "(skiros:at alpha dock)", "goals": ["(a b)"]}

@@ -66,6 +66,8 @@ def test_a_skill_is_filled_in_started_and_stopped(tab: SkillsTab, qtbot: QtBot) 
     qtbot.mouseClick(pause, Qt.LeftButton)
     qtbot.waitUntil(lambda: pause.text().endswith("Resume"))
     _click(qtbot, tab, "stepButton")
+    robot = tab.window().system.managers["/robot"]
+    qtbot.waitUntil(lambda: [nodes[0].progress_message for nodes in robot.tasks()] == ["paused"])
     qtbot.mouseClick(pause, Qt.LeftButton)
     qtbot.waitUntil(lambda: pause.text().endswith("Pause"))
     _click(qtbot, tab, "stopButton")

@@ -258,6 +258,9 @@ def test_a_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     lab.skills.running.pause(row.key)
     lab.until("paused")
     lab.skills.running.step(row.key)
+    robot = lab.system.managers[ROBOT]
+    while robot.tasks()[0][0].progress_message != "paused":  # the tick takes its time
+        lab.heard.wait(1.0)
     lab.skills.running.go_on(row.key)
     lab.until("running")
     lab.skills.toggle()

@@ -128,6 +128,21 @@ def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk
     assert desk.tab.element.label_edit.text() == "skiros:moved"
 
 
+def test_a_label_that_was_written_follows_the_scene_again(desk: Desk) -> None:
+    box = desk.add("skiros:first")
+    desk.select(box)
+    label = desk.tab.element.label_edit
+    label.setFocus()
+    label.clear()
+    desk.qtbot.keyClicks(label, "skiros:mine")
+    desk.qtbot.keyClick(label, Qt.Key_Return)
+    desk.window.take_news()
+    assert desk.wm.get_element(box).label == "skiros:mine"
+    desk.tab.presenter.undo()
+    desk.window.take_news()
+    assert label.text() == "skiros:first"
+
+
 def test_adding_from_the_tree_of_classes(desk: Desk) -> None:
     box = desk.add()
     desk.select(box)

@@ -235,3 +235,21 @@ def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) 
     cell.window.tell(WorldChanged((), True, True))
     assert cell.tab.edits.undo_text == ""
     assert cell.tab.mirror is not None and len(cell.tab.mirror) == len(cell.content())
+
+
+def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:
+    box = cell.add()
+    cell.tab.select(box)
+    cell.change(lambda r: r.set_pose(box, (1.0, 2.0, 3.0), (0.0, 0.0, 90.0)))
+    cell.change(lambda r: r.set_angle(box, "Roll", "-30 °"))
+    details = cell.tab.details()
+    assert details is not None and details.pose is not None
+    assert details.pose.text == "At (1, 2, 3) m, turned by (-30°, 0°, 90°)"
+    assert [row.text for row in details.properties if row.key in ("Roll", "Pitch", "Yaw")] == ["-30", "0", "90"]
+    assert "expected a number (in °), got 'left'" in cell.change(lambda r: r.set_angle(box, "Yaw", "left"))
+    assert "six finite numbers" in cell.change(lambda r: r.set_angle(box, "Yaw", "inf"))
+    assert "goes with it" in cell.change(lambda r: r.remove_property(box, "Roll"))
+    cell.undo()
+    after = cell.tab.details()
+    assert after is not None and after.pose is not None
+    assert after.pose.angles == pytest.approx((0.0, 0.0, 90.0))

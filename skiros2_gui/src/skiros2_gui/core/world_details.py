@@ -16,12 +16,20 @@ from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.shown import shown_values
 
+#: Shown among the properties of what has an orientation, in the place of which people read and write them.
+ANGLES = ("Roll", "Pitch", "Yaw")
+_ANGLE_TIPS = (
+    "The turn about x. Roll, pitch and yaw are what the orientation (a quaternion) comes to.",
+    "The turn about y, after the roll.",
+    "The turn about z, after roll and pitch.",
+)
 _TYPE_WORDS = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
-#: The order in which properties are shown; those that fit none come between the third and the fourth.
+#: The order in which properties are shown; those that fit none come before the last ones.
 _ORDER = tuple(
     re.compile(pattern)
     for pattern in (
         r"skiros:Position[XYZ]",
+        r"Roll|Pitch|Yaw",
         r"skiros:Orientation[XYZW]",
         r"skiros:Size[XYZ]",
         r"(?!skiros:((Base|LinkedTo|PushTo)?FrameId|PublishTf|TfTimeStamp|DiscreteReasoner|Template)$).*",
@@ -134,7 +142,11 @@ def details_of(mirror: SceneMirror, vocabulary: Vocabulary, eid: str) -> Details
     node = mirror.scene.node(eid)
     if node is None:
         return None
+    pose = _pose(mirror, eid)
     rows = [property_row(vocabulary, node.type, key, prop) for key, prop in node.properties.items()]
+    if pose is not None:
+        turns = zip(ANGLES, pose.angles, _ANGLE_TIPS, strict=True)
+        rows += [PropertyRow(name, (_plain(angle),), float, "°", tip) for name, angle, tip in turns]
     outgoing = [(pred, dst, True) for _, pred, dst in mirror.scene.relations(eid)]
     incoming = [(pred, src, False) for src, pred, _ in mirror.scene.relations(dst=eid)]
     relations = [
@@ -152,7 +164,7 @@ def details_of(mirror: SceneMirror, vocabulary: Vocabulary, eid: str) -> Details
         node.made.stamp,
         tuple(sorted(rows, key=_property_order)),
         tuple(relations),
-        _pose(mirror, eid),
+        pose,
     )
 
 
@@ -193,4 +205,4 @@ def _plain(number: float) -> float:
 
 def _property_order(row: PropertyRow) -> tuple[int, str]:
     rank = next(i for i, pattern in enumerate(_ORDER) if pattern.fullmatch(row.key))
-    return rank, "~W" if row.key == "skiros:OrientationW" else row.name
+    return rank, f"{ANGLES.index(row.key)}" if row.key in ANGLES else "~W" if row.name == "OrientationW" else row.name

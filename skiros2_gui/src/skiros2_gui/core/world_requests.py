@@ -9,10 +9,11 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
+from skiros2_gui.core.world_details import ANGLES
 from skiros2_gui.core.world_scene import SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary
-from skiros2_std_reasoners.core.geometry import Pose, from_euler
-from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, set_pose
+from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
+from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, pose_of, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
 from skiros2_world_model.core.queries import held_only_by
 from skiros2_world_model.core.scene import ROOT, Node
@@ -55,6 +56,8 @@ class Requests:
 
     def remove_property(self, eid: str, key: str) -> list[Operation]:
         """Takes a property away."""
+        if key in ANGLES:
+            raise WrongValue(f"{key} is told by the orientation, and goes with it")
         if key not in self._node(eid).properties:
             raise UnknownName(f"{eid} has no property {key}")
         return [Patch(eid, ElementChanges(removed_properties=[key]))]
@@ -90,6 +93,24 @@ class Requests:
         before = node.properties
         changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
         return [Patch(eid, ElementChanges(changed))] if changed else []
+
+    def set_angle(self, eid: str, name: str, text: str) -> list[Operation]:
+        """Turns an element so that one of its angles is that, and the other two stay.
+
+        :param name: one of `ANGLES`.
+        :param text: degrees.
+        """
+        element = self._mirror.scene.element(self._node(eid).id)
+        pose = pose_of(element) if element is not None else None
+        if pose is None:
+            raise WrongValue(f"{eid} has no pose that could be turned; give it one first")
+        try:
+            angle = float(text.strip().removesuffix("°"))
+        except ValueError:
+            raise WrongValue(f"{name}: expected a number (in °), got {text!r}") from None
+        angles = [math.degrees(part) for part in to_euler(pose.orientation)]
+        angles[ANGLES.index(name)] = angle
+        return self.set_pose(eid, pose.position, angles)
 
     # -- elements ----------------------------------------------------------------------------------------------
 

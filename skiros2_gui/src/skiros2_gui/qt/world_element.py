@@ -22,7 +22,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.names import local_name
-from skiros2_gui.core.world_details import Details, PropertyRow, RelationRow
+from skiros2_gui.core.world_details import ANGLES, Details, PropertyRow, RelationRow
 from skiros2_gui.core.world_presenter import WorldPresenter
 from skiros2_gui.qt.world_dialogs import PoseDialog, PropertyDialog, RelationDialog, ValuesDialog
 from skiros2_gui.qt.world_tables import Row, RowsModel, RowsView
@@ -105,10 +105,16 @@ class ElementPanel(QWidget):
         column.addLayout(top)
         column.addWidget(splitter, 1)
 
+    def showEvent(self, event: Any) -> None:
+        super().showEvent(event)
+        self.show_details()
+
     # -- showing -----------------------------------------------------------------------------------------------
 
     def show_details(self) -> None:
-        """Shows the selected element as it is now. What is being edited stays."""
+        """Shows the selected element as it is now, once it is visible. What is being edited stays."""
+        if not self.isVisible():
+            return  # `showEvent` does it
         details = self._presenter.details()
         before, self._shown = self._shown, details
         for widget in (
@@ -133,7 +139,7 @@ class ElementPanel(QWidget):
         self.heading.setText(local_name(details.id))
         self.about.setText(_about(details, self._presenter.author()))
         self.about.setToolTip(details.type_description)
-        if is_other or not self.label_edit.hasFocus():
+        if is_other or not self.label_edit.isModified():  # else somebody is writing
             self.label_edit.setText(details.label)
         if is_other:  # nothing of the other element is to be kept
             self.properties.rows.show_rows(())
@@ -145,6 +151,9 @@ class ElementPanel(QWidget):
 
     def _write_label(self) -> None:
         details, label = self._shown, self.label_edit.text().strip()
+        if not self.label_edit.isModified():
+            return
+        self.label_edit.setModified(False)
         if details is not None and label != details.label:
             name = local_name(details.id)
             self._presenter.change(f"label of {name}", lambda r: r.set_label(details.id, label))
@@ -154,8 +163,12 @@ class ElementPanel(QWidget):
 
     def _write_values(self, key: str, texts: list[str]) -> None:
         details = self._shown
-        if details is not None:
-            what = f"{local_name(key)} of {local_name(details.id)}"
+        if details is None:
+            return
+        what = f"{local_name(key)} of {local_name(details.id)}"
+        if key in ANGLES:
+            self._presenter.change(what, lambda r: r.set_angle(details.id, key, "".join(texts)))
+        else:
             self._presenter.change(what, lambda r: r.set_values(details.id, key, texts))
 
     def _edit_whole(self, index: Any) -> None:
@@ -276,7 +289,7 @@ def _relation_cells(row: RelationRow) -> Row:
 def _about(details: Details, own: str) -> str:
     words = f"{details.type}"
     if details.author:
-        who = "this window" if details.author == own else details.author
+        who = "this window" if details.author == own else details.author.strip("/")
         words += f"  ·  last changed by {who}, {shown_time(details.stamp)}"
     return f"{words}\n{details.pose.text}" if details.pose is not None else words
 

@@ -117,7 +117,7 @@ class HistoryPanel(QWidget):
         rows = []
         for entry in past.entries or ():
             own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
-            who = "this window" if entry.author == self._presenter.author() else entry.author
+            who = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
             tip = "\n".join([f"{shown_time(entry.stamp)}, {entry.author}", *own])
             rows.append(Row((shown_time(entry.stamp), who, "   ".join(own)), tip, entry.number))
         self.table.rows.show_rows(rows)

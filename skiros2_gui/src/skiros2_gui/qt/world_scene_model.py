@@ -176,7 +176,7 @@ class SceneModel(QAbstractItemModel):
         if column == 1:
             return local_name(node.type) if node is not None else ""
         mark = self._presenter.marks.get(eid)
-        return f"● {mark.author}" if mark is not None else ""
+        return f"● {mark.author.strip('/')}" if mark is not None else ""
 
     def _tip(self, eid: str) -> str:
         mirror, vocabulary = self._presenter.mirror, self._presenter.vocabulary
@@ -189,7 +189,7 @@ class SceneModel(QAbstractItemModel):
         lines = [eid, vocabulary.description(node.type) if vocabulary is not None else ""]
         if node.made.author:
             when = time.strftime("%H:%M:%S", time.localtime(node.made.stamp))
-            lines.append(f"Last changed by {node.made.author} at {when}")
+            lines.append(f"Last changed by {node.made.author.strip('/')} at {when}")
         return "\n".join(line for line in lines if line)
 
     # -- drag and drop -----------------------------------------------------------------------------------------

@@ -91,7 +91,7 @@ class WorldTab(QWidget):
         header.setSectionResizeMode(0, QHeaderView.Stretch)
         for column in (1, 2):
             header.setSectionResizeMode(column, QHeaderView.Interactive)
-            header.resizeSection(column, int(tree.fontMetrics().averageCharWidth() * 16))
+            header.resizeSection(column, int(tree.fontMetrics().averageCharWidth() * 13))
         self.model.redrawn.connect(tree.viewport().update)
         tree.selectionModel().currentChanged.connect(lambda *_: self._select())
         for key, call in (
@@ -121,7 +121,6 @@ class WorldTab(QWidget):
             menu.addAction(text, call).setObjectName(name)
         self.file_button.setMenu(menu)
         bar = QHBoxLayout()
-        bar.setContentsMargins(6, 6, 6, 0)
         bar.addWidget(self.finder, 1)
         for button in (self.add_button, self.remove_button, self.undo_button, self.redo_button, self.file_button):
             bar.addWidget(button)
@@ -134,7 +133,7 @@ class WorldTab(QWidget):
         self.splitter.setSizes([25 * em, 30 * em])
         self.splitter.setChildrenCollapsible(False)
         column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
+        column.setContentsMargins(6, 6, 6, 6)
         column.addLayout(bar)
         column.addWidget(self.splitter, 1)
         for keys, call in (

@@ -119,6 +119,7 @@ class RowsView(QTableView):
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         if stretched >= 0:
+            header.setResizeContentsPrecision(0)  # by what is in sight
             header.setSectionResizeMode(QHeaderView.ResizeToContents)
             header.setSectionResizeMode(stretched, QHeaderView.Stretch)
         else:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+from support import rviz_window
 from support.display import Display
 from support.ros import ROOT, Ros, wait_until
 
@@ -148,3 +151,14 @@ def green(display: Display) -> float:
         channel.astype(int) for channel in np.moveaxis(np.asarray(display.grab().convert("RGB"))[:, 500:], 2, 0)
     )
     return float(np.mean((greens > red + 15) & (greens > blue + 15)))
+
+
+def test_rviz_within_the_window_draws_what_is_selected_there(
+    ros: Ros, world: WorldModelInterface, tmp_path: Path
+) -> None:
+    with Display() as display:
+        env = {**ros.master.env, **display.env, "XDG_CONFIG_HOME": str(tmp_path)}
+        picture = tmp_path / "window.png"
+        program = ros.program(sys.executable, rviz_window.__file__, "Product A", str(picture), env=env)
+        assert program.wait(60.0) == 0, "it draws, and ends without a crash"
+    assert picture.is_file()

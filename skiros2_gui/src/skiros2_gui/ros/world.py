@@ -45,6 +45,10 @@ class WindowWorld(WorldModelInterface):
         assert self._replica is not None
         self.known_scene = SceneReader(self._replica.lock, self._known_scenes, lambda: self.known_ontology)
 
+    def close(self) -> None:
+        """Follows the world model no more."""
+        self._monitor.unregister()
+
     @property
     def known_ontology(self) -> Ontology:
         """The ontologies as they were known last; they are fetched if they never were."""
@@ -101,10 +105,8 @@ class WorldLink:
         """Follows it no more. Does not wait."""
         self._ended.set()
         self._wanted.set()
-        world = self.world
-        if world is not None:
-            world.remove_listener(self._on_change)
-        self._ping.close()
+        if self.world is not None:
+            self.world.remove_listener(self._on_change)
 
     def _follow(self) -> None:
         scene, ontology = -1, None
@@ -128,6 +130,9 @@ class WorldLink:
                 log.exception("the world model")
                 self._set(False, f"What it answers makes no sense: {type(error).__name__}: {error}")
             self._wanted.wait(PERIOD)
+        self._ping.close()
+        if self.world is not None:
+            self.world.close()
 
     def _look(self) -> WindowWorld:
         """The world model, its scene and ontologies as they are now.

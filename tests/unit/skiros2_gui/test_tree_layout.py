@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 from skiros2_gui.core.run_drawing import Drawing
 from skiros2_gui.core.run_shape import Shape, keys_of
 from skiros2_gui.core.tree_layout import OTHERS, SIBLINGS, tidy
-from support.progress import Told, pick_and_place, random_tree
+from support.progress import Told, pick_and_place, random_tree, root
+
+#: Types and processors.
+UNNAMED = [("skiros:Pick", "->*"), (":Skill", "->*"), (":Skill", "|ff|"), (":Skill", "nofail(->)"), (":Skill", "")]
 
 #: Of each node after the first, how far before it its parent is.
 trees = st.lists(st.integers(1, 12), max_size=60)
@@ -76,3 +79,12 @@ def test_whatever_a_manager_tells_is_a_tree() -> None:
     assert shape.parents == [-1, 0, 0, 0, 1, 4]
     assert sorted(Drawing(shape, ()).drawn) == list(range(6))
     assert shape.name(5) == "node 4"
+
+
+def test_nodes_without_labels_are_named_by_their_class_and_groups_by_how_they_tick() -> None:
+    told = [root(7), *(Told(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
+    shape = Shape(keys_of(told))
+    assert [shape.name(place) for place in range(len(shape))] == [
+        "task 7", "Pick", "in turn ->*", "side by side |ff|", "nofail(->)", ":Skill",
+    ]  # fmt: skip
+    assert [shape.is_skill(place) for place in range(len(shape))] == [False, True, False, False, False, False]

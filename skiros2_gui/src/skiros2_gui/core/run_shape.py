@@ -11,6 +11,22 @@ from skiros2_common.core.names import local_name
 Key = tuple[int, int, str, str, str]
 
 
+#: What nodes that only group others are called, by the symbol of how they tick them.
+_GROUPS = {
+    "->": "in turn",
+    "->*": "in turn",
+    "?": "alternatives",
+    "?*": "alternatives",
+    "|ff|": "side by side",
+    "|fs|": "side by side",
+}
+
+
+def _is_skill(kind: str) -> bool:
+    """Skills are of a class of the ontology; nodes that only group others have a type without prefix."""
+    return kind.find(":") > 0
+
+
 def key_of(node: Any) -> Key:
     """Of the `SkillProgress` of a node what makes the shape."""
     return (node.id, node.parent_id, node.type, node.label, node.processor)
@@ -68,14 +84,18 @@ class Shape:
 
     def is_skill(self, place: int) -> bool:
         """Whether it is a skill, not a node that only groups others."""
-        return place > 0 and ":" in self.type(place)
+        return place > 0 and _is_skill(self.type(place))
 
     def name(self, place: int) -> str:
-        """The label; where there is none, the type without prefix, or how a node ticks its children."""
+        """The label; where there is none, the type without prefix, or how a group ticks its children."""
         _, _, kind, label, processor = self.keys[place]
         if not place:
             return f"task {self.keys[place][0]}"
-        return label or (local_name(kind) if ":" in kind else processor) or kind or f"node {self.keys[place][0]}"
+        if label:
+            return label
+        if _is_skill(kind):
+            return local_name(kind)
+        return f"{_GROUPS.get(processor, '')} {processor}".strip() or kind or f"node {self.keys[place][0]}"
 
     def path(self, place: int) -> list[int]:
         """The places from the root to a node, both among them."""

@@ -9,7 +9,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QPointF, Qt, QTimer, QUrl
 from python_qt_binding.QtGui import QPalette
-from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLineEdit, QListWidget, QSlider
+from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLabel, QLineEdit, QListWidget, QSlider
 
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
@@ -332,3 +332,21 @@ def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalMana
     qtbot.mouseClick(button(tab, "breakpointRemove"), Qt.LeftButton)
     qtbot.waitUntil(lambda: listed.count() == 0)
     assert waiting.breakpoint("list")[1] == []
+
+
+def test_why_a_task_waits_or_has_failed_stands_above_the_tree(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    note = tab.findChild(QLabel, "taskNote")
+    tell(window, pick_and_place())
+    drawn(tab, qtbot)
+    assert not note.isVisible()
+    tell(window, pick_and_place(message="paused at breakpoint 1: before the start of skiros:Place-place"), 1001.0)
+    drawn(tab, qtbot)
+    assert note.isVisible() and note.text().startswith("paused at breakpoint 1")
+    waits = note.palette().color(QPalette.Window)
+    tell(window, pick_and_place(FAILURE, state=FAILURE, code=-1, message="move_arm: no <b>way</b>"), 1002.0)
+    drawn(tab, qtbot)
+    assert note.text() == "move_arm: no <b>way</b>"
+    assert note.palette().color(QPalette.Window) != waits
+    tab.presenter.go_to(0)
+    drawn(tab, qtbot)
+    assert not note.isVisible()

@@ -28,6 +28,7 @@ from skiros2_gui.qt.run_breakpoints import BreakpointPanel
 from skiros2_gui.qt.run_details import NodeDetails
 from skiros2_gui.qt.run_history_bar import HistoryBar
 from skiros2_gui.qt.run_lists import MessageList, TimeList
+from skiros2_gui.qt.run_note import TaskNote
 from skiros2_gui.qt.run_tasks import TaskPanel
 from skiros2_gui.qt.run_view import TreeView
 
@@ -54,6 +55,7 @@ class RunTab(QWidget):
         self._times = TimeList()
         self._breakpoints = BreakpointPanel(self.presenter)
         self._history = HistoryBar(self.presenter)
+        self._note = TaskNote()
         self._make_bar()
         self._lay_out()
         self._stale = Part.ALL
@@ -141,6 +143,7 @@ class RunTab(QWidget):
             self.view.show_states()
         if stale & (Part.STATES | Part.TREE):
             self._history.show_history()
+            self._note.show_task(frame)
             self._follow_running()
         if stale & Part.NODE:
             self._show_node()
@@ -257,6 +260,7 @@ class RunTab(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addWidget(bar)
+        column.addWidget(self._note)
         column.addWidget(self._empty, 1)
         column.addWidget(self.view, 1)
         self._beside = QTabWidget()

@@ -110,7 +110,6 @@ class TreeView(QGraphicsView):
         """Larger, or smaller."""
         self._is_fitted = False
         self._set_scale(min(max(self.scale_now * factor, _SMALLEST), _LARGEST))
-        self.moved.emit()
 
     def full_size(self) -> None:
         """100 %, around the selected node."""

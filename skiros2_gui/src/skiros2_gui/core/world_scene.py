@@ -129,10 +129,10 @@ class SceneMirror:
 
     def path(self, eid: str) -> list[str]:
         """What an element is shown under, the topmost first; without itself."""
-        path: list[str] = []
-        while (eid := self.parent(eid)) not in (TOP, *path):
-            path.insert(0, eid)
-        return path
+        path = [eid]
+        while (above := self.parent(path[0])) not in (TOP, *path):
+            path.insert(0, above)
+        return path[:-1]
 
     def holders(self, eid: str) -> list[tuple[str, str]]:
         """The relations that place an element, and the elements that they place it in; that of the tree first."""

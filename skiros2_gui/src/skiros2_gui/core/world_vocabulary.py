@@ -38,6 +38,8 @@ _UNITS = {
     "watts": "W",
 }
 _IN_UNIT = re.compile(rf"\bin ({'|'.join(_UNITS)})\b", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
+_WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
 _UNIT_QUATERNION = "skiros:Orientation"
 
 
@@ -127,12 +129,12 @@ class Vocabulary:
         """Why a relation is not meant for two classes; "" when it is. A hint: the world model does not refuse it."""
         known = self.predicate(predicate)
         for what, etype, wanted in (
-            ("subject", subject_type, known.domain),
-            ("object", object_type, known.range),
+            ("a subject", subject_type, known.domain),
+            ("an object", object_type, known.range),
         ):
             if wanted and etype and not any(self.ontology.is_subclass(etype, c) for c in wanted):
                 expected = " or ".join(map(local_name, wanted))
-                return f"{local_name(predicate)} is meant for a {what} of class {expected}, not {local_name(etype)}"
+                return f"{local_name(predicate)} is meant for {what} of class {expected}, not {local_name(etype)}"
         return ""
 
     def _inherited(self, known: dict[str, list[str]], name: str) -> tuple[str, ...]:
@@ -199,8 +201,8 @@ class Vocabulary:
         return value
 
     def _without_unit(self, key: str, text: str, unit: str) -> str:
-        match = re.fullmatch(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*)", text)
-        if match is None or match[2].lower() in ("inf", "nan"):
+        match = _WITH_UNIT.fullmatch(text)
+        if match is None or _NUMBER.fullmatch(text):
             return text
         if match[2] != unit:
             expected = f"expected {unit}" if unit else "it has no unit"

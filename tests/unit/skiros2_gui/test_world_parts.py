@@ -1,0 +1,213 @@
+"""Parts of the scene tab: the vocabulary with its units, queries and their mistakes, odd scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.world_element import Element
+from skiros2_gui.core.window import Window
+from skiros2_gui.core.world_choices import CLASS, TEMPLATE, class_choices, element_choices, flat
+from skiros2_gui.core.world_questions import Questions, mistake_of
+from skiros2_gui.core.world_scene import LOOSE, TOP, SceneMirror
+from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
+from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
+from skiros2_world_model.core.journal import Journal
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.world_model import WorldModel
+
+
+@pytest.fixture(scope="module")
+def wm() -> LocalWorldModel:
+    return LocalWorldModel("window")
+
+
+@pytest.fixture(scope="module")
+def vocabulary(wm: LocalWorldModel) -> Vocabulary:
+    return read_vocabulary(wm)
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("skiros:PositionX", "m"),
+        ("skiros:SizeZ", "m"),
+        ("skiros:VelocityY", "m/s"),
+        ("skiros:ForceX", "N"),
+        ("skiros:Weight", "kg"),
+        ("skiros:OrientationX", ""),
+        ("skiros:CadModel", ""),
+        ("skiros:nobody_knows_it", ""),
+    ],
+)
+def test_units_come_from_the_ontologies(vocabulary: Vocabulary, key: str, unit: str) -> None:
+    assert vocabulary.unit(key) == unit
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "value"),
+    [
+        ("skiros:PositionX", " -1.5e-2 ", -0.015),
+        ("skiros:PositionX", "3 m", 3.0),
+        ("skiros:SizeX", "0.2", 0.2),  # no range is declared, but a unit
+        ("skiros:PublishTf", "true", True),
+        ("skiros:CadModel", "3 m", "3 m"),
+        ("skiros:StateProperty", "", ""),
+    ],
+)
+def test_a_text_is_read_as_the_property_wants_it(vocabulary: Vocabulary, key: str, text: str, value: object) -> None:
+    parsed = vocabulary.parsed("skiros:Part", key, text)
+    assert parsed == value and type(parsed) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("skiros:PositionX", ""),
+        ("skiros:PositionX", "1,5"),
+        ("skiros:PositionX", "3 mm"),
+        ("skiros:PositionX", "inf"),
+        ("skiros:OrientationW", "1.1"),
+        ("skiros:SizeX", "-1"),
+        ("skiros:PublishTf", "perhaps"),
+    ],
+)
+def test_a_text_that_is_no_such_value_is_refused_by_name(vocabulary: Vocabulary, key: str, text: str) -> None:
+    with pytest.raises(WrongValue, match=key.partition(":")[2]):
+        vocabulary.parsed("skiros:Part", key, text)
+
+
+def test_a_relation_is_held_against_the_domain_and_range_above_it(vocabulary: Vocabulary) -> None:
+    assert vocabulary.misfit("rparts:ArmDevice", "cora:robotPart", "cora:Robot") == ""
+    assert "for a subject of class Device" in vocabulary.misfit("skiros:Part", "cora:robotPart", "cora:Robot")
+    assert "for an object of class Robot" in vocabulary.misfit("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
+    assert vocabulary.predicate("sumo:located").domain == ("sumo:Physical",)  # of the relation above it
+
+
+def test_the_choice_has_all_classes_and_each_template_under_its_class(vocabulary: Vocabulary) -> None:
+    choices = class_choices(vocabulary)
+    names = {kind: {c.name for c in flat(choices) if c.kind == kind} for kind in (CLASS, TEMPLATE)}
+    assert names == {CLASS: set(vocabulary.classes()), TEMPLATE: set(vocabulary.templates())}
+    robot = next(c for c in flat(choices) if c.name == "cora:Robot")
+    assert [c.name for c in robot.children] == ["skiros:test_robot"]
+
+
+def test_elements_of_the_wanted_class_come_first_in_a_choice(vocabulary: Vocabulary) -> None:
+    elements = [Element("skiros:Part", "", f"skiros:Part-{i}") for i in (1, 2)]
+    elements.append(Element("cora:Robot", "skiros:test_robot", "cora:Robot-3"))
+    mirror = SceneMirror(elements, vocabulary.spatial)
+    assert [eid for eid, _ in element_choices(mirror, vocabulary)] == ["cora:Robot-3", "skiros:Part-1", "skiros:Part-2"]
+    found = element_choices(mirror, vocabulary, ["skiros:Manipulatable"], without="skiros:Part-2")
+    assert [eid for eid, _ in found] == ["skiros:Part-1", "cora:Robot-3"]
+    assert element_choices(mirror, vocabulary, text="starter")[-1] == ("skiros:starter", "starter  (template)")
+
+
+# -- a scene that is not as it should be -------------------------------------------------------------------------
+
+
+def _related(src: str, pred: str, dst: str) -> Element:
+    element = Element("skiros:Part", "", src)
+    element.addRelation("-1", pred, dst)
+    return element
+
+
+def test_elements_in_a_circle_and_relations_to_nothing_do_no_harm(vocabulary: Vocabulary) -> None:
+    circle = [_related("skiros:Part-1", "skiros:contain", "skiros:Part-2")]
+    circle += [_related("skiros:Part-2", "skiros:contain", "skiros:Part-1"), Element("", "", "odd id without number")]
+    circle += [_related("skiros:Part-3", "skiros:contain", "skiros:Part-99")]
+    mirror = SceneMirror(circle, vocabulary.spatial)
+    assert list(mirror.children(TOP)) == [LOOSE]
+    assert list(mirror.children(LOOSE)) == ["odd id without number", "skiros:Part-3"]
+    assert not mirror.has_children("skiros:Part-3")
+    assert mirror.path("skiros:Part-1") == ["skiros:Part-2"]
+    assert mirror.find("PART-1") == ["skiros:Part-1"]
+
+
+def _change(number: int, action: str, *elements: Element, before: int | None = None) -> Change:
+    previous = number - 1 if before is None else before
+    return Change(number, f"s-{previous}", f"s-{number}", 0.0, "vision", action, "scene", elements)
+
+
+def test_a_gap_in_the_changes_and_a_reset_ask_for_the_scene_anew(vocabulary: Vocabulary) -> None:
+    part = _related("skiros:Part-1", "skiros:at", ROOT)
+    mirror = SceneMirror([Element("skiros:Scene", "", ROOT)], vocabulary.spatial)
+    assert mirror.follow([_change(5, ADD, part)]) is not None
+    assert mirror.follow([_change(7, UPDATE, part)]) is None
+    assert mirror.follow([_change(6, RESET)]) is None
+
+
+def test_changes_that_the_scene_has_already_are_not_made_twice(vocabulary: Vocabulary) -> None:
+    here = Element.shared("skiros:Part", "new", "skiros:Part-1", {}, (), version=9)
+    mirror = SceneMirror([here], vocabulary.spatial)
+    touched = mirror.follow([_change(8, ADD, Element("skiros:Part", "old", "skiros:Part-1")), _change(9, UPDATE, here)])
+    assert touched is not None and not touched.elements
+    node = mirror.scene.node("skiros:Part-1")
+    assert node is not None and node.label == "new"
+
+
+# -- questions ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def questions(tmp_path: Path) -> Questions:
+    model = WorldModel(source_ontologies(), tmp_path, journal=Journal(tmp_path / "journal.db"))
+    window: Window = make_window(lambda inbox: LocalSystem(inbox, LocalWorldModel("window", model)))
+    return Questions(window)
+
+
+def _problem(questions: Questions) -> str:
+    newest = questions.window.problems.newest
+    return newest.line if newest is not None else ""
+
+
+def test_a_query_gives_names_and_values(questions: Questions) -> None:
+    questions.ask("SELECT ?x ?n WHERE { ?x a skiros:Scene ; skiros:PositionX ?n }", "scene")
+    assert questions.answer is not None
+    assert (questions.answer.names, questions.answer.rows) == (("x", "n"), ((ROOT, 0.0),))
+    assert questions.queries[0].startswith("SELECT ?x ?n")
+
+
+@pytest.mark.parametrize(
+    ("query", "line", "words"),
+    [
+        ("SELECT ?x WHERE {\n ?x a\n}", 3, "cannot go on"),
+        ("SELECT ?x WHERE { ?x a foo:Bar }", 1, "prefix is not known"),
+        ("DROP ALL", 1, ""),
+    ],
+)
+def test_a_mistake_in_a_query_tells_its_line(questions: Questions, query: str, line: int, words: str) -> None:
+    questions.ask(query)
+    assert questions.answer is None and questions.mistake is not None
+    assert questions.mistake.line == line and words in questions.mistake.text
+    assert len(questions.mistake.text) < 150
+
+
+def test_an_error_without_a_line_is_told_as_it_is() -> None:
+    assert mistake_of("the world model does not answer").text == "the world model does not answer"
+
+
+def test_the_history_of_an_element_tells_who_did_what(questions: Questions) -> None:
+    world = questions.window.system.world
+    assert world is not None
+    scene = world.get_element(ROOT)
+    scene.label = "Cell 5"
+    world.update_element(scene)
+    questions.look_back(ROOT)
+    assert questions.past.entries is not None
+    newest = questions.past.entries[0]
+    assert newest.author == "window" and newest.lines[-1].endswith("-> Cell 5")
+    questions.look_back("skiros:Part-77")
+    assert questions.past.entries == () and "skiros:Part-77" in questions.past.text
+
+
+def test_a_scene_is_saved_and_loaded(questions: Questions) -> None:
+    questions.save("cell.ttl")
+    questions.load("cell.ttl")
+    assert _problem(questions) == ""
+    questions.load("../outside.ttl")
+    assert "loading the scene (../outside.ttl): " in _problem(questions)

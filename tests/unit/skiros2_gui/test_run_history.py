@@ -68,6 +68,7 @@ def test_how_long_a_node_ran_is_known_live_and_back_in_time() -> None:
     run.enter(pick_and_place(SUCCESS, FAILURE), 1006.5)
     pick, place = run.now.shape.places[100], run.now.shape.places[200]
     assert (run.now.duration(pick), run.now.duration(place)) == (3.0, 3.5)
+    assert [run.now.durations()[p] for p in (pick, place)] == [3.0, 3.5]
     assert run.frame(2).duration(pick) == 2.0
     assert run.frame(0).duration(pick) is None
     assert run.now.began(pick) == 1001.0

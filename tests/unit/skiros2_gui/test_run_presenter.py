@@ -263,3 +263,11 @@ def test_a_bag_that_was_cut_off_is_read_as_far_as_it_goes_and_it_is_said(window,
     assert "not recorded" in presenter.node.text(presenter.frame, 1).note
     window.tell(ManagersChanged())
     assert presenter.bag is not None
+
+
+def test_the_skills_that_took_longest_come_first(window, presenter):
+    for second, (pick, place) in enumerate([(RUNNING, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING), (SUCCESS, SUCCESS)]):
+        window.tell(Progressed("/robot", pick_and_place(pick, place), 1000.0 + second))
+    shape = presenter.frame.shape
+    assert [(shape.name(p), s) for p, s in presenter.by_time()] == [("pick", 2.0), ("move_arm", 2.0), ("place", 1.0)]
+    assert len(presenter.by_time(1)) == 1

@@ -53,14 +53,22 @@ class Frame:
             return None
         return max(0.0, (self.time - self.start if np.isnan(ended) else ended) - began)
 
+    def durations(self) -> list[float]:
+        """For how long each node ran, or has been running (s); NaN for those that have not."""
+        began, ended = self.rows["began"], self.rows["ended"]
+        lasted: list[float] = np.maximum(np.where(np.isnan(ended), self.time - self.start, ended) - began, 0.0).tolist()
+        return lasted
+
     def running(self) -> list[int]:
-        """The places of the nodes that run and under which none does: what the robot is at."""
+        """The places of the nodes that run and under which none does: what the robot is at; the last to begin comes last."""
         places = np.flatnonzero(self.rows["state"] == RUNNING).tolist()
         parents, above = self.shape.parents, {-1}
         for place in places:
             while (place := parents[place]) not in above:
                 above.add(place)
-        return [place for place in places if place not in above]
+        lowest = [place for place in places if place not in above]
+        began = self.rows["began"][lowest]
+        return [lowest[number] for number in np.argsort(began, kind="stable").tolist()]
 
     def failed(self) -> list[int]:
         """The places of the nodes that have failed and under which none has, the one that failed last at the end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import heapq
 import weakref
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -237,19 +238,15 @@ class RunPresenter:
 
     def running(self) -> list[int]:
         """The places of the nodes that the task is at, the one that began last at the end."""
-        frame = self.frame
-        if frame is None:
-            return []
-        return sorted(frame.running(), key=lambda place: (frame.began(place) or 0.0, place))
+        return self.frame.running() if self.frame is not None else []
 
     def by_time(self, most: int = 500) -> list[tuple[int, float]]:
         """The places of the skills that have run and for how long (s), those that took longest first."""
         frame = self.frame
         if frame is None:
             return []
-        times = [(p, frame.duration(p)) for p in range(1, len(frame.shape)) if frame.shape.is_skill(p)]
-        known = [(place, seconds) for place, seconds in times if seconds is not None]
-        return sorted(known, key=lambda pair: -pair[1])[:most]
+        known = [(p, s) for p, s in enumerate(frame.durations()) if s == s and frame.shape.is_skill(p)]
+        return heapq.nlargest(most, known, key=lambda pair: pair[1])
 
     # -- history -----------------------------------------------------------------------------------------------------
 

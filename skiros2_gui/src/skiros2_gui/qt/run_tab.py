@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from python_qt_binding.QtCore import QByteArray, Qt, QTimer
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
 from python_qt_binding.QtWidgets import (
     QCheckBox,
     QLabel,
@@ -121,6 +121,11 @@ class RunTab(QWidget):
         self._on_change(Part.ALL)
         self._draw()
         self._draw_beside()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.PaletteChange and self.isVisible():
+            self._on_change(Part.ALL)
 
     def hideEvent(self, event: Any) -> None:
         super().hideEvent(event)

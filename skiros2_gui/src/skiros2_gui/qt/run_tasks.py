@@ -81,8 +81,9 @@ class TaskPanel(QWidget):
             self._list.takeItem(self._list.count() - 1)
         while self._list.count() < len(runs):
             self._list.addItem(QListWidgetItem())
+        are_several = len({run.robot for run in runs}) > 1
         for number, run in enumerate(runs):
-            self._dress(self._list.item(number), run)
+            self._dress(self._list.item(number), run, are_several)
             if run is presenter.run:
                 self._list.setCurrentRow(number)
         if presenter.run is None:
@@ -97,11 +98,10 @@ class TaskPanel(QWidget):
             "go on with the task (space)" if presenter.is_paused else "pause the task; it keeps its state (space)"
         )
 
-    def _dress(self, item: QListWidgetItem, run: TaskRun) -> None:
+    def _dress(self, item: QListWidgetItem, run: TaskRun, names_robot: bool) -> None:
         symbol, word = state_text(run)
         first = self._first_skill(run)
-        robots = {other.robot for other in self._presenter.runs}
-        of = f"\n     {run.robot.lstrip('/')}" if len(robots) > 1 else ""
+        of = f"\n     {run.robot.lstrip('/')}" if names_robot else ""
         item.setText(f"{symbol} {first}\n     task {run.task_id}, {word}{of}")
         item.setData(Qt.UserRole, run)
         began = time.strftime("%H:%M:%S", time.localtime(run.start))

@@ -92,6 +92,9 @@ class ErrorHistory(QDialog):
         self._problems = problems
         self.list = QListWidget()
         self.list.setWordWrap(True)
+        self.list.setResizeMode(QListWidget.Adjust)
+        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
+        self.list.setSpacing(2)
         self.list.setAlternatingRowColors(True)
         self.list.setSelectionMode(QListWidget.ExtendedSelection)
         for problem in problems.history:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import http.client
 import xmlrpc.client
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 
 #: How long the master may take to answer (s).
 PATIENCE = 2.0
 
-_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error)
+_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error, ExpatError)
 
 
 class _Transport(xmlrpc.client.Transport):

@@ -105,7 +105,7 @@ class RosSystem:
             return
         self._links = links
         links.markers.mark(self._marked)
-        self._inbox.put(ConnectionChanged())
+        self._set_master(True, "")
 
     def _set_master(self, is_up: bool, text: str) -> None:
         since = self._master.since if is_up == self._master.is_up else time.time()

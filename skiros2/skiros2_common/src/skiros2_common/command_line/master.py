@@ -6,6 +6,7 @@ import http.client
 import socket
 import xmlrpc.client
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 
@@ -14,7 +15,7 @@ from skiros2_common.core.errors import SkirosError
 #: How long a master or a node may take to answer (s).
 PATIENCE = 2.0
 
-_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error)
+_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error, ExpatError)
 
 
 class NotThere(SkirosError):

@@ -6,6 +6,7 @@ import http.client
 import time
 import xmlrpc.client
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
@@ -14,7 +15,7 @@ import rospy
 PATIENCE = 1.0
 
 _POLL = 0.005  # s
-_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)
+_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException, ExpatError)
 
 
 class Listeners:

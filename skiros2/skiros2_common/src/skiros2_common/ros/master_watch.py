@@ -7,6 +7,7 @@ import logging
 import threading
 import xmlrpc.client
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
@@ -20,7 +21,7 @@ CHECK_PERIOD = 1.0
 #: How long the end of the node waits for a master that does not answer (s).
 _PATIENCE = 1.0
 
-_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException)
+_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException, ExpatError)
 
 _lock = threading.Lock()
 _watch: MasterWatch | None = None

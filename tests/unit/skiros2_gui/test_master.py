@@ -1,0 +1,63 @@
+"""Whether a master answers is known soon, whatever listens at its address."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from xmlrpc.server import SimpleXMLRPCServer
+
+import pytest
+
+from skiros2_common.command_line.master import NotThere, ask_master
+from skiros2_gui.ros import master
+
+
+@pytest.fixture
+def address(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """A socket at the master's address, which nobody serves."""
+    with socket.create_server(("localhost", 0)) as listening:
+        monkeypatch.setenv("ROS_MASTER_URI", f"http://localhost:{listening.getsockname()[1]}")
+        monkeypatch.setattr(master, "PATIENCE", 0.1)
+        yield listening
+
+
+def test_one_that_hangs_does_not_hold_the_caller(address: socket.socket) -> None:
+    assert not master.master_answers()
+
+
+def test_nobody_is_there(address: socket.socket) -> None:
+    address.close()
+    assert not master.master_answers()
+
+
+def test_somebody_else_listens_there(address: socket.socket) -> None:
+    def answer() -> None:
+        connection, _ = address.accept()
+        with connection:
+            connection.recv(4096)
+            connection.sendall(b"HTTP/1.0 200 OK\r\nContent-Length: 2\r\n\r\nhi")
+
+    threading.Thread(target=answer, daemon=True).start()
+    assert not master.master_answers()
+    threading.Thread(target=answer, daemon=True).start()
+    with pytest.raises(NotThere, match="no ROS master answers"):
+        ask_master("getPid")
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_master"), [([1, "", 42], True), ([-1, "no", 0], False), (3, False), ([], False)]
+)
+def test_what_speaks_the_protocol_has_to_answer_as_a_master(
+    monkeypatch: pytest.MonkeyPatch, answer: object, is_master: bool
+) -> None:
+    with SimpleXMLRPCServer(("localhost", 0), logRequests=False) as server:
+        server.register_function(lambda caller: answer, "getPid")
+        threading.Thread(target=server.handle_request, daemon=True).start()
+        monkeypatch.setenv("ROS_MASTER_URI", f"http://localhost:{server.server_address[1]}")
+        assert master.master_answers() is is_master
+
+
+def test_an_address_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "nonsense")
+    assert not master.master_answers()

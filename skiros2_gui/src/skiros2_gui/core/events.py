@@ -111,5 +111,6 @@ Event = (
     | ElementSelected
     | ElementMoved
     | TaskStarted
+    | AchieveTold
     | ProblemHeard
 )

@@ -273,3 +273,20 @@ def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:
     after = cell.tab.details()
     assert after is not None and after.pose is not None
     assert after.pose.angles == pytest.approx((0.0, 0.0, 90.0))
+
+
+def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -> None:
+    box = cell.add()
+    element = cell.wm.get_element(box)
+    for x in (1.0, 2.0, 3.0):  # as the marker in rviz writes it, under the window's name
+        element.setProperty("skiros:PositionX", x)
+        cell.wm.update_element(element)
+        cell.window.take_news()
+    assert cell.tab.edits.undo_text == f"change of {box.partition(':')[2]}"
+    cell.undo()
+    assert cell.wm.get_element(box).value_of("skiros:PositionX") == 0.0
+    cell.redo()
+    assert cell.wm.get_element(box).value_of("skiros:PositionX") == 3.0
+    cell.undo()
+    cell.undo()
+    assert cell.wm.find_element(box) is None and cell.problem == ""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import Refused
-from skiros2_common.core.world_element import Element
+from skiros2_common.core.names import local_name
 from skiros2_gui.core.world_undo import joined, undoing
 from skiros2_world_model.core.changes import Outcome
 from skiros2_world_model.core.history_entry import HistoryEntry
@@ -17,6 +17,8 @@ from skiros2_world_model.core.world_model_client import WorldModelAbstractInterf
 MOST_KEPT = 100
 #: So many own changes wait for the answer to their request.
 _MOST_HEARD = 500
+#: Changes of the same element that follow each other within this time are one (s).
+_ONE_DRAG = 2.0
 #: So often undo is tried when elements change under it.
 _TRIES = 5
 
@@ -27,10 +29,12 @@ class Edit:
 
     :param text: what it was, in words: "remove LargeBox-3".
     :param made: what it has made other.
+    :param is_from_elsewhere: not made in this tab, but in another view of this window.
     """
 
     text: str
     made: HistoryEntry
+    is_from_elsewhere: bool = False
 
 
 @dataclass
@@ -89,6 +93,27 @@ class Edits:
             del self._heard[next(iter(self._heard))]
         self._match()
 
+    def take_others(self) -> None:
+        """Nothing of this tab is under way: what was heard and not asked for here, was done elsewhere in the window.
+
+        Changes of one element shortly after one another, as when it is dragged in rviz, are one edit.
+        """
+        awaited = {state for sent in self._sent for state in sent.states}
+        for state in [state for state in self._heard if state not in awaited]:
+            made = self._heard.pop(state)
+            ids = {element.id for element in (*made.before, *made.after)}
+            if not made:
+                continue
+            last = self.done[-1] if self.done else None
+            text = f"change of {', '.join(sorted(map(local_name, ids))[:3])}"
+            is_same = last is not None and last.is_from_elsewhere and last.text == text
+            if last is not None and is_same and made.stamp - last.made.stamp < _ONE_DRAG:
+                self.done[-1] = Edit(text, joined([last.made, made]), True)
+            else:
+                self.done.append(Edit(text, made, True))
+                del self.done[:-MOST_KEPT]
+            self.undone.clear()
+
     def forget(self) -> None:
         """The scene is another one: nothing can be taken back."""
         for kept in (self.done, self.undone, self._heard, self._sent):
@@ -127,9 +152,3 @@ def take_back(world: WorldModelAbstractInterface, edit: Edit, who: Callable[[str
                 raise
             world.catch_up()
     raise AssertionError("unreachable")
-
-
-def elements_text(elements: Sequence[Element]) -> str:
-    """Some elements in few words."""
-    first = ", ".join(e.id for e in elements[:3])
-    return first if len(elements) <= 3 else f"{first} and {len(elements) - 3} more"

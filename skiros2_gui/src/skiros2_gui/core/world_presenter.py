@@ -75,6 +75,7 @@ class WorldPresenter:
         self._clock = clock
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
+        self._under_way = 0  # requests of this tab that have not ended
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
@@ -163,6 +164,7 @@ class WorldPresenter:
                         self.marks[eid] = Mark(change.author, change.action, now)
                         marked[eid] = None
         self.edits.heard(touched.by_change)
+        self._take_others()
         if self.selected and self.selected not in mirror.scene:
             self.select("")
         if self._to_select:
@@ -271,11 +273,29 @@ class WorldPresenter:
     ) -> None:
         def carried_out(outcome: Outcome) -> None:
             self.edits.sent(text, outcome)
-            self._show_edits()
+            self._ended()
             if done is not None:
                 done(outcome)
 
-        self.window.jobs.run(lambda: world.transact(operations), carried_out, what=text, lane=LANE)
+        self._run(lambda: world.transact(operations), carried_out, text)
+
+    def _run(self, call: Callable[[], Outcome], done: Callable[[Outcome], None], what: str) -> None:
+        def failed(error: Exception) -> None:
+            self._ended()
+            self.window.problems.tell(what, error)
+
+        self._under_way += 1
+        self.window.jobs.run(call, done, failed, what=what, lane=LANE)
+
+    def _ended(self) -> None:
+        """A request of this tab has ended."""
+        self._under_way -= 1
+        self._take_others()
+        self._show_edits()
+
+    def _take_others(self) -> None:
+        if not self._under_way:
+            self.edits.take_others()
 
     def _on_moved(self, event: ElementMoved) -> None:
         """The user has moved an element in rviz: that can be undone too."""
@@ -298,11 +318,9 @@ class WorldPresenter:
 
         def carried_out(outcome: Outcome) -> None:
             told(edit, outcome)
-            self._show_edits()
+            self._ended()
 
-        self.window.jobs.run(
-            lambda: take_back(world, edit, self._who), carried_out, what=f"{what}: {edit.text}", lane=LANE
-        )
+        self._run(lambda: take_back(world, edit, self._who), carried_out, f"{what}: {edit.text}")
 
     def _who(self, eid: str) -> str:
         """Who has changed an element last, and when. Called by jobs: it only looks."""

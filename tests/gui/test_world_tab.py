@@ -11,6 +11,7 @@ from python_qt_binding.QtCore import QItemSelectionModel, QModelIndex, Qt
 from python_qt_binding.QtWidgets import QDialog, QLineEdit
 
 from skiros2_common.core.world_element import Element
+from skiros2_gui.core.events import WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_scene import LOOSE
 from skiros2_gui.qt.world_dialogs import AddDialog, PropertyDialog, RelationDialog, RemoveDialog
@@ -278,3 +279,17 @@ def test_settings_come_back_and_nonsense_is_left(desk: Desk) -> None:
     desk.tab.restore(kept)
     assert desk.tab.query.box.toPlainText() == "ASK {}"
     assert desk.tab.pages.currentIndex() == 2
+
+
+def test_branches_stay_open_when_the_scene_is_read_anew(desk: Desk) -> None:
+    box = desk.add()
+    part = desk.add(parent=box, etype="skiros:Part")
+    desk.select(part)
+    tree, model = desk.tab.tree, desk.tab.model
+    tree.setExpanded(model.index_of(box), True)
+    element = Element("cora:Robot")  # it comes above the box
+    element.addRelation(ROOT, "skiros:contain", "-1")
+    desk.other.add_element(element)
+    desk.window.tell(WorldChanged((), True, True))
+    assert tree.isExpanded(model.index_of(ROOT)) and tree.isExpanded(model.index_of(box))
+    assert model.element(tree.currentIndex()) == desk.tab.presenter.selected == part

@@ -50,6 +50,7 @@ class WorldTab(QWidget):
         self.presenter = WorldPresenter(window)
         self.questions = Questions(window)
         self._file = ""
+        self._opened: dict[str, None] = {ROOT: None}  # branches, in the order in which they were opened
         self._is_following = False
         self.model = SceneModel(self.presenter)
         self.model.dropped.connect(self._move)
@@ -94,6 +95,8 @@ class WorldTab(QWidget):
             header.resizeSection(column, int(tree.fontMetrics().averageCharWidth() * 13))
         self.model.redrawn.connect(tree.viewport().update)
         tree.selectionModel().currentChanged.connect(lambda *_: self._select())
+        tree.expanded.connect(lambda index: self._opened.update({self.model.element(index): None}))
+        tree.collapsed.connect(lambda index: self._opened.pop(self.model.element(index), None))
         for key, call in (
             (QKeySequence(Qt.Key_Delete), self.remove),
             (QKeySequence(Qt.Key_Insert), self.add),
@@ -187,10 +190,14 @@ class WorldTab(QWidget):
     # -- what the presenter tells ------------------------------------------------------------------------------
 
     def show_scene(self) -> None:
-        opened = [self.model.element(index) for index in self._opened()]
+        opened = list(self._opened)
         self.model.show_scene()
-        for eid in [ROOT, *opened]:
-            self.tree.setExpanded(self.model.index_of(eid), True)
+        for eid in opened:
+            index = self.model.index_of(eid)
+            if index.isValid():
+                self.tree.setExpanded(index, True)
+            else:
+                del self._opened[eid]
         self.show_selection()
         self.finder.search()
 
@@ -239,16 +246,6 @@ class WorldTab(QWidget):
         """The elements that are selected in the tree."""
         rows = self.tree.selectionModel().selectedRows()
         return [eid for index in rows if (eid := self.model.element(index)) not in (TOP, LOOSE)]
-
-    def _opened(self) -> list[Any]:
-        """The branches that are open."""
-        found, waiting = [], [self.model.index(row, 0) for row in range(self.model.rowCount())]
-        while waiting:
-            index = waiting.pop()
-            if self.tree.isExpanded(index):
-                found.append(index)
-                waiting += [self.model.index(row, 0, index) for row in range(min(self.model.rowCount(index), 1000))]
-        return found
 
     # -- changing ----------------------------------------------------------------------------------------------
 

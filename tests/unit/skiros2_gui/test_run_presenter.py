@@ -209,6 +209,10 @@ def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_pi
     presenter.pick(presenter.run)
     window.tell(Progressed("/robot", pick_and_place(task_id=3), 4.0))
     assert presenter.run.task_id == 2
+    window.tell(TaskStarted("/robot", 3))
+    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=3, **over), 5.0))
+    window.tell(Progressed("/robot", pick_and_place(task_id=4), 6.0))
+    assert presenter.run.task_id == 4
 
 
 def test_stepping_through_ticks_ends_at_the_present(window, presenter):

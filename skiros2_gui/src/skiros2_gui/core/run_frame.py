@@ -60,7 +60,8 @@ class Frame:
         return lasted
 
     def running(self) -> list[int]:
-        """The places of the nodes that run and under which none does: what the robot is at; the last to begin comes last."""
+        """The places of the nodes that run and under which none does, the last to begin at the end: what the robot is
+        at."""
         places = np.flatnonzero(self.rows["state"] == RUNNING).tolist()
         parents, above = self.shape.parents, {-1}
         for place in places:

@@ -98,8 +98,8 @@ class RunPresenter:
         return self.is_live and self.run is not None and is_paused(self.run)
 
     def pick(self, run: TaskRun) -> None:
-        """The user wants to see that task."""
-        self._is_picked = True
+        """The user wants to see that task: one that has ended, until he picks another one; else until it has ended."""
+        self._is_picked = run.now.has_ended or run.is_lost
         self._show(run)
 
     def command(self, action: str) -> None:
@@ -285,8 +285,7 @@ class RunPresenter:
             self.on_change(Part.TASKS)
         if self._wanted == (run.robot, run.task_id):
             self._wanted = None
-            self._is_picked = True
-            self._show(run)
+            self.pick(run)
         elif self.run is not run and self._may_go_on_to(run):
             self._show(run)
         if run is self.run:

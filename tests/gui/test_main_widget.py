@@ -175,6 +175,14 @@ def test_the_end_comes_once_and_nothing_is_heard_after_it(other: MainWidget) -> 
     assert heard == []
 
 
+def test_a_tab_that_cannot_end_does_not_keep_the_others_going(
+    other: MainWidget, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(other.pages[0].tab, "close_tab", lambda: 1 // 0)
+    other.shut_down()
+    assert other.pages[1].tab.told == ["closed"]
+
+
 def test_the_colours_follow_the_palette(window: MainWidget) -> None:
     def ground() -> int:
         return window.pages[0].banner.palette().color(QPalette.Window).lightness()

@@ -65,6 +65,17 @@ def test_what_the_user_has_set_is_there_the_next_time(opened: Open) -> None:
     assert QApplication.font().pointSizeF() == usual
 
 
+def test_a_window_whose_settings_cannot_be_kept_closes_all_the_same(
+    opened: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = opened()
+    monkeypatch.setattr(window.content, "settings", lambda: {"not JSON": object()})
+    ended = []
+    monkeypatch.setattr(window.content.system, "close", lambda: ended.append(True))
+    assert window.close()
+    assert ended == [True]
+
+
 @pytest.mark.parametrize("kept", ["not JSON", "[1]", '{"tabs": 1}'])
 def test_kept_settings_that_make_no_sense_do_no_harm(opened: Open, settings: Path, kept: str) -> None:
     store = QSettings(str(settings), QSettings.IniFormat)

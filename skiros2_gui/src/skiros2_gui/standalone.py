@@ -16,6 +16,7 @@ from python_qt_binding.QtCore import QByteArray, QSettings, QSocketNotifier, Qt
 from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_gui.display import display_trouble
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.theme import CHOICES, SYSTEM, apply_theme
@@ -59,9 +60,12 @@ class StandaloneWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Keeps what is to be the same the next time, and ends all that goes on."""
-        self._settings.setValue("geometry", self.saveGeometry())
-        self._settings.setValue("content", json.dumps(self.content.settings()))
-        self._settings.sync()
+        try:
+            self._settings.setValue("geometry", self.saveGeometry())
+            self._settings.setValue("content", json.dumps(self.content.settings()))
+            self._settings.sync()
+        except FOREIGN_ERRORS:  # it has to end all the same
+            log.exception("what was set in the window cannot be kept")
         self.content.shut_down()
         super().closeEvent(event)
 

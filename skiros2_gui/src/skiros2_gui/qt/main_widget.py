@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from python_qt_binding.QtCore import QEvent, QObject, Qt
@@ -23,6 +25,7 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_gui.core.events import ConnectionChanged, ElementSelected, ManagersChanged, ProblemHeard
 from skiros2_gui.core.health import missing
 from skiros2_gui.core.inbox import Inbox
@@ -38,6 +41,8 @@ from skiros2_gui.qt.status_line import StatusLine
 from skiros2_gui.qt.tab import Tab
 from skiros2_gui.qt.theme import is_dark, tint
 from skiros2_gui.qt.world_tab import WorldTab
+
+log = logging.getLogger(__name__)
 
 #: The tabs, in their order; after them rviz, where it can be drawn.
 TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
@@ -65,8 +70,11 @@ class MainWidget(QWidget):
         self.tabs.setDocumentMode(True)
         tabs = TABS if rviz_trouble() else (*TABS, RvizPanel)
         self.pages = [_Page(made(self.shared), self.shared) for made in tabs]
-        for page in self.pages:
+        for number, page in enumerate(self.pages):
             self.tabs.addTab(page, page.tab.title)
+            self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")
+            self._on_keys(QKeySequence(f"Alt+{number + 1}"), partial(self.tabs.setCurrentIndex, number))
+        self._on_keys(QKeySequence(QKeySequence.Find), lambda: self.tab.find())
         self.error_bar = ErrorBar(self.shared.problems)
         self.status = StatusLine(self.shared)
         column = QVBoxLayout(self)
@@ -75,14 +83,6 @@ class MainWidget(QWidget):
         column.addWidget(self.tabs, 1)
         column.addWidget(self.error_bar)
         column.addWidget(self.status)
-        for keys, call in (
-            (QKeySequence(QKeySequence.Find), lambda: self.tab.find()),
-            (QKeySequence("Alt+1"), lambda: self.tabs.setCurrentIndex(0)),
-            (QKeySequence("Alt+2"), lambda: self.tabs.setCurrentIndex(1)),
-            (QKeySequence("Alt+3"), lambda: self.tabs.setCurrentIndex(2)),
-            (QKeySequence("Alt+4"), lambda: self.tabs.setCurrentIndex(3)),
-        ):
-            QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
         QApplication.instance().installEventFilter(self)
         self._is_closed = False
         self._is_dark: bool | None = None
@@ -125,7 +125,10 @@ class MainWidget(QWidget):
         self._mishaps.close()
         self._bridge.close()
         for page in self.pages:
-            page.tab.close_tab()
+            try:
+                page.tab.close_tab()
+            except FOREIGN_ERRORS:  # the others are to end all the same
+                log.exception("closing %s", page.tab.title)
         self.system.close()
 
     def changeEvent(self, event: QEvent) -> None:
@@ -133,6 +136,9 @@ class MainWidget(QWidget):
         if event.type() == QEvent.PaletteChange:
             self._set_colours()
         super().changeEvent(event)
+
+    def _on_keys(self, keys: QKeySequence, call: Callable[[], None]) -> None:
+        QShortcut(keys, self, call, context=Qt.WidgetWithChildrenShortcut)
 
     def _set_colours(self) -> None:
         dark = is_dark(self)

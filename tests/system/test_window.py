@@ -25,6 +25,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytestmark = pytest.mark.timeout(90)
 
 ROBOT = "/mobile_manipulator"
+PRODUCT_A_IN_TRAY_B = "(skiros:contain demo:Tray-12 skiros:Product-14)"
 ALL_PARTS = {"ROS master", "world model", "robot", "task manager"}
 
 
@@ -93,6 +94,16 @@ def test_a_start_that_is_refused_is_explained_before_and_after(window: Driver) -
     window.wait_for_row("taskList", "pick", "failed")
     why = window.widget("taskWhy")
     window.wait_until(lambda: "Workstation" in why.toPlainText(), "why it failed")
+
+
+def test_a_goal_is_reached_from_the_goal_line(window: Driver) -> None:
+    window.open_tab("Skills")
+    window.write("goalLine", PRODUCT_A_IN_TRAY_B)
+    window.click("planButton")
+    window.wait_for_row("planView", "place", "Tray B")
+    window.click("achieveButton")
+    window.wait_for_row("planView", "place", "succeeded")
+    assert WorldModelInterface("/test_window").get_element("skiros:Product-14").getRelations("demo:Tray-12")
 
 
 def test_an_edit_is_seen_in_the_world_model(window: Driver) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -77,7 +78,8 @@ class Driver:
             QTest.keyClick(editor, key)
 
     def choose(self, name: str, text: str) -> None:
-        """Chooses the entry whose text begins so, in a tree, a list, a table (by a click) or a box of choices.
+        """Chooses the entry whose text begins so, after signs such as ▶: by a click in a tree, a list or a table, or in a
+        box of choices.
 
         :raises TimedOut: there is none.
         """
@@ -117,6 +119,12 @@ class Driver:
             shown = "\n".join(self.rows(name))
             raise TimedOut(f"the window: no row of {name} has {texts}:\n{shown}") from None
 
+    def go_on(self, seconds: float) -> None:
+        """Lets the window go on for that time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            _process()
+
     def wait_until(self, condition: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
         """Lets the window go on until the condition is true; returns its value.
 
@@ -126,8 +134,14 @@ class Driver:
         while not (value := condition()):
             if time.monotonic() > end:
                 raise TimedOut(f"the window: {what}: not within {patience:g} s")
-            QApplication.processEvents(QEventLoop.AllEvents | QEventLoop.WaitForMoreEvents, 20)
+            _process()
         return value
+
+
+def _process() -> None:
+    """What there is for the window to do, and what comes within the next moment."""
+    QApplication.processEvents(QEventLoop.AllEvents, 20)
+    time.sleep(0.005)
 
 
 def _entries(view: QAbstractItemView, above: QModelIndex | None = None) -> Iterator[QModelIndex]:
@@ -148,4 +162,4 @@ def _texts(entry: QModelIndex, columns: int) -> list[str]:
 
 
 def _begins(shown: Any, text: str) -> bool:
-    return str(shown or "").strip().startswith(text)
+    return re.sub(r"^\W+", "", str(shown or "")).startswith(text)

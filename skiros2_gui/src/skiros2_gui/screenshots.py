@@ -1,0 +1,115 @@
+"""Pictures of the window during a real run: `rosrun skiros2_gui screenshots [FOLDER]`.
+
+Starts the demo whose motions only take time, on a master of its own, opens the window beside it, uses it as a person
+does, and saves what is to be seen of each tab. Where there is no display it takes one that nobody sees (Xvfb).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from python_qt_binding.QtCore import QSettings, Qt
+from python_qt_binding.QtGui import QImage
+from python_qt_binding.QtWidgets import QApplication
+
+from skiros2_common.core.end_signals import EndedBySignal
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.ros.own_system import START_SECONDS, OwnSystem
+from skiros2_gui.display import display_trouble, virtual_display
+from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.theme import DARK, LIGHT
+from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.standalone import StandaloneWindow
+from skiros2_gui.testing.driver import Driver
+
+#: Of the window (pixels).
+WIDTH, HEIGHT = 1280, 800
+
+#: What is new is drawn within this time (s).
+SETTLING_SECONDS = 0.6
+#: The most that PNG can compress (Qt's quality).
+SMALLEST = 0
+
+_GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
+
+
+def main(arguments: list[str]) -> int:
+    """The program. Returns the exit status: 0 all pictures are saved, 1 not, 128 + n ended by signal n."""
+    parser = argparse.ArgumentParser(prog="screenshots", description="Pictures of the window during a real run.")
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs"), help="where they go (%(default)s)")
+    folder = parser.parse_args(arguments).folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        display = virtual_display() if display_trouble() else contextlib.nullcontext()
+        with display, OwnSystem("screenshots", has_own_home=True) as system:
+            system.init_node("skiros_gui")
+            system.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
+            for name, image in _pictures():
+                path = folder / f"window_{name}.png"
+                if not image.save(str(path), "PNG", SMALLEST):
+                    raise OSError(f"{path}: the picture cannot be written")
+                sys.stdout.write(f"{path}\n")
+    except EndedBySignal as signal:
+        sys.stderr.write("screenshots: stopped; everything that it started has ended\n")
+        return 128 + signal.number
+    except (SkirosError, OSError) as error:
+        sys.stderr.write(f"screenshots: {error}\n")
+        return 1
+    return 0
+
+
+def _pictures() -> Iterator[tuple[str, QImage]]:
+    """What is to be seen, by the picture's name, as the demo goes on."""
+    application = QApplication(["skiros_gui"])
+    window = StandaloneWindow(MainWidget(RosSystem), QSettings("skiros2", "window"))
+    driver = Driver(window)
+    window.set_theme(LIGHT)
+    window.resize(WIDTH, HEIGHT)
+    window.show()
+    try:
+        system = window.content.system
+        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_SECONDS)
+        driver.choose("skillTree", "drive")
+        driver.choose("param_TargetLocation", "Workstation 1")
+        driver.click("startButton")
+        driver.wait_for_row("taskList", "drive", "succeeded")
+        driver.choose("skillTree", "pick")
+        driver.choose("param_Object", "Product A")
+        driver.wait_until(lambda: driver.widget("whyNot").text().startswith("Ready"), "a skill that may be started")
+        driver.write("goalLine", _GOAL)
+        driver.click("planButton")
+        driver.wait_for_row("planView", "place")
+        yield "skills", _picture(driver)
+        driver.click("achieveButton")
+        driver.open_tab("Running")
+        driver.choose("taskChoice", "pick")
+        driver.open_tab("Messages")
+        driver.wait_for_row("messages", "close_gripper")
+        driver.write("nodeSearch", "pick", Qt.Key_Return)
+        driver.open_tab("Node")
+        yield "running", _picture(driver)
+        window.set_theme(DARK)
+        driver.write("nodeSearch", "")
+        driver.wait_for_row("taskChoice", "drive", "running")
+        driver.choose("taskChoice", "drive")  # the newest of that name
+        driver.open_tab("Messages")
+        driver.wait_for_row("messages", "Driving to Workstation 2")
+        yield "dark", _picture(driver)
+        window.set_theme(LIGHT)
+        driver.open_tab("Skills")
+        driver.wait_for_row("planView", "place", "succeeded")
+        driver.open_tab("World model")
+        driver.choose("sceneTree", "Product A")
+        yield "world", _picture(driver)
+    finally:
+        window.close()
+        application.processEvents()
+
+
+def _picture(driver: Driver) -> QImage:
+    driver.go_on(SETTLING_SECONDS)
+    return driver.window.grab().toImage()

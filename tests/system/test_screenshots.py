@@ -1,0 +1,47 @@
+"""The program that takes the pictures of the window for the README."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+from python_qt_binding.QtGui import QImage
+
+from support.programs import Program, descendants
+from support.ros import install_environment
+
+pytestmark = pytest.mark.timeout(120)
+
+PICTURES = ("skills", "running", "dark", "world")
+#: Of each picture (bytes).
+MOST_BYTES = 200_000
+
+
+def start(folder: Path) -> Program:
+    """Starts the program where there is no display and no master."""
+    env = {**install_environment(), "HOME": str(folder)}
+    for name in ("DISPLAY", "QT_QPA_PLATFORM", "ROS_MASTER_URI"):
+        env.pop(name, None)
+    return Program(["rosrun", "skiros2_gui", "screenshots", str(folder / "pictures")], env)
+
+
+def test_it_shows_each_tab_during_a_run(tmp_path: Path) -> None:
+    program = start(tmp_path)
+    assert program.wait(100.0) == 0, program.output
+    for name in PICTURES:
+        path = tmp_path / f"pictures/window_{name}.png"
+        picture = QImage(str(path))
+        assert (picture.width(), picture.height()) == (1280, 800)
+        assert path.stat().st_size < MOST_BYTES
+        is_dark = picture.pixelColor(640, 400).lightness() < 128
+        assert is_dark == (name == "dark")
+
+
+def test_told_to_end_it_takes_all_that_it_has_started_with_it(tmp_path: Path) -> None:
+    program = start(tmp_path)
+    program.wait_for_line("QStandardPaths|skiros")
+    family = descendants(program.pid)
+    program.signal(signal.SIGTERM)
+    assert program.wait() == 128 + signal.SIGTERM
+    assert not any(process.running for process in family)

@@ -78,8 +78,8 @@ class Driver:
             QTest.keyClick(editor, key)
 
     def choose(self, name: str, text: str) -> None:
-        """Chooses the entry whose text begins so, after signs such as ▶: by a click in a tree, a list or a table, or in a
-        box of choices.
+        """Chooses the entry whose text begins so, after signs such as ▶: in a tree, a list or a table by a click, or in
+        a box of choices.
 
         :raises TimedOut: there is none.
         """

@@ -35,6 +35,7 @@ def main(elements: int, nodes: int) -> None:
     rospy.Service("~get_skills", srvs.ResourceGetDescriptions, lambda _: [[]])
     monitor = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=5)
     DiscoverableNode().init_discovery(NAMESPACE, f"/{NAME}")
+    rospy.Subscriber("skiros/markers", rospy.AnyMsg, lambda _: None)  # as rviz does
     print("ready", flush=True)
     rate = rospy.Rate(RATE)
     step = 0

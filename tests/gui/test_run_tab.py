@@ -120,12 +120,12 @@ def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(
     drawn(tab, qtbot)
     tab.presenter.change_folds(lambda tree, _: tree.fold_to(1))
     tab.find()
-    assert tab._search.hasFocus()
-    qtbot.keyClicks(tab._search, "skill_77")
+    assert tab._bar.search.hasFocus()
+    qtbot.keyClicks(tab._bar.search, "skill_77")
     drawn(tab, qtbot)
-    assert tab._count.text() == "11 found"
+    assert tab._bar.count.text() == "11 found"
     shape, first = tab.presenter.frame.shape, tab.presenter.tree.place()
-    qtbot.keyClick(tab._search, Qt.Key_Return)
+    qtbot.keyClick(tab._bar.search, Qt.Key_Return)
     second = tab.presenter.tree.place()
     assert first != second
     assert all(shape.label(place).startswith("skill_77") for place in (first, second))
@@ -225,14 +225,14 @@ def test_it_is_not_drawn_while_it_is_not_seen(tab: RunTab, window: Window, qtbot
 
 
 def test_settings_come_back_and_nonsense_is_left(tab: RunTab) -> None:
-    tab._follow.setChecked(False)
+    tab._bar.follow.setChecked(False)
     tab._beside.setCurrentIndex(2)
     kept = tab.settings()
-    tab._follow.setChecked(True)
+    tab._bar.follow.setChecked(True)
     tab.restore({"sizes": 7, "follow": "no", "beside": None, "folder": []})
-    assert tab._follow.isChecked()
+    assert tab._bar.follow.isChecked()
     tab.restore(kept)
-    assert not tab._follow.isChecked() and tab._beside.currentIndex() == 2
+    assert not tab._bar.follow.isChecked() and tab._beside.currentIndex() == 2
 
 
 def test_the_menu_of_a_node_folds_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -350,3 +350,17 @@ def test_why_a_task_waits_or_has_failed_stands_above_the_tree(tab: RunTab, windo
     tab.presenter.go_to(0)
     drawn(tab, qtbot)
     assert not note.isVisible()
+
+
+def test_each_task_has_a_search_of_its_own(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    tell(window, pick_and_place(task_id=1))
+    tell(window, pick_and_place(task_id=2))
+    drawn(tab, qtbot)
+    qtbot.keyClicks(tab._bar.search, "arm")
+    first, second = list(tab.presenter.runs)
+    tab.presenter.pick(second)
+    drawn(tab, qtbot)
+    assert (tab._bar.search.text(), tab._bar.count.text()) == ("", "5 nodes")
+    tab.presenter.pick(first)
+    drawn(tab, qtbot)
+    assert (tab._bar.search.text(), tab._bar.count.text()) == ("arm", "1 found")

@@ -12,7 +12,8 @@ import pytest
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
-from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter, state_text
+from skiros2_gui.core.live_runs import state_text
+from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.window import Window
 from skiros2_gui.testing.at_once import make_window

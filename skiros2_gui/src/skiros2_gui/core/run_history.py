@@ -81,6 +81,11 @@ class TaskRun:
         return self._now
 
     @property
+    def is_over(self) -> bool:
+        """Whether it has ended, as far as is known."""
+        return self.is_lost or self.now.has_ended
+
+    @property
     def start(self) -> float:
         """When it was first seen (s since the epoch)."""
         return self._start

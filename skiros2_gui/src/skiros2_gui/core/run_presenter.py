@@ -6,10 +6,9 @@ import enum
 import heapq
 import weakref
 from collections.abc import Callable, Iterable
-from functools import partial
-from typing import Any
 
-from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
+from skiros2_gui.core.events import TaskStarted
+from skiros2_gui.core.live_runs import LiveRuns, is_paused
 from skiros2_gui.core.run_bag import RunBag, read_bag
 from skiros2_gui.core.run_breakpoints import RunBreakpoints
 from skiros2_gui.core.run_frame import Frame
@@ -17,16 +16,11 @@ from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.runs import Runs
 from skiros2_gui.core.selected_node import SelectedNode
-from skiros2_gui.core.states import look_of
 from skiros2_gui.core.window import Window
 
 #: The commands for a task, and what one is doing who sends them.
 PAUSE, RESUME, STEP, STOP = "pause", "start", "tick_once", "preempt"
 _DOING = {PAUSE: "pausing", RESUME: "going on with", STEP: "ticking", STOP: "stopping"}
-
-
-#: A task that has not ended tells of itself once a second; of one that has not for so long (s) the end may be lost.
-_SILENT = 3.0
 
 
 class Part(enum.Flag):
@@ -52,32 +46,31 @@ class RunPresenter:
 
     def __init__(self, window: Window) -> None:
         self._window = window
-        self._live = Runs()
         self._trees: weakref.WeakKeyDictionary[TaskRun, RunTree] = weakref.WeakKeyDictionary()
-        self._told: weakref.WeakKeyDictionary[TaskRun, tuple[str, str]] = weakref.WeakKeyDictionary()
         self._no_tree = RunTree()
-        self._known: set[str] = set()
         self._wanted: tuple[str, int] | None = None
         self._is_picked = False
         self._past: tuple[TaskRun, float, Frame] | None = None
         self.run: TaskRun | None = None
         self.tick: int | None = None
+        self._moment = 0.0  # the time of that tick
         self.bag: RunBag | None = None
         self.follows = True
         self.on_change: Callable[[Part], None] = lambda part: None
         self.breakpoints = RunBreakpoints(window, lambda: self.on_change(Part.BREAKPOINTS | Part.STATES))
         self.node = SelectedNode(window, lambda: self.on_change(Part.NODE))
-        window.subscribe(Progressed, self._on_progress)
-        window.subscribe(ManagersChanged, lambda _: self._on_managers())
+        self._live = LiveRuns(
+            window, self._on_run, lambda: self.on_change(Part.TASKS | Part.STATES), self.breakpoints.ask
+        )
         window.subscribe(TaskStarted, self._on_started)
-        self._on_managers()
+        self._live.look_at_managers()
 
     # -- tasks -----------------------------------------------------------------------------------------------------
 
     @property
     def runs(self) -> Runs:
         """The tasks to choose from, oldest first."""
-        return self._live if self.bag is None else self.bag.runs
+        return self._live.runs if self.bag is None else self.bag.runs
 
     @property
     def robot(self) -> str:
@@ -91,7 +84,7 @@ class RunPresenter:
     def is_live(self) -> bool:
         """Whether what is shown goes on by itself: the present of a task that has not ended."""
         run = self.run
-        return self.bag is None and self.tick is None and run is not None and not (run.now.has_ended or run.is_lost)
+        return self.bag is None and self.tick is None and run is not None and not run.is_over
 
     @property
     def is_paused(self) -> bool:
@@ -99,7 +92,7 @@ class RunPresenter:
 
     def pick(self, run: TaskRun) -> None:
         """The user wants to see that task: one that has ended, until he picks another one; else until it has ended."""
-        self._is_picked = run.now.has_ended or run.is_lost
+        self._is_picked = run.is_over
         self._show(run)
 
     def command(self, action: str) -> None:
@@ -120,30 +113,17 @@ class RunPresenter:
 
     def forget_ended(self) -> None:
         """Gives up the tasks that have ended."""
-        self._live.forget_ended()
-        if self.bag is None and self.run is not None and self.run not in list(self._live):
-            self._show(next(iter(self._live), None))
+        self._live.runs.forget_ended()
+        if self.bag is None and self.run is not None and self.run not in list(self._live.runs):
+            self._show(self._live.newest())
         self.on_change(Part.TASKS)
 
     def check(self, now: float) -> None:
-        """Asks for the tasks of which nothing was heard for long: news of their end may have got lost.
+        """Looks whether tasks have gone silent; to be called now and then.
 
         :param now: s since the epoch.
         """
-        silent = [r for r in self._live if not (r.now.has_ended or r.is_lost) and now - r.now.time > _SILENT]
-        for robot in {run.robot for run in silent} & self._window.system.managers.keys():
-            manager = self._window.system.managers[robot]
-            of_robot = [run for run in silent if run.robot == robot]
-            self._window.jobs.run(
-                manager.tasks, partial(self._take_alive, of_robot, now), lambda error: None, lane=robot
-            )
-
-    def _take_alive(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
-        alive = {nodes[0].id for nodes in tasks if nodes}
-        for run in silent:
-            if run.task_id not in alive and run.now.time < asked and not run.now.has_ended:
-                run.is_lost = True
-                self.on_change(Part.TASKS | Part.STATES)
+        self._live.check(now)
 
     # -- bags ------------------------------------------------------------------------------------------------------
 
@@ -156,7 +136,7 @@ class RunPresenter:
         if self.bag is not None:
             self.bag = None
             self._is_picked = False
-            self._show(_newest(self._live))
+            self._show(self._live.newest())
 
     def _take_bag(self, bag: RunBag) -> None:
         self.bag = bag
@@ -255,6 +235,7 @@ class RunPresenter:
         if self.run is None:
             return
         self.tick = None if tick is None else min(max(0, tick), len(self.run) - 1)
+        self._moment = 0.0 if self.tick is None else self.run.times[self.tick]
         self.ask_node()
         self.on_change(Part.ALL)
 
@@ -272,26 +253,18 @@ class RunPresenter:
 
     # -- news --------------------------------------------------------------------------------------------------------
 
-    def _on_progress(self, event: Progressed) -> None:
-        at = self.run.times[self.tick] if self.run is not None and self.tick is not None else None
-        entered = self._live.enter(event.manager, event.nodes, event.stamp)
-        if entered is None:
-            return
-        run, is_new = entered
+    def _on_run(self, run: TaskRun, is_new: bool) -> None:
         if self.bag is not None:
             return
-        if self._told.get(run) != (said := state_text(run)):
-            self._told[run] = said
-            self.on_change(Part.TASKS)
         if self._wanted == (run.robot, run.task_id):
             self._wanted = None
             self.pick(run)
         elif self.run is not run and self._may_go_on_to(run):
             self._show(run)
         if run is self.run:
-            if at is not None:
-                self.tick = run.tick_at(at)  # older ones may have been dropped
-            if run.now.has_ended and self.tick is None:
+            if self.tick is not None:
+                self.tick = run.tick_at(self._moment)  # older ones may have been dropped
+            elif run.now.has_ended:
                 self._look_at_end(run)
             self.on_change(Part.STATES | Part.TREE if is_new else Part.STATES)
 
@@ -308,11 +281,10 @@ class RunPresenter:
         shown = self.run
         if shown is None:
             return True
-        is_over = shown.now.has_ended or shown.is_lost
-        return is_over and not self._is_picked and self.tick is None and not run.now.has_ended
+        return shown.is_over and not self._is_picked and self.tick is None and not run.now.has_ended
 
     def _on_started(self, event: TaskStarted) -> None:
-        run = next((r for r in reversed(list(self._live)) if (r.robot, r.task_id) == (event.manager, event.task)), None)
+        run = self._live.find(event.manager, event.task)
         if self.bag is not None:
             self.close_bag()
         if run is not None and not run.now.has_ended:
@@ -320,43 +292,7 @@ class RunPresenter:
         else:
             self._wanted = (event.manager, event.task)
 
-    def _on_managers(self) -> None:
-        managers = self._window.system.managers
-        for name in self._known - managers.keys():
-            self._live.lose(name)
-            self.breakpoints.ask(name)
-        for name in managers.keys() - self._known:
-            self.breakpoints.ask(name)
-        self._known = set(managers)
-        self.on_change(Part.TASKS | Part.STATES)
-
     def _show(self, run: TaskRun | None) -> None:
         self.run, self.tick = run, None
         self.ask_node()
         self.on_change(Part.ALL)
-
-
-def is_paused(run: TaskRun) -> bool:
-    """Whether the task waits for somebody to go on with it: its root says so."""
-    return not run.now.has_ended and run.now.message(0).startswith("paused")
-
-
-def state_text(run: TaskRun) -> tuple[str, str]:
-    """A symbol and a word for what a task is doing."""
-    if run.now.has_ended:
-        look = look_of(run.now.state(0))
-        return look.symbol, look.word
-    if run.is_lost:
-        return "?", "lost: its end was not heard of"
-    if is_paused(run):
-        return "‖", "paused"
-    look = look_of(run.now.state(0))
-    return look.symbol, look.word
-
-
-def _newest(runs: Runs) -> TaskRun | None:
-    """The task that was seen to begin last, of those that run if there are any."""
-    known = list(runs)
-    alive = [run for run in known if not (run.now.has_ended or run.is_lost)]
-    chosen = alive or known
-    return chosen[-1] if chosen else None

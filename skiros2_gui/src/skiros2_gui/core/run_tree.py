@@ -28,6 +28,7 @@ class RunTree:
         self.text = ""
         self._folded: set[int] = set()
         self._is_new = True
+        self._found: tuple[Shape, list[str], list[int]] | None = None  # of which tree, for what, which
 
     @property
     def folded(self) -> frozenset[int]:
@@ -94,6 +95,12 @@ class RunTree:
         words = self.text.lower().split()
         if self.drawing is None or not words:
             return []
+        if self._found is None or self._found[:2] != (self.drawing.shape, words):
+            self._found = (self.drawing.shape, words, self._search(words))
+        return self._found[2]
+
+    def _search(self, words: list[str]) -> list[int]:
+        assert self.drawing is not None
         keys = self.drawing.shape.keys
         names = (f"{kind} {label} {processor}".lower() for _, _, kind, label, processor in keys)
         return _in_order(self.drawing.shape, [p for p, name in enumerate(names) if all(w in name for w in words)])

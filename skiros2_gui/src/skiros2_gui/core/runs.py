@@ -69,7 +69,7 @@ class Runs:
 
     def forget_ended(self) -> None:
         """Gives up the tasks that have ended."""
-        self._runs = [run for run in self._runs if not (run.now.has_ended or run.is_lost)]
+        self._runs = [run for run in self._runs if not run.is_over]
         self._current = {(run.robot, run.task_id): run for run in self._runs}
 
     def _make_room(self, used: TaskRun) -> None:

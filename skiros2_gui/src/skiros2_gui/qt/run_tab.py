@@ -8,22 +8,17 @@ from typing import Any
 
 from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
 from python_qt_binding.QtWidgets import (
-    QCheckBox,
     QLabel,
-    QLineEdit,
-    QMenu,
     QSplitter,
     QTabWidget,
-    QToolBar,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
 from skiros2_gui.core.events import ElementSelected
 from skiros2_gui.core.run_presenter import Part, RunPresenter
-from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.run_bar import TreeBar
 from skiros2_gui.qt.run_breakpoints import BreakpointPanel
 from skiros2_gui.qt.run_details import NodeDetails
 from skiros2_gui.qt.run_history_bar import HistoryBar
@@ -56,7 +51,8 @@ class RunTab(QWidget):
         self._breakpoints = BreakpointPanel(self.presenter)
         self._history = HistoryBar(self.presenter)
         self._note = TaskNote()
-        self._make_bar()
+        self._bar = TreeBar(self.presenter)
+        self._followed = -1
         self._lay_out()
         self._stale = Part.ALL
         self._slow_stale = True
@@ -69,7 +65,10 @@ class RunTab(QWidget):
         self._messages.chosen.connect(self._on_message)
         self._times.chosen.connect(lambda node: self._go_to_node(node))
         self._details.element.connect(lambda eid: window.tell(ElementSelected(eid, self)))
-        self.view.moved.connect(lambda: self._follow.setChecked(False))
+        self.view.moved.connect(lambda: self._bar.follow.setChecked(False))
+        self._bar.wanted.connect(self._go_to)
+        self._bar.fitted.connect(lambda: self.view.fit())
+        self._bar.follow.toggled.connect(lambda _: self._on_change(Part.STATES))
         self._on_change(Part.ALL)
 
     # -- what the main widget asks for -------------------------------------------------------------------------------
@@ -86,15 +85,14 @@ class RunTab(QWidget):
         if isinstance(sizes := settings.get("sizes"), str):
             self._splitter.restoreState(QByteArray.fromBase64(sizes.encode()))
         if isinstance(follow := settings.get("follow"), bool):
-            self._follow.setChecked(follow)
+            self._bar.follow.setChecked(follow)
         if isinstance(beside := settings.get("beside"), int):
             self._beside.setCurrentIndex(beside)
         if isinstance(folder := settings.get("folder"), str):
             self._tasks.folder = folder
 
     def find(self) -> None:
-        self._search.setFocus(Qt.ShortcutFocusReason)
-        self._search.selectAll()
+        self._bar.focus()
 
     def toggle(self) -> None:
         self.presenter.toggle()
@@ -143,7 +141,7 @@ class RunTab(QWidget):
         is_drawn = frame is None or (presenter.tree.drawing is not None and presenter.tree.drawing.shape is frame.shape)
         if stale & Part.TREE or not is_drawn:
             self.view.show_tree()
-            self._show_count()
+            self._bar.show_tree()
         elif stale & Part.STATES:
             self.view.show_states()
         if stale & (Part.STATES | Part.TREE):
@@ -169,7 +167,7 @@ class RunTab(QWidget):
             self._show_node()
             if presenter.is_live:
                 presenter.ask_node()
-        self._jump.setEnabled(bool(presenter.running()))
+        self._bar.show_running()
 
     def _show_node(self) -> None:
         frame, place = self.presenter.frame, self.presenter.tree.place()
@@ -179,31 +177,15 @@ class RunTab(QWidget):
             self._details.show_node(self.presenter.node.text(frame, place))
 
     def _follow_running(self) -> None:
-        if self._follow.isChecked() and self.presenter.is_live:
+        if not self.presenter.follows:
+            self._followed = -1
+        elif self.presenter.is_live:
             running = self.presenter.running()
             if running and running[-1] != self._followed:
                 self._followed = running[-1]
                 self.view.reveal(running[-1])
 
-    def _show_count(self) -> None:
-        found = self.presenter.tree.found() if self.presenter.tree.text else []
-        frame = self.presenter.frame
-        nodes = f"{len(frame.shape)} nodes" if frame is not None else ""
-        self._count.setText(f"{len(found)} found" if self.presenter.tree.text else nodes)
-
     # -- what the user does ------------------------------------------------------------------------------------------
-
-    def _on_search(self, text: str) -> None:
-        found = self.presenter.search(text)
-        self._show_count()
-        if found:
-            self._go_next(1)
-
-    def _go_next(self, step: int) -> None:
-        self._go_to(self.presenter.select_next(self.presenter.tree.found(), step))
-
-    def _go_to_running(self) -> None:
-        self._go_to(self.presenter.select_next(self.presenter.running()[::-1]))
 
     def _go_to_node(self, node: int) -> None:
         frame = self.presenter.frame
@@ -225,38 +207,7 @@ class RunTab(QWidget):
 
     # -- widgets -----------------------------------------------------------------------------------------------------
 
-    def _make_bar(self) -> None:
-        self._search = QLineEdit()
-        self._search.setObjectName("nodeSearch")
-        self._search.setPlaceholderText("Find nodes by label or type (Ctrl+F)")
-        self._search.setClearButtonEnabled(True)
-        self._search.setMinimumWidth(self.fontMetrics().averageCharWidth() * 10)
-        self._search.textChanged.connect(self._on_search)
-        self._search.returnPressed.connect(lambda: self._go_next(1))
-        self._count = QLabel()
-        self._count.setContentsMargins(6, 0, 6, 0)
-        self._followed = -1
-        self._follow = QCheckBox("Follow")
-        self._follow.setObjectName("follow")
-        self._follow.setToolTip("keep the node that runs in sight")
-        self._follow.setChecked(True)
-        self._follow.toggled.connect(self._on_follow)
-        self._jump = _button("Running node", "jumpToRunning", "select the node that runs; again: the next one")
-        self._jump.clicked.connect(self._go_to_running)
-        folds = QMenu(self)
-        folds.addAction("Fold what is quiet", lambda: self.presenter.change_folds(RunTree.fold_quiet))
-        folds.addAction("Fold all skills", lambda: self.presenter.change_folds(lambda tree, _: tree.fold_to(1)))
-        folds.addAction("Unfold all", lambda: self.presenter.change_folds(lambda tree, _: tree.unfold_all()))
-        self._fold = _button("Fold", "foldMenu", "fold and unfold; a double click folds one node")
-        self._fold.setPopupMode(QToolButton.InstantPopup)
-        self._fold.setMenu(folds)
-        self._fit = _button("Fit", "fitTree", "show the whole tree (F); 0 shows it at 100 %, + and − zoom")
-        self._fit.clicked.connect(lambda: self.view.fit())
-
     def _lay_out(self) -> None:
-        bar = QToolBar()  # it folds what has no room
-        for widget in (self._search, self._count, self._follow, self._jump, self._fold, self._fit):
-            bar.addWidget(widget)
         self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
         self._empty.setAlignment(Qt.AlignCenter)
         self._empty.setEnabled(False)
@@ -264,7 +215,7 @@ class RunTab(QWidget):
         column = QVBoxLayout(middle)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
-        column.addWidget(bar)
+        column.addWidget(self._bar)
         column.addWidget(self._note)
         column.addWidget(self._empty, 1)
         column.addWidget(self.view, 1)
@@ -297,20 +248,6 @@ class RunTab(QWidget):
         self._draw_beside()
         if self._beside.currentWidget() is self._breakpoints:
             self.presenter.breakpoints.ask(self.presenter.robot)
-
-    def _on_follow(self, is_on: bool) -> None:
-        self.presenter.follows = is_on
-        self._followed = -1
-        if is_on:
-            self._follow_running()
-
-
-def _button(text: str, name: str, tip: str) -> QToolButton:
-    button = QToolButton()
-    button.setText(text)
-    button.setObjectName(name)
-    button.setToolTip(tip)
-    return button
 
 
 def _timer(parent: QWidget, period: int, call: Any) -> QTimer:

@@ -18,8 +18,9 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
+from skiros2_gui.core.live_runs import state_text
 from skiros2_gui.core.run_history import TaskRun
-from skiros2_gui.core.run_presenter import STEP, STOP, RunPresenter, state_text
+from skiros2_gui.core.run_presenter import STEP, STOP, RunPresenter
 from skiros2_gui.core.states import look_of
 from skiros2_gui.qt import media_icons
 from skiros2_gui.qt.media_icons import media_icon
@@ -89,7 +90,7 @@ class TaskPanel(QWidget):
         if presenter.run is None:
             self._list.setCurrentRow(-1)
         self._list.blockSignals(False)
-        self._clear.setEnabled(bag is None and any(run.now.has_ended or run.is_lost for run in runs))
+        self._clear.setEnabled(bag is None and any(run.is_over for run in runs))
         for button in (self.pause, self.step, self.stop):
             button.setEnabled(presenter.is_live)
         self.pause.setText("Go on" if presenter.is_paused else "Pause")

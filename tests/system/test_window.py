@@ -18,7 +18,8 @@ from skiros2_gui.testing.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support import window_onlooker
-from support.ros import Ros, RosMaster, wait_until
+from support.ros import INSTALL, Ros, RosMaster, wait_until
+from support.rqt_host import RqtHost, provide_rqt
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -144,3 +145,31 @@ def test_a_master_that_is_killed_is_missed_and_its_successor_found(tmp_path: Pat
             wait_until(lambda: again.search(onlooker.output), what="the new master in the window")
         finally:
             ros.stop()
+
+
+def test_two_instances_in_one_rqt_go_their_own_ways(
+    demo: Ros, shown: Driver, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    provide_rqt(monkeypatch)
+    rqt = RqtHost(INSTALL / "share/skiros2_gui/package.xml", tmp_path / "rqt_gui.ini")
+    first, second = rqt.load("gui.skiros", 1), rqt.load("gui.skiros", 2)
+    try:
+        for instance in (first, second):
+            driver = Driver(instance.widget)
+            driver.wait_until(lambda driver=driver: up(driver) == ALL_PARTS, "the whole system")
+        first.close()
+        driver.open_tab("World model")
+        driver.wait_for_row("sceneTree", "Charging station")
+        wmi = WorldModelInterface("/test_window")
+        place = wmi.get_element("skiros:Location-5")
+        place.label = "Renamed for the second"
+        wmi.update_element(place)
+        driver.wait_for_row("sceneTree", "Renamed for the second")
+        driver.open_tab("Skills")
+        driver.choose("skillTree", "wait")
+        driver.write("param_Duration", "0.1")
+        driver.click("startButton")
+        driver.wait_for_row("taskList", "wait", "succeeded")
+    finally:
+        first.close()
+        second.close()

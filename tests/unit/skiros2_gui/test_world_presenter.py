@@ -290,3 +290,14 @@ def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -
     cell.undo()
     cell.undo()
     assert cell.wm.find_element(box) is None and cell.problem == ""
+
+
+def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
+    skill, key, other = (cell.add(etype, parent="") for etype in ("skiros:Skill", "skiros:Parameter", "skiros:Parameter"))
+    cell.change(lambda r: r.relate(skill, "skiros:hasParam", key))
+    assert cell.shown() == [ROOT, [LOOSE, [other, [skill, [key]]]]]
+    box = cell.add()
+    cell.change(lambda r: r.move(skill, box))  # a skill that is somewhere after all
+    assert cell.shown() == [[ROOT, [[box, [skill]]]], [LOOSE, [key, other]]]
+    cell.undo()
+    assert cell.shown(LOOSE) == [other, [skill, [key]]]

@@ -78,7 +78,7 @@ class Edits(RuleBasedStateMachine):
         eid, under = self.pick(number), self.pick(parent)
         self.edit(lambda r: r.move(eid, under))
 
-    @rule(one=_PICK, other=_PICK, predicate=st.sampled_from(["skiros:at", "skiros:hasA"]))
+    @rule(one=_PICK, other=_PICK, predicate=st.sampled_from(["skiros:at", "skiros:hasA", "skiros:hasParam"]))
     def relate(self, one: int, other: int, predicate: str) -> None:
         src, dst = self.pick(one), self.pick(other)
 
@@ -130,7 +130,7 @@ class Edits(RuleBasedStateMachine):
         assert scene == {eid: content[3] for eid, content in self.content().items()}
         shown = mirror.below(TOP)
         assert len(shown) == len(set(shown)) == len(mirror) + 2  # the top, and the node of what is nowhere
-        anew = SceneMirror(self.wm.resolve_elements(Element()), mirror.spatial)
+        anew = SceneMirror(self.wm.resolve_elements(Element()), mirror.spatial, mirror.parts)
         assert [list(mirror.children(eid)) for eid in shown] == [list(anew.children(eid)) for eid in shown]
         assert all(mirror.child(mirror.parent(eid), mirror.row(eid)) == eid for eid in shown if eid != TOP)
 

@@ -136,7 +136,8 @@ class WorldPresenter:
             )
 
     def _took_vocabulary(self, vocabulary: Vocabulary) -> None:
-        if self.mirror is not None and vocabulary.spatial != self.mirror.spatial:
+        mirror = self.mirror
+        if mirror is not None and (vocabulary.spatial, vocabulary.parts) != (mirror.spatial, mirror.parts):
             self.read()  # the tree is another one
         else:
             self.vocabulary = vocabulary
@@ -350,7 +351,7 @@ def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneMirror, Vocabul
     :raises WmException: it does not answer.
     """
     vocabulary = read_vocabulary(world)
-    mirror = SceneMirror(world.resolve_elements(Element()), vocabulary.spatial)
+    mirror = SceneMirror(world.resolve_elements(Element()), vocabulary.spatial, vocabulary.parts)
     for eid in (TOP, ROOT):
         mirror.children(eid)
     return mirror, vocabulary

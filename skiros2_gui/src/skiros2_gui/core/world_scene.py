@@ -57,13 +57,20 @@ class TreeView(Protocol):
 class SceneMirror:
     """The elements of a scene as a tree. An element is shown once: under what contains it, else under what has it.
 
+    What is nowhere is shown under `LOOSE`; of that, what describes a skill under the skill.
+
     :param elements: all elements, with their outgoing relations.
     :param spatial: the relations that place their object in their subject.
+    :param parts: the relations that lead from a skill to what describes it.
     """
 
-    def __init__(self, elements: Iterable[Element], spatial: frozenset[str]) -> None:
+    def __init__(
+        self, elements: Iterable[Element], spatial: frozenset[str], parts: frozenset[str] = frozenset()
+    ) -> None:
         self.scene = Scene()
         self.spatial = spatial
+        self.parts = parts
+        self._downwards = spatial | parts
         self.view: TreeView | None = None
         self._snapshot = ""  # the state after the last change that was followed
         self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
@@ -117,7 +124,7 @@ class SceneMirror:
         """Whether something is shown under an element."""
         if eid in (TOP, LOOSE) or eid in self._children:
             return bool(self._sorted_children(eid))
-        for pred in self.spatial:
+        for pred in self._downwards:
             for dst in self.scene.targets(eid, pred):
                 if dst in self.scene and dst not in self._moving and self._parent(dst) == eid:
                     return True
@@ -287,6 +294,8 @@ class SceneMirror:
                 affected.update({src: None, dst: None})
         for relation in change.relations:
             affected.update({relation["src"]: None, relation["dst"]: None})
+        for eid in list(affected):  # where its parts are shown depends on where it is
+            affected.update((dst, None) for pred in self.parts for dst in self.scene.targets(eid, pred))
         return affected
 
     def _relations(self, elements: Iterable[str]) -> set[tuple[str, str, str]]:
@@ -320,7 +329,17 @@ class SceneMirror:
             key = (pred != _CONTAINS, pred, id_order(src))
             if src in self.scene and src != eid and (best is None or key < best):
                 best, holder = key, src
+        if best is None:
+            skills = [src for src, _, _ in self.scene.relations("", self.parts, eid) if self._is_on_top(src, eid)]
+            holder = min(skills, key=id_order, default=LOOSE)
         return holder
+
+    def _is_on_top(self, eid: str, part: str) -> bool:
+        """Whether an element is directly under `LOOSE`, so that a part of it can be shown under it."""
+        if eid in (part, ROOT) or eid not in self.scene:
+            return False
+        holders = (src for src, _, _ in self.scene.relations("", self._downwards, eid))
+        return not any(src in self.scene and src != eid for src in holders)
 
     def _sorted_children(self, eid: str) -> list[tuple[tuple[int, str, int], str]]:
         known = self._children.get(eid)
@@ -337,7 +356,7 @@ class SceneMirror:
         elif eid == LOOSE:
             yield from self._loose
         else:
-            below = {dst for _, _, dst in self.scene.relations(eid, self.spatial) if dst in self.scene}
+            below = {dst for _, _, dst in self.scene.relations(eid, self._downwards) if dst in self.scene}
             yield from (child for child in below - self._moving if self._parent(child) == eid)
 
     def _order(self, eid: str) -> tuple[int, str, int]:

@@ -40,6 +40,8 @@ _UNITS = {
 _IN_UNIT = re.compile(rf"\bin ({'|'.join(_UNITS)})\b", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
+_SKILL_RELATION = "skiros:skillProperty"
+_VALUE_RELATION = "skiros:hasValue"
 _UNIT_QUATERNION = "skiros:Orientation"
 
 
@@ -78,6 +80,8 @@ class Vocabulary:
                     self._ranges.setdefault(subject, []).append(obj)
         #: The relations that place their object in their subject.
         self.spatial = self.ontology.subproperties(SPATIAL)
+        #: The relations that lead from a skill to what describes it.
+        self.parts = self.ontology.subproperties(_SKILL_RELATION) - self.ontology.subproperties(_VALUE_RELATION)
 
     # -- classes and templates ---------------------------------------------------------------------------------
 

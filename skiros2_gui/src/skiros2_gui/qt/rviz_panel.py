@@ -48,7 +48,7 @@ class RvizPanel(QWidget):
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
         self._said = QLabel(
-            "The scene in 3D, drawn by rviz. The selected element has arrows and rings with which it is moved."
+            "The scene in 3D, drawn by rviz. What is selected in another tab has arrows and rings there, to move it."
         )
         self._said.setObjectName("rvizSaid")
         self._said.setWordWrap(True)
@@ -93,7 +93,8 @@ class RvizPanel(QWidget):
         """There is nothing to be found by text."""
 
     def toggle(self) -> None:
-        """Nothing is started or stopped here."""
+        """Starts rviz; it is not stopped."""
+        self.open()
 
     def close_tab(self) -> None:
         """Lays rviz aside."""

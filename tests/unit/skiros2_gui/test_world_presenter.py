@@ -5,14 +5,13 @@ from __future__ import annotations
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ElementMoved, ElementSelected, WorldChanged
+from skiros2_gui.core.events import ElementSelected, WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_presenter import MARKED_FOR, WorldPresenter
 from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import LOOSE, TOP
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_world_model.core.changes import Change, Patch
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 
@@ -193,25 +192,6 @@ def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) ->
     cell.redo()
     assert cell.shown() == [ROOT, LOOSE]
     assert cell.problem == ""
-
-
-def test_what_was_dragged_in_rviz_is_undone_as_one_move(cell: Cell) -> None:
-    box = cell.add()
-    before = cell.content()
-    changes: list[Change] = []
-    for x in (0.1, 0.2, 0.3):
-        element = cell.wm.get_element(box)
-        element.setProperty("skiros:PositionX", x)
-        moved = element.changes()
-        assert moved is not None
-        changes += cell.wm.transact([Patch(box, moved)]).changes
-    cell.window.tell(ElementMoved(box, tuple(changes)))
-    cell.window.take_news()
-    assert cell.tab.edits.undo_text == f"move {box}"
-    cell.undo()
-    assert cell.content() == before and cell.problem == ""
-    cell.redo()
-    assert cell.wm.get_element(box).value_of("skiros:PositionX") == 0.3
 
 
 def test_undo_is_refused_when_somebody_changed_the_same_meanwhile(cell: Cell) -> None:

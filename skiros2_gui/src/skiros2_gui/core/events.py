@@ -70,17 +70,6 @@ class TaskStarted:
 
 
 @dataclass(frozen=True)
-class ElementMoved:
-    """The user has moved an element in a view beside this window.
-
-    :param changes: of the scene, that this has made (`skiros2_world_model.core.changes.Change`).
-    """
-
-    eid: str
-    changes: tuple[Any, ...]
-
-
-@dataclass(frozen=True)
 class ProblemHeard:
     """Something went wrong that no job of the window was at.
 
@@ -109,7 +98,6 @@ Event = (
     | ManagersChanged
     | ConnectionChanged
     | ElementSelected
-    | ElementMoved
     | TaskStarted
     | AchieveTold
     | ProblemHeard

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ElementMoved, ElementSelected, WorldChanged
+from skiros2_gui.core.events import ElementSelected, WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_details import Details, details_of
 from skiros2_gui.core.world_edits import Edits, take_back
@@ -79,7 +79,6 @@ class WorldPresenter:
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
-        window.subscribe(ElementMoved, self._on_moved)
         if window.system.world is not None:
             self.read()
 
@@ -297,11 +296,6 @@ class WorldPresenter:
     def _take_others(self) -> None:
         if not self._under_way:
             self.edits.take_others()
-
-    def _on_moved(self, event: ElementMoved) -> None:
-        """The user has moved an element in rviz: that can be undone too."""
-        self.edits.sent(f"move {event.eid}", Outcome([event.eid], list(event.changes)))
-        self._show_edits()
 
     def undo(self) -> None:
         """Takes the user's last change back."""

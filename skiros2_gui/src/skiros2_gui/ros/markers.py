@@ -19,7 +19,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.core.marker_board import ChangedElements, Difference, MarkerBoard
 from skiros2_gui.core.markers import Showing, Shown
 from skiros2_gui.ros.marker_messages import PackedMarkers
-from skiros2_gui.ros.selected_marker import OnMoved, OnProblem, SelectedMarker
+from skiros2_gui.ros.selected_marker import OnProblem, SelectedMarker
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -43,16 +43,11 @@ class Markers:
 
     :param world: has a replica of the scene; used in other threads than the caller's.
     :param folders: where relative names of meshes are looked for.
-    :param on_problem: called, in another thread, when an element could not be moved.
-    :param on_moved: called, in another thread, when one was.
+    :param on_problem: `on_problem(what, error)` is called, in another thread, when an element could not be moved.
     """
 
     def __init__(
-        self,
-        world: WorldModelInterface,
-        folders: Sequence[str | Path] = (),
-        on_problem: OnProblem | None = None,
-        on_moved: OnMoved | None = None,
+        self, world: WorldModelInterface, folders: Sequence[str | Path] = (), on_problem: OnProblem | None = None
     ) -> None:
         self._world = world
         self._changed = ChangedElements()
@@ -62,7 +57,7 @@ class Markers:
         self._sending = threading.Lock()  # of the board and what has been sent of it
         self._ending = threading.Event()
         self._wanted = threading.Event()
-        self._selected = SelectedMarker(world, on_problem, on_moved)
+        self._selected = SelectedMarker(world, on_problem)
         self._publisher = rospy.Publisher(TOPIC, MarkerArray, subscriber_listener=_Newcomers(self), queue_size=100)
         world.add_listener(self._changed.note)
         self._thread = threading.Thread(target=self._run, name="markers", daemon=True)

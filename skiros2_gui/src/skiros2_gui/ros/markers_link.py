@@ -6,10 +6,9 @@ import logging
 import threading
 from collections.abc import Callable
 
-from skiros2_gui.core.events import ElementMoved, ProblemHeard
+from skiros2_gui.core.events import ProblemHeard
 from skiros2_gui.core.problems import in_words
 from skiros2_gui.ros.markers import Markers, mesh_folders
-from skiros2_world_model.core.changes import Change
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -18,10 +17,10 @@ log = logging.getLogger(__name__)
 class MarkersLink:
     """Publishes markers for rviz once there is a world model.
 
-    :param told: called, in any thread, of what was moved in rviz, and of what stays where it was.
+    :param told: called, in any thread, when something that was moved in rviz stays where it was.
     """
 
-    def __init__(self, told: Callable[[ProblemHeard | ElementMoved], None]) -> None:
+    def __init__(self, told: Callable[[ProblemHeard], None]) -> None:
         self._told = told
         self._lock = threading.Lock()
         self._markers: Markers | None = None
@@ -39,7 +38,7 @@ class MarkersLink:
         """Begins, when it has not begun and the world model has come. May ask the master. Called by one thread."""
         if world is None or self._markers is not None or self._is_closed:
             return
-        markers = Markers(world, mesh_folders(), self._on_problem, self._on_moved)
+        markers = Markers(world, mesh_folders(), self._on_problem)
         with self._lock:
             self._markers = markers
             markers.select(self._marked)
@@ -54,6 +53,3 @@ class MarkersLink:
 
     def _on_problem(self, what: str, error: Exception) -> None:
         self._told(ProblemHeard(what, in_words(error)))
-
-    def _on_moved(self, eid: str, changes: tuple[Change, ...]) -> None:
-        self._told(ElementMoved(eid, changes))

@@ -21,7 +21,6 @@ from skiros2_gui.core.markers import Shown
 from skiros2_gui.ros.marker_messages import interactive_marker, pose_message
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, normalized
-from skiros2_world_model.core.changes import Change, Patch
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -32,9 +31,6 @@ TOPIC = "skiros/selected"
 
 #: Called with what was tried and why it failed.
 OnProblem = Callable[[str, Exception], None]
-
-#: Called with the id of an element and the changes of the scene that moving it has made.
-OnMoved = Callable[[str, tuple[Change, ...]], None]
 
 _instances = itertools.count(1)
 
@@ -60,20 +56,17 @@ class SelectedMarker:
     """The marker of one element at a time, and a thread that writes where it is dragged. Safe to use from all threads.
 
     :param world: written to in a thread of this class.
-    :param on_problem: called in that thread when an element could not be moved.
-    :param on_moved: called in that thread when one was let go, with all changes since it was taken.
+    :param on_problem: `on_problem(what, error)` is called in that thread when an element could not be moved.
     """
 
     def __init__(
         self,
         world: WorldModelAbstractInterface,
         on_problem: OnProblem | None = None,
-        on_moved: OnMoved | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._world = world
         self._on_problem = on_problem
-        self._on_moved = on_moved
         self._clock = clock
         self._number = next(_instances)
         self._state = threading.Condition()
@@ -82,7 +75,6 @@ class SelectedMarker:
         self._shown: Shown | None = None  # as the world model has it
         self._in_view: Shown | None = None  # what the marker was made of
         self._refusal = ""  # what has been told of this drag
-        self._is_let_go = False
         self._is_over = False
         self._writer: threading.Thread | None = None
 
@@ -114,7 +106,6 @@ class SelectedMarker:
             self._is_over = True
             self._chosen, self._shown = "", None
             self._dragging.release()
-            self._is_let_go = True
             self._bring_up_to_date()
             self._state.notify_all()
             writer = self._writer
@@ -166,7 +157,6 @@ class SelectedMarker:
                 self._dragging.move(Target(shown.id, frame, pose), self._clock())
             if message.event_type == InteractiveMarkerFeedback.MOUSE_UP:
                 self._dragging.release()
-                self._is_let_go = True
                 if self._dragging.wait(self._clock()) is None:
                     self._bring_up_to_date()  # somebody else may have moved it meanwhile
             self._state.notify_all()
@@ -177,28 +167,21 @@ class SelectedMarker:
     # -- in the thread that writes --------------------------------------------------------------------------------
 
     def _write_all(self) -> None:
-        made: dict[str, list[Change]] = {}  # by the elements of the drag that goes on
         while True:
             with self._state:
                 wait = self._dragging.wait(self._clock())
-                ended = self._is_let_go and wait is None
-                if ended:
-                    self._is_let_go = False
-                elif wait is None and self._is_over:
+                if wait is None and self._is_over:
                     return
-                elif wait is None or wait > 0.0:
+                if wait is None or wait > 0.0:
                     self._state.wait(wait)
                 target = self._dragging.take(self._clock())
-            if ended:
-                self._tell_moved(made)
-                made = {}
             if target is not None:
                 try:
-                    made.setdefault(target.id, []).extend(self._write(target))
+                    self._write(target)
                 except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
                     self._refused(target, error)
 
-    def _write(self, target: Target) -> list[Change]:
+    def _write(self, target: Target) -> None:
         """
         :raises SkirosError: the world model refuses, or has no such element any more.
         """
@@ -208,13 +191,7 @@ class SelectedMarker:
         space.set_pose(element, target.pose)
         if target.frame != space.text(element, space.BASE_FRAME).lstrip("/"):
             space.set_text(element, space.BASE_FRAME, target.frame)
-        changes = element.changes()
-        return self._world.transact([Patch(element.id, changes)]).changes if changes else []
-
-    def _tell_moved(self, made: dict[str, list[Change]]) -> None:
-        for eid, changes in made.items():
-            if changes and self._on_moved is not None:
-                self._on_moved(eid, tuple(changes))
+        self._world.update_element(element)
 
     def _refused(self, target: Target, error: Exception) -> None:
         """Puts the marker back to where the element is, and says why, once for each drag."""

@@ -273,7 +273,8 @@ def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -
 
 
 def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
-    skill, key, other = (cell.add(etype, parent="") for etype in ("skiros:Skill", "skiros:Parameter", "skiros:Parameter"))
+    skill = cell.add("skiros:Skill", parent="")
+    key, other = (cell.add("skiros:Parameter", parent="") for _ in range(2))
     cell.change(lambda r: r.relate(skill, "skiros:hasParam", key))
     assert cell.shown() == [ROOT, [LOOSE, [other, [skill, [key]]]]]
     box = cell.add()

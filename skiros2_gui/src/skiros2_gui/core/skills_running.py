@@ -22,7 +22,7 @@ class SkillsRunning:
         self._clock = clock
         self._tasks = Tasks()
         self._last: dict[str, int] = {}  # the task that was started last, by manager
-        self._known: set[str] = set()  # the managers whose tasks were asked for
+        self._known: set[str] = set()  # the managers that are there
         self.on_tasks: Callable[[], None] = _nothing
         self.on_why: Callable[[], None] = _nothing
         #: Which task is told of in `why`, in lines.
@@ -143,18 +143,9 @@ class SkillsRunning:
                 self.ask_why(row.key)
 
     def _managers_changed(self) -> None:
-        managers = self._window.system.managers
-        lost = [self._tasks.lose(name) for name in self._known - managers.keys()]
-        new = managers.keys() - self._known
-        self._known = set(managers)
-        for name in sorted(new):
-            manager = managers[name]
-            self._window.jobs.run(
-                manager.tasks,
-                lambda tasks, name=name: self._found(name, tasks, self._clock()),  # type: ignore[misc]
-                what=f"reading the tasks of {name}",
-                lane=f"{name}: commands",
-            )
+        managers = set(self._window.system.managers)
+        lost = [self._tasks.lose(name) for name in self._known - managers]
+        self._known = managers
         if any(lost):
             self.on_tasks()
 

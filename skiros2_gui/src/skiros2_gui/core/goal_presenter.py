@@ -228,10 +228,10 @@ class GoalPresenter:
         self.on_goal()
 
     def close(self) -> None:
-        """Ends the planning engines; does not wait."""
+        """Ends the planning engines. At once, and not in a thread: the process may end next, and would leave them."""
         if self._cancelled is not None:
             self._cancelled.set()
-        threading.Thread(target=self._planner.close, name="window planning end", daemon=True).start()
+        self._planner.close()
 
     def _remember(self, goal: str) -> None:
         self.remembered = [goal, *(known for known in self.remembered if known != goal)][:MOST_REMEMBERED]

@@ -18,8 +18,9 @@ demo: setup  ## a simulated robot picks and places; GUI=1 shows it in a window, 
 	@exec .ci/in_ros rosrun skiros2_sim_skills pick_place_demo $(if $(filter-out 0 false no,$(GUI)),--gui) $(DEMO_ARGS)
 
 # In the files' order: those with real nodes want the ROS client of their process to themselves, before any unit tests.
+# One process more than there are cores, for tests of nodes wait a third of their time.
 test: lint  ## run every test (pytest's own choice: .venv/bin/python3 -m pytest tests/unit)
-	@exec .ci/in_ros $(python) -m pytest --numprocesses auto --maxprocesses 4 \
+	@exec .ci/in_ros $(python) -m pytest --numprocesses $$(($$(nproc) + 1)) --maxprocesses 4 \
 		--dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: setup  ## check style and types

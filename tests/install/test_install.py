@@ -55,9 +55,9 @@ def run(*command: object, env: dict[str, str] | None = None, cwd: Path | None = 
 
 
 def outside() -> dict[str, str]:
-    """The environment of a shell that knows nothing of this build."""
+    """The environment of a shell that knows nothing of this build. Messages for Lisp, a third of it, are left out."""
     ours = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "PKG_CONFIG_PATH")
-    return {key: value for key, value in os.environ.items() if key not in ours}
+    return {key: value for key, value in os.environ.items() if key not in ours} | {"ROS_LANG_DISABLE": "genlisp"}
 
 
 def clone(folder: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -26,7 +27,7 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.core.events import ConnectionChanged, ElementSelected, ManagersChanged, ProblemHeard
+from skiros2_gui.core.events import ConnectionChanged, ElementSelected, ManagersChanged, ProblemHeard, WorldChanged
 from skiros2_gui.core.health import missing
 from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import System
@@ -88,6 +89,7 @@ class MainWidget(QWidget):
         self._is_dark: bool | None = None
         self._set_colours()
         self._mishaps = Mishaps(self.shared.problems)
+        self.shared.subscribe(WorldChanged, _spare_collector)  # last, when the tabs have made what they need of it
         self._bridge.attach(self.shared)
 
     @property
@@ -186,6 +188,13 @@ class _Page(QWidget):
         self.banner.setText(text)
         self.banner.setVisible(bool(text))
         self.tab.setEnabled(not text or not self.tab.needs)
+
+
+def _spare_collector(event: WorldChanged) -> None:
+    """What has just been loaded lives long: Python's collector is not to look through all of it again and again, which
+    takes 50 ms and more at a time. What nothing refers to any more is freed all the same."""
+    if event.is_new:
+        gc.freeze()
 
 
 def _takes_space(focus: QWidget) -> bool:

@@ -13,7 +13,7 @@ from support.ros import install_environment
 
 pytestmark = pytest.mark.timeout(120)
 
-PICTURES = ("skills", "running", "dark", "world")
+PICTURES = ("skills", "running", "dark", "world", "rviz")
 #: Of each picture (bytes).
 MOST_BYTES = 200_000
 
@@ -35,7 +35,7 @@ def test_it_shows_each_tab_during_a_run(tmp_path: Path) -> None:
         assert (picture.width(), picture.height()) == (1280, 800)
         assert path.stat().st_size < MOST_BYTES
         is_dark = picture.pixelColor(640, 400).lightness() < 128
-        assert is_dark == (name == "dark")
+        assert is_dark == (name in ("dark", "rviz"))
 
 
 def test_told_to_end_it_takes_all_that_it_has_started_with_it(tmp_path: Path) -> None:

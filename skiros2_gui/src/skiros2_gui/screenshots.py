@@ -21,10 +21,12 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.ros.own_system import START_SECONDS, OwnSystem
 from skiros2_gui.display import display_trouble, virtual_display
 from skiros2_gui.qt.main_widget import MainWidget
+from skiros2_gui.qt.rviz_panel import rviz_trouble
 from skiros2_gui.qt.theme import DARK, LIGHT
 from skiros2_gui.ros.system import RosSystem
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.testing.driver import Driver
+from skiros2_gui.testing.rviz_picture import rviz_picture
 
 #: Of the window (pixels).
 WIDTH, HEIGHT = 1280, 800
@@ -105,6 +107,8 @@ def _pictures() -> Iterator[tuple[str, QImage]]:
         driver.open_tab("World model")
         driver.choose("sceneTree", "Product A")
         yield "world", _picture(driver)
+        if not rviz_trouble():
+            yield "rviz", rviz_picture(driver)
     finally:
         window.close()
         application.processEvents()

@@ -12,7 +12,9 @@ from typing import Protocol
 
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change, relation_dict
+from skiros2_gui.core.world_difference import made_other
+from skiros2_gui.core.world_search import SearchTexts
+from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
 from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.history_entry import HistoryEntry
@@ -76,7 +78,7 @@ class SceneMirror:
         self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
         self._children: dict[str, list[tuple[tuple[int, str, int], str]]] = {}
         self._orders: dict[str, tuple[int, str, int]] = {}  # what sorts the elements among their siblings
-        self._texts: dict[str, tuple[Node, str]] = {}  # what the elements are found by
+        self._texts = SearchTexts()
         self._moving: set[str] = set()  # what is still to be put in its place, while a change is followed
         elements = list(elements)
         for element in elements:
@@ -86,8 +88,7 @@ class SceneMirror:
             for relation in element._rels:
                 if relation["src"] == "-1":
                     self.scene.relate(element.id, relation["type"], relation["dst"])
-        for node in self.scene:
-            self._searchable(node)
+        self._texts.find(" ", self.scene)
         self._newest = max((element.version for element in elements), default=0)
         self._loose = {node.id for node in self.scene if self._parent(node.id) == LOOSE}
 
@@ -156,25 +157,12 @@ class SceneMirror:
             found += fresh
         return found
 
-    # -- finding -----------------------------------------------------------------------------------------------
-
     def find(self, text: str, most: int = 1000) -> list[str]:
-        """The elements that have all words of a text in their id, label or a value, in the order of the tree's ids.
+        """The elements that have all words of a text in their id, label or a value, in the order of their ids.
 
         :param most: so many at most.
         """
-        words = text.lower().split()
-        if not words:
-            return []
-        found = (node for node in self.scene if all(map(self._searchable(node).__contains__, words)))
-        return sorted((node.id for node in found), key=id_order)[:most]
-
-    def _searchable(self, node: Node) -> str:
-        known = self._texts.get(node.id)
-        if known is None or known[0] is not node:
-            values = (str(v) for prop in node.properties.values() for v in prop.values if isinstance(v, str))
-            known = self._texts[node.id] = node, " ".join((node.id, node.label, *values)).lower()
-        return known[1]
+        return self._texts.find(text, self.scene)[:most]
 
     # -- changes -----------------------------------------------------------------------------------------------
 
@@ -199,7 +187,9 @@ class SceneMirror:
             self._apply(change, affected)
             touched.elements.update(affected)
             if change.author == wanted:
-                touched.by_change[change.snapshot_id] = self._entry(change, before, relations)
+                after = {eid: self.scene.node(eid) for eid in affected}
+                made = made_other(change, before, after, relations, self._relations(affected))
+                touched.by_change[change.snapshot_id] = made
         if self.view is not None:
             self.view.settled()
         return touched
@@ -251,8 +241,9 @@ class SceneMirror:
         self._loose.discard(eid)
         self._places.pop(eid, None)
         if eid not in self.scene:
-            for known in (self._children, self._orders, self._texts):
-                known.pop(eid, None)
+            self._children.pop(eid, None)
+            self._orders.pop(eid, None)
+            self._texts.forget(eid)
 
     def _put_in(self, eid: str) -> None:
         parent = self._parent(eid)
@@ -300,22 +291,6 @@ class SceneMirror:
 
     def _relations(self, elements: Iterable[str]) -> set[tuple[str, str, str]]:
         return {r for eid in elements for r in [*self.scene.relations(eid), *self.scene.relations(dst=eid)]}
-
-    def _entry(
-        self, change: Change, before: dict[str, Node | None], relations: set[tuple[str, str, str]]
-    ) -> HistoryEntry:
-        """What a change has made other."""
-        entry = HistoryEntry(change.number, change.stamp, change.author, "change")
-        for eid, was in before.items():
-            now = self.scene.node(eid)
-            if was is not None and now is not None and _same_content(was, now):
-                continue
-            entry.before += [_element(was)] if was is not None else []
-            entry.after += [_element(now)] if now is not None else []
-        after = self._relations(before)
-        entry.related = [relation_dict(*r) for r in sorted(after - relations)]
-        entry.unrelated = [relation_dict(*r) for r in sorted(relations - after)]
-        return entry
 
     # -- the tree's order --------------------------------------------------------------------------------------
 
@@ -378,16 +353,3 @@ class _Ids(Sequence[str]):
 
     def __getitem__(self, row):  # type: ignore[no-untyped-def]
         return self._children[row][1]
-
-
-def _same_content(one: Node, other: Node) -> bool:
-    if (one.type, one.label, one.properties.keys()) != (other.type, other.label, other.properties.keys()):
-        return False
-    return one.properties is other.properties or all(
-        prop is other.properties[key] or prop.values == other.properties[key].values
-        for key, prop in one.properties.items()
-    )
-
-
-def _element(node: Node) -> Element:
-    return Element.shared(node.type, node.label, node.id, node.properties, (), node.version)

@@ -196,7 +196,7 @@ class WorldTab(QWidget):
             index = self.model.index_of(eid)
             if index.isValid():
                 self.tree.setExpanded(index, True)
-            else:
+            elif self.presenter.mirror is not None:
                 del self._opened[eid]
         self.show_selection()
         self.finder.search()

@@ -101,7 +101,7 @@ def action_calls(messages: Iterable[Message], actions: Mapping[str, str]) -> lis
         elif part == "result":
             _end(call(name, content.status.goal_id.id), message)
         elif part == "cancel":
-            for known in _meant(calls.values(), name, content, message.time):
+            for known in _meant(calls.values(), name, content):
                 known.cancelled = message.time if known.cancelled is None else known.cancelled
         elif message.type == _STATUS_TYPE:
             for status in content.status_list:
@@ -126,7 +126,7 @@ def _take_status(call: ActionCall, status: Any, time: float) -> None:
         call.status, call.status_text = status.status, status.text
 
 
-def _meant(calls: Iterable[ActionCall], name: str, cancel: Any, time: float) -> list[ActionCall]:
+def _meant(calls: Iterable[ActionCall], name: str, cancel: Any) -> list[ActionCall]:
     """Whom a cancellation is about: the goal of its id; without one all, or those sent up to its stamp."""
     open_calls = [c for c in calls if c.name == name and c.result is None]
     if cancel.id:

@@ -12,6 +12,9 @@ from skiros2_common.core.errors import WrongValue
 #: Heard from the start, before anybody publishes them.
 NAMED = ("/wm/monitor", "/skill_managers/description", "/tf", "/tf_static", "/clock", "/rosout")
 
+#: The recorder's own topic of the parameters: a JSON object of all of them, whenever they have changed.
+PARAMETERS = "/recorder/parameters"
+
 #: Actions of the task manager, likewise.
 TASK_MANAGER_ACTIONS = ("/tm/task_plan", "/tm/achieve")
 

@@ -17,7 +17,7 @@ import rospy
 
 from skiros2_bags.core.bag_writer import BagWriter
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.selection import Selection, action_topics, is_graph_name
+from skiros2_bags.core.selection import PARAMETERS, Selection, action_topics, is_graph_name
 from skiros2_bags.ros.scene_start import SceneStart, actions_named
 from skiros2_msgs import msg as msgs
 
@@ -31,9 +31,6 @@ SLOW_PERIOD = 2.0
 
 #: Bytes that a connection reads at once; large messages take many turns otherwise.
 _BUFFER = 1 << 20
-
-#: The topic in the bag on which the parameters stand: a JSON object of all of them, whenever they have changed.
-PARAMETERS = "/recorder/parameters"
 
 _DESCRIPTION = "/skill_managers/description"
 _STRING_HEADER = {

@@ -16,13 +16,11 @@ from skiros2_bags.core.contract_types import MONITOR, PROGRESS
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import Message
 from skiros2_bags.core.run import Run
+from skiros2_bags.core.selection import PARAMETERS
 from skiros2_bags.core.world_changes import read_change
 from skiros2_common.core.errors import WrongValue
 from skiros2_msgs.msg import SkillProgress
 from skiros2_world_model.core.changes import Change
-
-#: Where the recorder puts the parameters of the master, as JSON.
-PARAMETERS = "/recorder/parameters"
 
 #: The parts of an action, as its topics end.
 _PARTS = {"goal": "Goal", "feedback": "Feedback", "result": "Result"}

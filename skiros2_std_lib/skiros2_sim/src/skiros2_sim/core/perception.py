@@ -163,7 +163,7 @@ def _true(world: World, camera: Pose, lens: Lens, wanted: Callable[[BodySpec], b
             continue
         rays = targets[in_picture].tolist()
         hits = world.bullet.rayTestBatch([camera.position] * len(rays), rays)
-        in_view = sum(world.element_of(hit[0], hit[1]) == body.id for hit in hits if hit[0] >= 0) / len(targets)
+        in_view = sum(world.element_of(hit[0]) == body.id for hit in hits if hit[0] >= 0) / len(targets)
         if in_view >= LEAST_IN_VIEW:
             pose = Pose(pose.position, least_turned(pose.orientation, size))
             yield Detection(body.id, body.type, body.label, pose, in_view)

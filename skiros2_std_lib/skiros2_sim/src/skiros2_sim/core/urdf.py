@@ -11,7 +11,7 @@ from pathlib import Path
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.model_files import mesh_of
 from skiros2_sim.core.trial import fault_of
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, from_euler, to_euler
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, to_euler
 
 #: Attributes that hold numbers, with how many; None: any.
 _NUMBERS = {
@@ -122,15 +122,6 @@ def joint(
         lower, upper = map(repr, limits)
         xml.SubElement(made, "limit", lower=lower, upper=upper, effort="1000", velocity="10")
     return made
-
-
-def origin_of(part: xml.Element) -> Pose:
-    """The pose that a part's `<origin>` gives."""
-    origin = part.find("origin")
-    if origin is None:
-        return IDENTITY
-    x, y, z = _floats(origin.get("xyz", "0 0 0"))
-    return Pose((x, y, z), from_euler(*_floats(origin.get("rpy", "0 0 0"))))
 
 
 def _check_part(part: xml.Element, path: Path) -> None:

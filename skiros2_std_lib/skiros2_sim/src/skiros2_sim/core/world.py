@@ -98,11 +98,6 @@ class World:
     # -- time -------------------------------------------------------------------------------------------------
 
     @property
-    def client(self) -> int:
-        """PyBullet's number of this world."""
-        return self.bullet.id
-
-    @property
     def seed(self) -> int:
         return self._seed
 
@@ -221,7 +216,7 @@ class World:
         points = self.bullet.getContactPoints() if not eid else self.bullet.getContactPoints(self._handle(eid)[0])
         return joined_contacts(points, self.name_of)
 
-    def element_of(self, body: int, link: int = -1) -> str | None:
+    def element_of(self, body: int) -> str | None:
         """The id of the element that a body of PyBullet is; None for the ground and what is no element."""
         return self._elements.get(body)
 

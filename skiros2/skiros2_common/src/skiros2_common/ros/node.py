@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 import math
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable
 
 import rosgraph
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.ros.ending import ended_beside_main
 from skiros2_common.ros.inbound import greet_in_threads
 from skiros2_common.ros.master_watch import watch_master
 
@@ -58,43 +57,29 @@ def bridge_logging(verbose: bool = False) -> None:
         logging.getLogger(name).setLevel(logging.DEBUG if verbose else logging.INFO)
 
 
-def run_node(name: str, main: Callable[[], None], **init_options: object) -> None:
+def run_node(name: str, main: Callable[[], None]) -> None:
     """Runs a node program: registers the node (again with each new master), calls `main`, and ends the process.
 
     :param name: the node's default name.
-    :param main: does the node's work and returns at shutdown. A `ConfigurationError` it raises ends the process
-        with one line on stderr and status 78.
-    :param init_options: for `rospy.init_node`.
+    :param main: does the node's work and returns at shutdown, which a signal begins in another thread: see `ending`. A
+        `ConfigurationError` it raises ends the process with one line on stderr and status 78.
     """
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
-    try:
-        rospy.init_node(name, **init_options)
-    except rospy.ROSInitException as error:
-        _die(f"{name}: {error}", 1)
-    greet_in_threads()
-    bridge_logging(bool(rospy.get_param("~verbose", False)))
-    watch_master()
-    try:
-        main()
-    except ConfigurationError as error:
-        _die(f"{rospy.get_name()}: {error}", EXIT_CONFIGURATION)
-    except rospy.ROSInterruptException:
-        return
-
-
-def end_beside_main() -> None:
-    """From now on a signal to end runs the shutdown hooks in a thread of its own. Called in the main thread.
-
-    rospy runs them on top of whatever the main thread is at: when that holds a lock, of logging for example, and a hook
-    or a thread that the hook waits for needs it, the node never ends. The main thread has to ask `rospy.is_shutdown`.
-    """
-
-    def end(number: int, _: object) -> None:
-        threading.Thread(target=rospy.signal_shutdown, args=(f"signal {number}",), name="end").start()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    with ended_beside_main():
+        try:
+            rospy.init_node(name, disable_signals=True)
+        except rospy.ROSInitException as error:
+            _die(f"{name}: {error}", 1)
+        greet_in_threads()
+        bridge_logging(bool(rospy.get_param("~verbose", False)))
+        watch_master()
+        try:
+            main()
+        except ConfigurationError as error:
+            _die(f"{rospy.get_name()}: {error}", EXIT_CONFIGURATION)
+        except rospy.ROSInterruptException:
+            return
 
 
 def _die(line: str, status: int) -> None:

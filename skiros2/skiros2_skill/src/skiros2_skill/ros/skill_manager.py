@@ -65,6 +65,7 @@ class SkillManager(DiscoverableNode):
         self._history = History()
         self._ready = threading.Event()
         self._registering = threading.Lock()
+        self._is_over = False
         self._ticker: Ticker | None = None
         self._world_state = ""  # the last change's snapshot id
 
@@ -81,10 +82,15 @@ class SkillManager(DiscoverableNode):
         self._library.load([*primitives, *skills])
 
     def start(self) -> None:
-        """Registers the robot and its skills in the world model, and offers the services.
+        """Registers the robot and its skills in the world model, and offers the services; nothing after `shutdown`.
 
         :raises ConfigurationError: the robot cannot be found or made.
         """
+        with self._registering:
+            if not self._is_over:
+                self._start()
+
+    def _start(self) -> None:
         self._registration.enter(self._library.implementations())
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
@@ -101,15 +107,17 @@ class SkillManager(DiscoverableNode):
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
         ]
         self._execute.start()
-        self._ready.set()
         self.init_discovery(NAMESPACE, rospy.get_name())
+        self._ready.set()
         labels = ", ".join(i.label for i in self._library.implementations()) or "none"
         log.info("%s runs robot %s with skills: %s", rospy.get_name(), self._registration.robot_id, labels)
 
     def shutdown(self) -> None:
         """Ends all tasks, takes the skills out of the world model, and closes the services."""
-        if self._ticker is None:
-            return
+        with self._registering:
+            self._is_over = True
+        if self._ticker is None or not self._ready.is_set():
+            return  # not started, or not to the end: its last will takes it out of the world model
         self.stop_discovery()
         for service in self._services:
             service.shutdown()

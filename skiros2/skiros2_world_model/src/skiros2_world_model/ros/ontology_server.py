@@ -11,6 +11,7 @@ import rosgraph
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
+from skiros2_common.ros.ending import spin
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
 from skiros2_world_model.core.ontology_base import OntologyBase
@@ -86,7 +87,7 @@ def serve_ontologies() -> None:
     base = OntologyBase(ontology_folder(), workspace_folder(), triple_store())
     _services = OntologyServices(base, AdvisoryLock())
     log.info("ontologies are served")
-    rospy.spin()
+    spin()
 
 
 def _uri_of(node: str) -> str:

@@ -11,6 +11,7 @@ import rospy
 
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_common.ros.ending import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -193,7 +194,7 @@ def serve_world_model() -> None:
         log.info("to start from the files instead: end the world model in order, or set journal_recover to never")
     origin = "its journal" if model.went_on else scene or "a blank scene"
     log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
-    rospy.spin()
+    spin()
     running.stop()
     if journal is not None:
         journal.close()

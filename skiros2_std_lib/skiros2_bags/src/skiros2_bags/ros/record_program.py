@@ -20,6 +20,7 @@ from skiros2_bags.ros.recorder import Recorder
 from skiros2_common.command_line.answer import OK, REFUSED, USAGE
 from skiros2_common.command_line.frame import INTERRUPTED, Parser, given_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.ros.ending import ended_beside_main, spin
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging
 
@@ -72,13 +73,14 @@ def _record(given: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         writer.close()
         raise
-    rospy.init_node("recorder")
-    bridge_logging()
-    watch_master()
-    recorder = Recorder(writer, selection, given.robots)
-    _say(f"recording to {output}")
-    rospy.spin()
-    recorder.close()
+    with ended_beside_main():
+        rospy.init_node("recorder", disable_signals=True)
+        bridge_logging()
+        watch_master()
+        recorder = Recorder(writer, selection, given.robots)
+        _say(f"recording to {output}")
+        spin()
+        recorder.close()
     _say(f"{writer.count} messages in {output}")
     if given.no_check:
         return OK

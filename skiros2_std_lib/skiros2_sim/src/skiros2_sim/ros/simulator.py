@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
-from skiros2_common.ros.node import end_beside_main
+from skiros2_common.ros.ending import spin
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
@@ -162,7 +162,6 @@ def main() -> None:
 
     :raises ConfigurationError: a parameter or the scene cannot be used.
     """
-    end_beside_main()
     options = read_options(rospy.get_param)
     folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
     initial = [("scene", options.scene)] if options.scene else []
@@ -179,7 +178,7 @@ def main() -> None:
     simulator.start()
     robots = ", ".join(robot.name for robot in world.robots.values()) or "none"
     log.info("the simulated world is ready: %d things, robots: %s", len(world.bodies), robots)
-    rospy.spin()
+    spin()
 
 
 def _made(scene: SceneSpec, options: Options) -> World:

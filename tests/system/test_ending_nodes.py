@@ -1,0 +1,44 @@
+"""Nodes that are told to end, whatever they are at."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from support.ros import ROOT, Ros
+
+#: A node whose shutdown needs a lock that its main thread holds until it is told to end.
+HELD_UP = """
+import threading, time
+import rospy
+from skiros2_common.ros.ending import spin
+from skiros2_common.ros.node import run_node
+
+lock = threading.Lock()
+
+def shut_down():
+    with lock:
+        print("shut down", flush=True)
+
+def main():
+    rospy.on_shutdown(shut_down)
+    with lock:
+        print("busy", flush=True)
+        while not rospy.core.is_shutdown_requested():
+            time.sleep(0.01)
+    spin()
+    print("main is over", flush=True)
+
+run_node("busy", main)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_shutdown_of_a_node_waits_for_what_its_main_thread_holds(ros: Ros, number: int) -> None:
+    node = ros.program(str(ROOT / ".venv/bin/python3"), "-c", HELD_UP)
+    node.wait_for_line("busy")
+    node.signal(number)
+    assert node.wait() == 0
+    assert node.output.splitlines()[-2:] == ["shut down", "main is over"]
+    assert "/busy" not in ros.master.nodes()

@@ -15,7 +15,9 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import ElementSelected, Progressed, TaskStarted
+from skiros2_gui.core.run_node import ConditionText, NodeText
 from skiros2_gui.core.window import Window
+from skiros2_gui.qt.run_details import NodeDetails
 from skiros2_gui.qt.run_tab import RunTab
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalManager, LocalSystem
@@ -364,3 +366,17 @@ def test_each_task_has_a_search_of_its_own(tab: RunTab, window: Window, qtbot: Q
     tab.presenter.pick(first)
     drawn(tab, qtbot)
     assert (tab._bar.search.text(), tab._bar.count.text()) == ("arm", "1 found")
+
+
+def test_conditions_are_told_with_the_names_of_their_elements(qtbot: QtBot) -> None:
+    details = NodeDetails()
+    qtbot.addWidget(details)
+    robot, place = "cora:Robot-1-demo:arm <1>", "demo:Workstation-6-Workstation 1"
+    told = [
+        ConditionText("while it runs", "✗", f"{robot} skiros:at {place}", f"{robot} skiros:at nothing", [robot, place]),
+        ConditionText("at the end", "✓", "skiros:Box-3 skiros:State = 'Empty'", "", []),
+    ]
+    details.show_node(NodeText("place", RUNNING, [], told))
+    text = details.toPlainText()
+    assert "demo:arm <1> at Workstation 1" in text and "but demo:arm <1> at nothing" in text
+    assert "skiros:Box-3 State = 'Empty'" in text

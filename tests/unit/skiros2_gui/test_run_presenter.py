@@ -120,9 +120,9 @@ def test_a_command_that_is_refused_is_shown(window: Window, presenter: RunPresen
 def test_conditions_of_the_selected_node_are_told_with_their_values(window, presenter, robot):
     started(window, presenter, robot)
     text = presenter.node.text(presenter.frame, 1)
-    marks = [(stage, mark) for stage, mark, _, _ in text.conditions]
+    marks = [(told.stage, told.mark) for told in text.conditions]
     assert marks == [("before the start", "✓"), ("while it runs", "✓")]
-    assert "box" in text.conditions[0][2] and "thing" in text.conditions[0][2]
+    assert "box" in text.conditions[0].text and "thing" in text.conditions[0].text
     assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
     window.system.world.remove_element(window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0])
     until(window, lambda: presenter.run.now.has_ended)

@@ -31,7 +31,9 @@ def test_conditions_are_checked_with_the_values_the_node_has(bench, task):
         ("Object", "thing"),
     }
     assert [(c.stage, c.verdict) for c in now.conditions] == [(PRE, HOLDS), (HOLD, HOLDS)]
-    assert "box" in now.conditions[0].text and "thing" in now.conditions[0].text
+    box, thing = bench.element("box"), bench.element("thing")
+    assert [c.text for c in now.conditions] == [f"{box!r} skiros:contain {thing!r}"] * 2
+    assert now.conditions[0].elements == sorted([repr(box), repr(thing)])
 
 
 def test_one_that_does_not_hold_any_more_says_what_is_so_instead(bench, task):

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING, look_of
-from skiros2_skill.core.inspection import FAILS, HOLDS, NodeNow
+from skiros2_skill.core.inspection import FAILS, HOLDS, ConditionNow, NodeNow
 
-#: How a verdict is marked and said.
-VERDICTS = {HOLDS: ("✓", "holds"), FAILS: ("✗", "does not hold")}
-_UNSAID = ("?", "cannot be said")
+#: How a verdict is marked.
+VERDICTS = {HOLDS: "✓", FAILS: "✗"}
 
 #: So many of the nodes that it is in are named.
 _MOST_ABOVE = 5
@@ -25,11 +24,28 @@ STAGES = {PRE: "before the start", HOLD: "while it runs", POST: "at the end"}
 
 
 @dataclass(frozen=True)
+class ConditionText:
+    """
+    :param stage: when it is needed.
+    :param mark: whether it holds: ✓, ✗ or ?.
+    :param text: what it asks for.
+    :param found: what is so instead; "" where nothing more is known.
+    :param elements: those that the texts speak of, as they stand there: `id-label`.
+    """
+
+    stage: str
+    mark: str
+    text: str
+    found: str
+    elements: list[str]
+
+
+@dataclass(frozen=True)
 class NodeText:
     """
     :param title: the node's name.
     :param facts: each a name and a value.
-    :param conditions: each when it is needed, a mark, what it asks for, and what is so instead.
+    :param conditions: in the order in which they are needed.
     :param params: each a name, a value, and where that came from.
     :param why: why it failed, in lines.
     :param note: why there are no conditions.
@@ -38,7 +54,7 @@ class NodeText:
     title: str
     state: int
     facts: list[tuple[str, str]] = field(default_factory=list)
-    conditions: list[tuple[str, str, str, str]] = field(default_factory=list)
+    conditions: list[ConditionText] = field(default_factory=list)
     params: list[tuple[str, str, str]] = field(default_factory=list)
     why: list[str] = field(default_factory=list)
     note: str = ""
@@ -73,13 +89,16 @@ def node_text(
     path = shape.path_names(place)[:-1]
     if path:
         facts.append(("in", " › ".join(["…", *path[-_MOST_ABOVE:]] if len(path) > _MOST_ABOVE else path)))
-    conditions = [] if now is None else [
-        (STAGES.get(c.stage, c.stage), VERDICTS.get(c.verdict, _UNSAID)[0], c.text, c.found) for c in now.conditions
-    ]  # fmt: skip
+    conditions = [_condition(condition) for condition in now.conditions] if now is not None else []
     params = [] if now is None else [(p.key, p.value or "unset", p.words if p.source else "") for p in now.params]
     return NodeText(
         shape.name(place), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
     )
+
+
+def _condition(now: ConditionNow) -> ConditionText:
+    mark = VERDICTS.get(now.verdict, "?")
+    return ConditionText(STAGES.get(now.stage, now.stage), mark, now.text, now.found, now.elements)
 
 
 #: How nodes tick their children, by the symbol.

@@ -275,6 +275,7 @@ class RunPresenter:
             self.select(failed[-1])
         else:
             self.ask_node()
+            self.on_change(Part.NODE)
 
     def _may_go_on_to(self, run: TaskRun) -> bool:
         """Whether a task that runs takes the place of the one that is shown: nobody wanted to see that one."""

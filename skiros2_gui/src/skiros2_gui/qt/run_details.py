@@ -9,12 +9,15 @@ from python_qt_binding.QtCore import Signal
 from python_qt_binding.QtGui import QColor, QPalette
 from python_qt_binding.QtWidgets import QTextBrowser, QWidget
 
-from skiros2_gui.core.run_node import NodeText
+from skiros2_gui.core.run_node import ConditionText, NodeText
 from skiros2_gui.core.states import FAILURE, SUCCESS, Look, look_of
 from skiros2_gui.qt.theme import signal_colour
 
 #: How an element is told: its id, then its label.
 _ELEMENT = re.compile(r"([A-Za-z_]\w*:\w+-\d+)(?:-|$)")
+
+#: Of names that are no ids.
+_DEFAULT_PREFIX = re.compile(r"\bskiros:(?=\w+\b(?!-\d))")
 
 _EMPTY = "Click a node of the tree to see its state, its parameters and its conditions."
 
@@ -73,17 +76,19 @@ class NodeDetails(QTextBrowser):
             rows.append(f"<tr><td style='color:{self._faint()}'>{escape(name)}&nbsp;&nbsp;</td><td>{shown}</td></tr>")
         return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
 
-    def _conditions(self, conditions: list[tuple[str, str, str, str]]) -> str:
+    def _conditions(self, conditions: list[ConditionText]) -> str:
         marks = {"✓": look_of(SUCCESS), "✗": look_of(FAILURE)}
         rows, last = [], ""
-        for stage, mark, text, found in conditions:
-            if stage != last:
-                rows.append(f"<tr><td colspan='2' style='color:{self._faint()}'>{escape(stage)}</td></tr>")
-                last = stage
+        for told in conditions:
+            if told.stage != last:
+                rows.append(f"<tr><td colspan='2' style='color:{self._faint()}'>{escape(told.stage)}</td></tr>")
+                last = told.stage
+            mark = told.mark
             colour = self._colour(marks[mark]) if mark in marks else self._faint()
-            but = f"<br><i>but {escape(found)}</i>" if found else ""
+            text = _with_links(told.text, told.elements)
+            but = f"<br><i>but {_with_links(told.found, told.elements)}</i>" if told.found else ""
             rows.append(
-                f"<tr><td width='20'><b style='color:{colour}'>{mark}</b></td><td>{escape(text)}{but}</td></tr>"
+                f"<tr><td width='20'><b style='color:{colour}'>{mark}</b></td><td>{text}{but}</td></tr>"
             )
         return f"<table cellspacing='0' cellpadding='2'>{''.join(rows)}</table>"
 
@@ -92,9 +97,8 @@ class NodeDetails(QTextBrowser):
         found = _ELEMENT.match(value)
         if found is None:
             return f"<b>{escape(value)}</b>"
-        eid, label = found.group(1), value[found.end() :]
-        link = f"<a href='#{escape(eid, quote=True)}' title='{escape(eid, quote=True)}'>{escape(label or eid)}</a>"
-        return f"{link} <span style='color:{self._faint()}'>{escape(eid) if label else ''}</span>"
+        eid = escape(found.group(1)) if found.end() < len(value) else ""
+        return f"{_link(value)} <span style='color:{self._faint()}'>{eid}</span>"
 
     def _colour(self, look: Look) -> str:
         return str(signal_colour(look.signal, self).name())
@@ -104,6 +108,24 @@ class NodeDetails(QTextBrowser):
         text, base = self.palette().color(QPalette.Text), self.palette().color(QPalette.Base)
         mixed = [(3 * a + 2 * b) // 5 for a, b in zip(text.getRgb()[:3], base.getRgb()[:3], strict=True)]
         return QColor(*mixed).name()
+
+
+def _link(element: str) -> str:
+    """A link to an element that is told as `id-label`: its label, with the id as tooltip."""
+    found = _ELEMENT.match(element)
+    if found is None:
+        return escape(element)
+    eid, label = escape(found.group(1), quote=True), element[found.end() :]
+    return f"<a href='#{eid}' title='{eid}'>{escape(label) or eid}</a>"
+
+
+def _with_links(text: str, elements: list[str]) -> str:
+    """A text with links to the elements in it; of the names of relations and properties the default prefix is left
+    out."""
+    if not elements:
+        return escape(_DEFAULT_PREFIX.sub("", text))
+    parts = re.split(f"({'|'.join(re.escape(e) for e in sorted(elements, key=len, reverse=True))})", text)
+    return "".join(_link(part) if part in elements else escape(_DEFAULT_PREFIX.sub("", part)) for part in parts)
 
 
 def _spaced(line: str) -> str:

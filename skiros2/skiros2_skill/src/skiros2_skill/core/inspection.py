@@ -11,6 +11,7 @@ from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
 from skiros2_common.core.explanation import HOLD, POST, PRE, Origin
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.world_element import Element
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.origins import origins, told_values
 from skiros2_skill.core.task import Task
@@ -28,6 +29,7 @@ class ConditionNow:
     :param text: what it asks for, with the values of the parameters.
     :param verdict: `HOLDS`, `FAILS` or `UNKNOWN`.
     :param found: what is so instead, or why it cannot be said; "" where nothing more is known.
+    :param elements: those that it speaks of, as they stand in the text: `id-label`.
     """
 
     stage: str
@@ -35,6 +37,7 @@ class ConditionNow:
     text: str
     verdict: str
     found: str = ""
+    elements: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -85,11 +88,14 @@ def _pairs(node: SkillInterface) -> Sequence[tuple[str, Any]]:
 def _checked(stage: str, condition: Any, params: ParamHandler, wmi: Any) -> ConditionNow:
     """A condition's own code may raise anything."""
     own = condition.copy()
-    text = ""
+    text = type(own).__name__
+    elements: list[str] = []
     try:
         verdict = HOLDS if own.evaluate(params, wmi) else FAILS
-        text = own.expected()
+        text = own.getDescription().removeprefix(f"[{own.label}] ")
         found = own.found(params, wmi) if verdict == FAILS else ""
+        known = {repr(v) for p in params.values() for v in p.values if isinstance(v, Element) and v.id}
+        elements = sorted(name for name in known if name in text or name in found)
     except FOREIGN_ERRORS as error:
-        return ConditionNow(stage, own.label, text or type(own).__name__, UNKNOWN, f"it cannot be checked: {error}")
-    return ConditionNow(stage, own.label, text, verdict, "" if found in text else found)
+        return ConditionNow(stage, own.label, text, UNKNOWN, f"it cannot be checked: {error}", elements)
+    return ConditionNow(stage, own.label, text, verdict, "" if found in text else found, elements)

@@ -38,7 +38,7 @@ class Result:
 
 def _step(number: int, **more: Any) -> dict[str, Any]:
     planned = {"number": number, "skill": "skiros:Drive", "label": "drive", "robot": "/alpha", "start": 0.0, "end": 2.0}
-    return {**planned, "after": [], "arguments": {"To": "skiros:Location-3", "Robot": "cora:Robot-1"}, **more}
+    return {**planned, "after": [], "arguments": {"To": "skiros:Nowhere-3", "Robot": "cora:Robot-1"}, **more}
 
 
 class TaskManager:
@@ -190,9 +190,10 @@ def test_a_goal_is_followed_to_its_end(lab: Lab) -> None:
         lab.window.tell(AchieveTold(course.goal, feedback))
     assert lab.goals.course is not None
     assert [(row.skill, row.state, row.parameters) for row in lab.goals.course.rows] == [
-        ("drive", "succeeded", "To=skiros:Location-3"),
-        ("drive", "running", "To=skiros:Location-3"),
+        ("drive", "succeeded", "To=skiros:Nowhere-3"),
+        ("drive", "running", "To=skiros:Nowhere-3"),
     ]
+    assert lab.goals.course.words == "1 of 2 steps are done; now step 2 drive of alpha"
     lab.goals.cancel()
     lab.tasks.result = Result(done=json.dumps([{**_step(1), **states[0]}, {**_step(2), "state": "succeeded"}]))
     jobs.release()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from skiros2_common.core.explanation import Explanation
+
+#: Gives the name by which people know an element, by its id.
+NameOf = Callable[[str], str]
 
 #: States of a result that are no failure.
 _REACHED = {"succeeded": "The goal is reached.", "nothing_to_do": "The goal holds already."}
@@ -34,6 +37,7 @@ class CourseRow:
 @dataclass(frozen=True)
 class Course:
     """
+    :param name_of: for the elements in the rows.
     :param phase: `planning`, `running`, `stopping`, or `ended`.
     :param text: what has just happened, in words.
     :param rows: the steps of all plans so far, in their order.
@@ -42,6 +46,7 @@ class Course:
     """
 
     goal: str
+    name_of: NameOf = str
     phase: str = "planning"
     text: str = "Asking the task manager…"
     rows: tuple[CourseRow, ...] = ()
@@ -52,6 +57,17 @@ class Course:
     def is_over(self) -> bool:
         return self.phase == "ended"
 
+    @property
+    def words(self) -> str:
+        """How far it is, in a line."""
+        running = [row for row in self.rows if row.state == "running"]
+        if self.is_over or self.phase != "running" or not running:
+            return self.text
+        steps = ", ".join(f"step {row.number} {row.skill} of {row.robot.lstrip('/')}" for row in running[:3])
+        more = f" and {len(running) - 3} more" if len(running) > 3 else ""
+        done = sum(row.state == "succeeded" for row in self.rows)
+        return f"{done} of {len(self.rows)} steps are done; now {steps}{more}"
+
     def after_feedback(self, feedback: Any) -> Course:
         """The course after an `AchieveFeedback`.
 
@@ -59,7 +75,7 @@ class Course:
         """
         if self.is_over:
             return self  # overtaken by the result
-        rows = _with_states(_with_plan(self.rows, _read(feedback.plan)), _read(feedback.steps))
+        rows = _with_states(_with_plan(self.rows, _read(feedback.plan), self.name_of), _read(feedback.steps))
         return replace(self, phase=feedback.phase, text=feedback.message or feedback.phase, rows=rows)
 
     def after_result(self, result: Any) -> Course:
@@ -68,7 +84,7 @@ class Course:
         :raises ValueError: it is not as it has to be.
         """
         done = _read(result.done)
-        rows = _with_states(_with_plan(self.rows, done), done)
+        rows = _with_states(_with_plan(self.rows, done, self.name_of), done)
         text = _REACHED.get(result.state) or result.message or result.state
         whys = _read(result.explanations)
         try:
@@ -97,7 +113,9 @@ def _read(text: str) -> list[dict[str, Any]]:
     return data
 
 
-def _with_plan(rows: Iterable[CourseRow], plan: Iterable[dict[str, Any]]) -> tuple[CourseRow, ...]:
+def _with_plan(
+    rows: Iterable[CourseRow], plan: Iterable[dict[str, Any]], name_of: NameOf
+) -> tuple[CourseRow, ...]:
     """The rows, and those of a plan that are new."""
     known = {row.number: row for row in rows}
     for step in plan:
@@ -110,7 +128,7 @@ def _with_plan(rows: Iterable[CourseRow], plan: Iterable[dict[str, Any]]) -> tup
                 str(step["robot"]),
                 str(step.get("label") or step.get("skill", "")),
                 tuple(int(n) for n in step.get("after", ())),
-                ", ".join(f"{k}={v}" for k, v in arguments.items()),
+                ", ".join(f"{k}={name_of(str(v))}" for k, v in arguments.items()),
             )
         except (TypeError, AttributeError, LookupError) as error:
             raise ValueError(f"a step cannot be read: {error!r}") from None

@@ -18,6 +18,7 @@ _LANE = "goal: look"
 #: So many goals are remembered.
 MOST_REMEMBERED = 50
 
+_CANCELLING = "Cancelling…"
 _COULD_NOT_BE_READ = "the task manager told something that cannot be read"
 
 
@@ -111,6 +112,11 @@ class GoalPresenter:
         return bool(self.doing)
 
     @property
+    def is_cancelling(self) -> bool:
+        """Whether what is under way was told to end."""
+        return self.doing == _CANCELLING
+
+    @property
     def can_plan(self) -> bool:
         """Whether there is a goal that can be read, and a world model to plan with."""
         is_goal = bool(self.text.strip()) and self.mistake is None
@@ -159,7 +165,7 @@ class GoalPresenter:
             return
         goal = self.text
         self._remember(goal)
-        self.plan, self.course = None, Course(goal)
+        self.plan, self.course = None, Course(goal, self._name)
         self.doing = "The robots work at the goal."
         self.on_goal()
         post = self._window.post
@@ -170,18 +176,24 @@ class GoalPresenter:
             what="achieving a goal",
         )
 
+    def _name(self, eid: str) -> str:
+        """The label of an element, or its id."""
+        scene = self._window.system.scene
+        element = scene.find(eid, "scene") if scene is not None else None
+        return f'"{element.label}"' if element is not None and element.label else eid
+
     def cancel(self) -> None:
         """Ends what is being planned or achieved."""
         if self._cancelled is not None:
             self._cancelled.set()
-            self.doing = "Cancelling…"
+            self.doing = _CANCELLING
             self.on_goal()
         elif self.course is not None and not self.course.is_over:
             planner = self._window.system.planner
             if planner is None:
                 self._window.problems.tell("cancelling the goal", "the task manager is not there")
                 return
-            self.doing = "Cancelling…"
+            self.doing = _CANCELLING
             self.on_goal()
             self._window.jobs.run(planner.cancel, what="cancelling the goal")
 

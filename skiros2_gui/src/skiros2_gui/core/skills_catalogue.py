@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.names import local_name
@@ -89,14 +89,12 @@ def rows_of(
     return tuple(rows)
 
 
-def find_offer(rows: Iterable[RobotRow], key: tuple[str, str, str]) -> Offer | None:
-    """The offer of that key, None when it is not there any more."""
+def offers_of(rows: Iterable[RobotRow]) -> Iterator[Offer]:
+    """All that may be started."""
     for robot in rows:
         for row in robot.skills:
-            for offer in (row.offer, *row.children):
-                if offer.key == key:
-                    return offer
-    return None
+            yield row.offer
+            yield from row.children
 
 
 def _skill_rows(manager: str, skills: Sequence[Skill]) -> list[SkillRow]:

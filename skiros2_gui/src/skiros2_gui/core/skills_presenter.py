@@ -11,7 +11,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
 from skiros2_gui.core.events import ManagersChanged, TaskStarted, WorldChanged
 from skiros2_gui.core.problems import in_words
-from skiros2_gui.core.skills_catalogue import Offer, RobotRow, find_offer, rows_of
+from skiros2_gui.core.skills_catalogue import Offer, RobotRow, offers_of, rows_of
 from skiros2_gui.core.skills_fields import Field, Way
 from skiros2_gui.core.skills_form import Form
 from skiros2_gui.core.skills_running import SkillsRunning
@@ -57,11 +57,12 @@ class SkillsPresenter:
         self.refused: Refused | None = None
         self.is_starting = False
         self._offered: dict[str, list[Skill]] = {}
+        self._offers: dict[tuple[str, str, str], Offer] = {}
         self._forms: dict[tuple[str, str, str], Form] = {}
         self._is_stale = False  # what would come of a start may be other by now
         self._is_looking = False
         window.subscribe(ManagersChanged, lambda _: self.load())
-        window.subscribe(WorldChanged, lambda _: self._outdate())
+        window.subscribe(WorldChanged, self._world_changed)
         self.load()
 
     # -- which skills there are --------------------------------------------------------------------------------
@@ -90,11 +91,12 @@ class SkillsPresenter:
             self._show_rows()
 
     def _show_rows(self) -> None:
+        self._offers = {offer.key: offer for offer in offers_of(rows_of(self._offered, {}))}
         self.on_rows()
         chosen = self.form.offer if self.form is not None else None
         if chosen is None:
             return
-        known = find_offer(rows_of(self._offered, {}), chosen.key)
+        known = self._find(chosen.key)
         if known is not None and known != chosen:
             self.choose(known.key)
         elif known is None:
@@ -131,7 +133,7 @@ class SkillsPresenter:
         self.look()
 
     def _find(self, key: tuple[str, str, str]) -> Offer | None:
-        return find_offer(rows_of(self._offered, {}), key)
+        return self._offers.get(key)
 
     def write(self, key: str, text: str) -> None:
         """Something was typed into an editor."""
@@ -163,6 +165,9 @@ class SkillsPresenter:
             self.look()
 
     # -- what would come of a start ----------------------------------------------------------------------------
+
+    def _world_changed(self, _: WorldChanged) -> None:
+        self._is_stale = True  # what is shown stays until it was looked anew
 
     def _outdate(self) -> None:
         self._is_stale = True

@@ -51,7 +51,7 @@ def _of_trial(trial: Trial) -> Verdict:
         return Verdict(REFUSED, f"It cannot be told whether it would start: {trial.problem}")
     if trial.refusal is not None:
         return Verdict(REFUSED, f"It would be refused: {_headline(trial.refusal)}", tuple(_lines(trial.refusal)))
-    found = [f"{key} = {choice.text}" for key, choice in sorted(trial.values.items()) if key != ROBOT_KEY]
+    found = [f"{key} = {choice.label or choice.id}" for key, choice in sorted(trial.values.items()) if key != ROBOT_KEY]
     text = f"Ready. The robot would take {', '.join(found)}." if found else "Ready."
     if trial.unchecked:
         text += f" Only the robot can check: {', '.join(trial.unchecked)}."

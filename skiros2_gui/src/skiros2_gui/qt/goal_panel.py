@@ -155,9 +155,11 @@ class GoalView(QWidget):
         goals = self._goals
         result = goals.course or goals.plan
         self.head.setText(_head(goals))
+        self.head.setToolTip(goals.course.text if goals.course is not None else "")
         if result is self._shown and result is not None:
             return
-        new = result is None or self._shown is None or result.goal != self._shown.goal
+        before = self.steps.topLevelItemCount()
+        new = result is None or self._shown is None or type(result) is not type(self._shown)
         self._shown = result
         if isinstance(result, GoalPlan):
             self._show_rows([_cells(row, "") for row in result.rows])
@@ -171,7 +173,7 @@ class GoalView(QWidget):
             self._show_rows([])
             self._show_texts((), ())
         self.steps.setColumnHidden(_STATE, not isinstance(result, Course))
-        if new or (isinstance(result, Course) and result.is_over):
+        if new or self.steps.topLevelItemCount() != before or (isinstance(result, Course) and result.is_over):
             for column in range(len(_HEADS)):
                 self.steps.resizeColumnToContents(column)
 
@@ -206,7 +208,8 @@ def _head(goals: GoalPresenter) -> str:
     if course is not None:
         sign = ("✓" if course.reached else "✕") if course.is_over else "▶"
         if not course.is_over:
-            return f"{sign} {goals.doing} {course.text}".strip()
+            cancelling = "Cancelling: " if goals.is_cancelling else ""
+            return f"{sign} {cancelling}{course.words}"
         return f"{sign} {course.text}"
     if goals.is_busy:
         return goals.doing

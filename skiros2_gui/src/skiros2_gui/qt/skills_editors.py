@@ -175,26 +175,21 @@ class ElementEditor(FieldEditor):
             return  # not while the user chooses
         self._shown = shown
         with QSignalBlocker(self.box):
-            self.box.clear()
-            self._ids = []
-            for way in self.field.ways:
-                if way is not Way.GIVEN:
-                    self._add(_words(way, found), "")
-            for choice in choices:
-                self._add(choice.text, choice.id)
+            items = [(_words(way, found), "") for way in self.field.ways if way is not Way.GIVEN]
+            items += [(choice.text, choice.id) for choice in choices]
+            self._ids = [eid for _, eid in items]
             value = str(self.field.value or "")
             if self.field.way is Way.GIVEN and value and value not in self._ids:
-                self._add(f"{value}  (not in the scene)" if choices else value, value)
+                items.append((f"{value}  (not in the scene)" if choices else value, value))
+                self._ids.append(value)
+            self.box.clear()
+            self.box.addItems([text for text, _ in items])
             self._show_current()
 
     def eventFilter(self, watched: object, event: QEvent) -> bool:
         if event.type() == QEvent.FocusIn and self.box.lineEdit().isModified() is False:
             self.box.lineEdit().selectAll()
         return bool(super().eventFilter(watched, event))
-
-    def _add(self, text: str, eid: str) -> None:
-        self.box.addItem(text)
-        self._ids.append(eid)
 
     def _show_current(self) -> None:
         value = str(self.field.value or "") if self.field.way is Way.GIVEN else ""

@@ -58,6 +58,7 @@ class SkillForm(QWidget):
         column.addLayout(head)
         column.addWidget(self.area, 1)
         column.addWidget(self._why_not())
+        column.addSpacing(1)
         column.addLayout(self._buttons())
         skills.on_form = self.show_form
         skills.on_trial = self.show_verdict

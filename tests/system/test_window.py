@@ -173,3 +173,11 @@ def test_two_instances_in_one_rqt_go_their_own_ways(
     finally:
         first.close()
         second.close()
+
+
+def test_a_window_by_itself_ends_as_other_nodes_do_when_its_node_is_told_to(ros: Ros) -> None:
+    env = {**ros.master.env, "QT_QPA_PLATFORM": "offscreen"}
+    program = ros.run("skiros2_gui", "skiros_gui", name="a_window", env=env)
+    ros.wait_for_node("/a_window")
+    ros.program("rosnode", "kill", "/a_window").wait()
+    assert program.wait() == 0

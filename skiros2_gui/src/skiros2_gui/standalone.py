@@ -17,6 +17,7 @@ from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_gui.core.events import NodeEnded
 from skiros2_gui.display import display_trouble
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.theme import CHOICES, SYSTEM, apply_theme
@@ -57,6 +58,7 @@ class StandaloneWindow(QMainWindow):
         self.setCentralWidget(content)
         self._fill_menu()
         self._restore()
+        content.shared.subscribe(NodeEnded, self._on_node_end)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Keeps what is to be the same the next time, and ends all that goes on."""
@@ -68,6 +70,11 @@ class StandaloneWindow(QMainWindow):
             log.exception("what was set in the window cannot be kept")
         self.content.shut_down()
         super().closeEvent(event)
+
+    def _on_node_end(self, event: NodeEnded) -> None:
+        """`rosnode kill`, or another node of the same name, ends the window as it ends other nodes."""
+        log.warning("the window is closed: ROS has ended its node: %s", event.reason)
+        self.close()
 
     def set_theme(self, choice: str) -> None:
         """Draws the window so, and keeps that.

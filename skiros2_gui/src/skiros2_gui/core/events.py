@@ -81,6 +81,16 @@ class ProblemHeard:
     text: str
 
 
+@dataclass(frozen=True)
+class NodeEnded:
+    """This process is no ROS node any more: somebody has told it to end, or another node has taken its name.
+
+    :param reason: in ROS's words.
+    """
+
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class AchieveTold:
     """The task manager has told how a goal of this window goes on.
@@ -101,4 +111,5 @@ Event = (
     | TaskStarted
     | AchieveTold
     | ProblemHeard
+    | NodeEnded
 )

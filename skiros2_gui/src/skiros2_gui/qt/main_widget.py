@@ -27,7 +27,14 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.core.events import ConnectionChanged, ElementSelected, ManagersChanged, ProblemHeard, WorldChanged
+from skiros2_gui.core.events import (
+    ConnectionChanged,
+    ElementSelected,
+    ManagersChanged,
+    NodeEnded,
+    ProblemHeard,
+    WorldChanged,
+)
 from skiros2_gui.core.health import missing
 from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import System
@@ -51,6 +58,9 @@ TABS: tuple[type[Any], ...] = (SkillsTab, RunTab, WorldTab)
 #: Where the space bar has a meaning of its own.
 _EDITORS = (QLineEdit, QTextEdit, QPlainTextEdit, QComboBox, QAbstractSpinBox, QAbstractButton)
 
+#: Of a node that was told to end, in a program that goes on (rqt).
+_NODE_ENDED = "ROS has ended this program's node, so that nothing is shown or done any more; open it anew"
+
 
 class MainWidget(QWidget):
     """The one widget of the window.
@@ -67,6 +77,7 @@ class MainWidget(QWidget):
         self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.inbox)
         self.shared.subscribe(ElementSelected, lambda event: self.system.mark(event.eid))
         self.shared.subscribe(ProblemHeard, lambda event: self.shared.problems.tell(event.what, event.text))
+        self.shared.subscribe(NodeEnded, lambda event: self.shared.problems.tell(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
         tabs = TABS if rviz_trouble() else (*TABS, RvizPanel)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
+import weakref
 
 import rosgraph
 
-from skiros2_gui.core.events import ConnectionChanged, ManagersChanged
+from skiros2_gui.core.events import ConnectionChanged, ManagersChanged, NodeEnded
 from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_gui.ros.master import master_answers
@@ -104,8 +105,25 @@ class RosSystem:
             self._set_master(True, f"This window could not register with it: {error}")
             return
         self._links = links
+        self._watch_node()
         links.markers.mark(self._marked)
         self._set_master(True, "")
+
+    def _watch_node(self) -> None:
+        """Tells when this process is no node any more though the window is open."""
+        import rospy
+
+        told = weakref.WeakMethod(self._on_node_end)  # rospy keeps its hooks for good
+
+        def hook(reason: str) -> None:
+            if tell := told():
+                tell(reason)
+
+        rospy.core.add_preshutdown_hook(hook)
+
+    def _on_node_end(self, reason: str) -> None:
+        if not self._ended.is_set():
+            self._inbox.put(NodeEnded(reason))
 
     def _set_master(self, is_up: bool, text: str) -> None:
         since = self._master.since if is_up == self._master.is_up else time.time()

@@ -14,7 +14,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_scene import LOOSE
-from skiros2_gui.qt.world_dialogs import AddDialog, PropertyDialog, RelationDialog, RemoveDialog
+from skiros2_gui.qt.world_dialogs import AddDialog, PoseDialog, PropertyDialog, RelationDialog, RemoveDialog
 from skiros2_gui.qt.world_tab import WorldTab
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
@@ -142,6 +142,20 @@ def test_a_label_that_was_written_follows_the_scene_again(desk: Desk) -> None:
     desk.tab.presenter.undo()
     desk.window.take_news()
     assert label.text() == "skiros:first"
+
+
+def test_a_pose_is_written_and_what_was_not_touched_stays_as_it_was(desk: Desk) -> None:
+    box = desk.add()
+    desk.tab.presenter.change("pose", lambda r: r.set_pose(box, (1 / 3, 0.0, 0.0), (0.0, 0.0, 10.0)))
+    desk.window.take_news()
+    desk.select(box)
+    desk.tab.element.pose_button.click()
+    dialog = desk.dialog(PoseDialog)
+    dialog.position[2].setValue(0.5)
+    desk.press(dialog)
+    element = desk.wm.get_element(box)
+    assert (element.value_of("skiros:PositionX"), element.value_of("skiros:PositionZ")) == (1 / 3, 0.5)
+    assert "turned by (0°, 0°, 10°)" in desk.tab.element.about.text()
 
 
 def test_adding_from_the_tree_of_classes(desk: Desk) -> None:

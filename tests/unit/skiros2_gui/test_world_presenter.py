@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ElementSelected, WorldChanged
+from skiros2_gui.core.events import ConnectionChanged, ElementSelected, WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_presenter import MARKED_FOR, WorldPresenter
 from skiros2_gui.core.world_requests import Requests
@@ -14,6 +14,7 @@ from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 BOX = "skiros:LargeBox"
 
@@ -282,3 +283,19 @@ def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
     assert cell.shown() == [[ROOT, [[box, [skill]]]], [LOOSE, [key, other]]]
     cell.undo()
     assert cell.shown(LOOSE) == [other, [skill, [key]]]
+
+
+def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: object) -> list[Element]:
+        raise WmException("the world model does not answer")
+
+    with monkeypatch.context() as gone:
+        gone.setattr(cell.wm, "resolve_elements", fail)
+        cell.window.tell(WorldChanged((), True, True))
+    assert "reading the scene: the world model does not answer" in cell.problem
+    box = Element(BOX)
+    cell.other.add_element(box)
+    cell.window.tell(ConnectionChanged())
+    assert cell.tab.mirror is not None and box.id in cell.tab.mirror.scene

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ElementSelected, WorldChanged
+from skiros2_gui.core.events import ConnectionChanged, ElementSelected, WorldChanged
+from skiros2_gui.core.system import WORLD_MODEL, part_of
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_details import Details, details_of
 from skiros2_gui.core.world_edits import Edits, take_back
@@ -75,10 +76,12 @@ class WorldPresenter:
         self._clock = clock
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
+        self._is_missing = True  # the scene was not read, or could not be read anew
         self._under_way = 0  # requests of this tab that have not ended
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
+        window.subscribe(ConnectionChanged, lambda _: self._read_if_missing())
         if window.system.world is not None:
             self.read()
 
@@ -102,6 +105,7 @@ class WorldPresenter:
             self.read()
             return
         self.mirror, self.vocabulary = found
+        self._is_missing = False
         self.edits.forget()
         self.marks.clear()
         if self.selected not in self.mirror.scene:
@@ -113,8 +117,14 @@ class WorldPresenter:
         self._follow(changes)
 
     def _not_read(self, error: Exception) -> None:
-        self._waiting, self._is_stale = None, False
+        self._waiting, self._is_stale, self._is_missing = None, False, True
         self.window.problems.tell("reading the scene", error)
+
+    def _read_if_missing(self) -> None:
+        """A part has come: what could not be read before may be there now."""
+        part = part_of(self.window.system, WORLD_MODEL)
+        if self._is_missing and self._waiting is None and part is not None and part.is_up:
+            self.read()
 
     def _on_changed(self, event: WorldChanged) -> None:
         if event.is_new or self.mirror is None:

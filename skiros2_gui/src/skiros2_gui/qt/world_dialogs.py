@@ -143,6 +143,7 @@ class RemoveDialog(_Dialog):
         else:
             self.note.setText("Nothing else goes with it.")
         self.content.addStretch(1)
+        self.setMinimumWidth(24 * self.fontMetrics().height())
 
 
 class RelationDialog(_Dialog):
@@ -302,7 +303,7 @@ class PoseDialog(_Dialog):
 
     def __init__(self, details: Details, parent: QWidget | None = None) -> None:
         super().__init__(f"Pose of {local_name(details.id)}", "Write", parent)
-        pose = details.pose or ShownPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+        self._pose = pose = details.pose or ShownPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
         self.position = [_spin_box(number, " m", 1000.0, 0.01, 4) for number in pose.position]
         self.angles = [_spin_box(number, " °", 360.0, 5.0, 3) for number in pose.angles]
         form = QFormLayout()
@@ -315,11 +316,12 @@ class PoseDialog(_Dialog):
             form.addRow(name, box)
         self.content.addLayout(form)
         self.content.addStretch(1)
-        self.note.setText(f"In the frame of {pose.frame}" if pose.frame else "It has no pose yet.")
-        self.size_to(20, 18)
+        frame = f"In the frame of {pose.frame}" if pose.frame else "In the frame of what it is in"
+        self.note.setText(frame if details.pose is not None else "It has no pose yet.")
+        self.size_to(20, 16)
 
     def accept(self) -> None:
-        self.chosen.emit([box.value() for box in self.position], [box.value() for box in self.angles])
+        self.chosen.emit(_numbers(self.position, self._pose.position), _numbers(self.angles, self._pose.angles))
         super().accept()
 
 
@@ -354,6 +356,12 @@ def _spin_box(number: float, unit: str, most: float, step: float, decimals: int)
     box.setValue(number)
     box.setAccelerated(True)
     return box
+
+
+def _numbers(boxes: Sequence[QDoubleSpinBox], before: Sequence[float]) -> list[float]:
+    """What the boxes say; a number that was not changed is not rounded either."""
+    pairs = zip(boxes, before, strict=True)
+    return [was if box.value() == round(was, box.decimals()) else box.value() for box, was in pairs]
 
 
 def _counted(number: int) -> str:

@@ -278,7 +278,7 @@ class WorldTab(QWidget):
 
     def load(self) -> None:
         """Asks for a file, and loads the scene from it."""
-        note = "⚠ The scene of now is replaced, for all robots; this cannot be undone. The file is in the workspace"
+        note = "⚠ The present scene is replaced, for all robots; this cannot be undone. The file is in the workspace"
         self._open_file(FileDialog("Load a scene", "Load", f"{note} of the world model.", self._file, self), "load")
 
     def save(self) -> None:

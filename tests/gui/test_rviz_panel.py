@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from pytestqt.qtbot import QtBot
-from python_qt_binding.QtWidgets import QPushButton
+from python_qt_binding.QtWidgets import QLabel, QPushButton, QWidget
 
 from skiros2_gui.core.events import ConnectionChanged
 from skiros2_gui.core.system import MASTER, Part
@@ -60,3 +60,43 @@ def test_it_waits_for_the_master(qtbot: QtBot, window: Window, monkeypatch: pyte
     window.system.master_is_up = True
     window.tell(ConnectionChanged())
     assert button(panel).isEnabled()
+
+
+class Frame(QWidget):
+    """Stands in for rviz's window, which draws while it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.draws = False
+
+    def getManager(self) -> Frame:
+        return self
+
+    def startUpdate(self) -> None:
+        self.draws = True
+
+    def stopUpdate(self) -> None:
+        self.draws = False
+
+
+def test_rviz_draws_while_it_is_seen_and_is_kept_for_the_next_window(
+    qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = Frame()
+    monkeypatch.setattr(rviz_panel, "rviz_trouble", lambda: "")
+    monkeypatch.setattr(rviz_panel, "_left_over", [frame])
+    panel = RvizPanel(window)
+    qtbot.addWidget(panel)
+    panel.show()
+    panel.toggle()  # the space bar
+    assert panel.is_open and frame.draws and frame.isVisible() and not button(panel).isVisible()
+    panel.hide()
+    assert not frame.draws
+    panel.show()
+    assert frame.draws
+    window.system.master_is_up = False
+    window.tell(ConnectionChanged())
+    assert "open it again" in panel.findChild(QLabel, "rvizSaid").text()
+    panel.close_tab()
+    panel.close_tab()
+    assert not frame.draws and frame.parent() is None and rviz_panel._left_over == [frame]

@@ -22,6 +22,9 @@ log = logging.getLogger(__name__)
 #: What rviz shows at first, in the package `skiros2`.
 CONFIGURATION = "launch/skiros.rviz"
 
+#: rviz does not register with another master than the one that it began with.
+_LOST = "The ROS master was gone. If it was started anew, rviz does not hear of it: close the window and open it again."
+
 _left_over: list[Any] = []
 
 
@@ -121,8 +124,12 @@ class RvizPanel(QWidget):
         return rviz_trouble()
 
     def _show_state(self) -> None:
-        if self._frame is None:
-            trouble = self._trouble()
+        trouble = self._trouble()
+        if self._frame is not None and trouble:
+            self._said.setText(_LOST)
+            self._column.insertWidget(0, self._said)
+            self._said.show()
+        elif self._frame is None:
             self._start.setEnabled(not trouble)
             self._start.setToolTip(trouble or "It stays until the window is closed")
 

@@ -99,7 +99,7 @@ class WorldLink:
         """Notices that the world model does not answer any more. Called from time to time, by another thread."""
         asked_at = self._asked_at
         if asked_at and time.monotonic() - asked_at > PATIENCE:
-            self._set(False, f"It does not answer for {PATIENCE:g} s.")
+            self._set(False, f"It has not answered for {PATIENCE:g} s.")
 
     def close(self) -> None:
         """Follows it no more. Does not wait."""

@@ -9,10 +9,21 @@ from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
-from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QComboBox, QLabel, QLineEdit, QPlainTextEdit, QPushButton, QTreeWidget, QWidget
+from python_qt_binding.QtCore import QPoint, QPointF, Qt
+from python_qt_binding.QtGui import QWheelEvent
+from python_qt_binding.QtWidgets import (
+    QApplication,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QPushButton,
+    QTreeWidget,
+    QWidget,
+)
 
 from skiros2_gui.core.goal_course import Course
+from skiros2_gui.core.skills_fields import ElementChoice
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.skills_tab import SkillsTab
 from skiros2_gui.testing.local_system import LocalSystem
@@ -97,6 +108,31 @@ def test_what_is_typed_and_is_no_element_goes_back(tab: SkillsTab, qtbot: QtBot)
     qtbot.keyClicks(thing.lineEdit(), "no such thing")
     qtbot.keyClick(thing.lineEdit(), Qt.Key_Return)
     assert thing.currentText() == before
+
+
+def test_many_elements_are_listed_when_they_are_needed(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(FETCH)
+    thing = _child(tab, QComboBox, "param_Thing")
+    qtbot.waitUntil(lambda: thing.count() == 3)
+    many = tuple(ElementChoice(f"skiros:Product-{n}", f"part {n}") for n in range(2000))
+    thing.parent().show_inferred(many[7], many)
+    assert (thing.count(), thing.currentText()) == (1, "infer: part 7  (skiros:Product-7)")
+    thing.setFocus()
+    qtbot.waitUntil(lambda: thing.count() == 2001)
+
+
+def test_the_wheel_over_a_list_scrolls_the_form(tab: SkillsTab, qtbot: QtBot) -> None:
+    tab.tree.choose(NOTE)
+    loud = _child(tab, QComboBox, "param_Loud")
+    middle = QPointF(loud.rect().center())
+    QApplication.sendEvent(
+        loud,
+        QWheelEvent(
+            middle, QPointF(loud.mapToGlobal(middle.toPoint())), QPoint(0, 0), QPoint(0, 120),
+            Qt.NoButton, Qt.NoModifier, Qt.NoScrollPhase, False,
+        ),
+    )  # fmt: skip
+    assert loud.currentText() == "no"
 
 
 def test_space_starts_and_stops(tab: SkillsTab, qtbot: QtBot) -> None:

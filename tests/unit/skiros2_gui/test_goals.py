@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skiros2_gui.core.events import AchieveTold
 from skiros2_gui.core.goal_course import Course
 from skiros2_gui.core.goal_plan import GoalPlanner, syntax_mistake
 from skiros2_gui.core.goal_presenter import GoalPresenter
+from skiros2_gui.core.goal_words import Vocabulary, Word, suggest
 from skiros2_gui.core.window import Window
 from skiros2_gui.testing.at_once import AtOnce, make_window
 from skiros2_gui.testing.local_system import LocalSystem
@@ -118,6 +121,19 @@ def test_nothing_is_suggested_for_nonsense(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at zzzzzz") == []
     assert _suggested(lab, ")))") == ["("]
     assert lab.goals.suggestions(9_999).words
+
+
+_PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', ";", ",", "a:b", "and", "é"])
+
+
+@given(st.lists(_PIECES, max_size=12).map("".join), st.integers(-3, 40))
+@settings(max_examples=40, deadline=None)
+def test_any_text_may_stand_in_the_line(text: str, cursor: int) -> None:
+    word = Word("skiros:at", "at", "relation")
+    found = suggest(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))
+    assert 0 <= found.start <= len(text)
+    mistake = syntax_mistake(text)
+    assert mistake is None or 0 <= mistake.position(text) <= len(text)
 
 
 # -- mistakes ------------------------------------------------------------------------------------------------------

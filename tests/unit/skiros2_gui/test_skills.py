@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_gui.core.events import Progressed
@@ -196,6 +198,20 @@ def test_an_optional_value_without_default_may_be_unset() -> None:
     assert field.values() == [3]
     field.write("")
     assert (field.way, field.error) == (Way.UNSET, "")
+
+
+_KINDS = st.sampled_from(["str", "int", "float", "bool", "list", "dict", "geometry::Thing", "skiros_wm::Element"])
+
+
+@given(_KINDS, st.text(max_size=8) | st.floats().map(str) | st.integers().map(str), st.text(max_size=30))
+@settings(max_examples=40, deadline=None)
+def test_what_is_typed_is_a_value_or_told_to_be_none(wire_type: str, text: str, description: str) -> None:
+    field = _field(wire_type, description=description)
+    field.write(text)
+    if not field.error:
+        assert field.declared.wire(field.values())
+    field.reset()
+    assert field.is_default or not field.declared.default
 
 
 # -- what would come of a start ------------------------------------------------------------------------------------

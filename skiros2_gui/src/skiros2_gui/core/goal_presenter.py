@@ -10,6 +10,7 @@ from skiros2_gui.core.events import AchieveTold, ConnectionChanged, WorldChanged
 from skiros2_gui.core.goal_course import Course
 from skiros2_gui.core.goal_plan import GoalBook, GoalPlan, GoalPlanner, Mistake, syntax_mistake
 from skiros2_gui.core.goal_words import Suggestions, Vocabulary, suggest
+from skiros2_gui.core.pace import Pace
 from skiros2_gui.core.problems import in_words
 from skiros2_gui.core.window import Window
 
@@ -47,9 +48,10 @@ class GoalPresenter:
         self._is_stale = True  # the words may be other by now
         self._is_unread = False  # the text has changed since it was looked at
         self._is_looking = False
+        self._pace = Pace()
         self._cancelled: threading.Event | None = None
         window.subscribe(WorldChanged, lambda _: self._outdate())
-        window.subscribe(ConnectionChanged, lambda _: self.on_goal())
+        window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(AchieveTold, self._told)
 
     # -- writing -----------------------------------------------------------------------------------------------
@@ -71,16 +73,28 @@ class GoalPresenter:
     def _outdate(self) -> None:
         self._is_stale = True
 
+    def _connection_changed(self) -> None:
+        self._is_stale = True
+        self.on_goal()
+
+    def look_again(self) -> None:
+        """As `look`, for the view to call now and then while the goal line is used: a large scene takes its time."""
+        if self._pace.is_rested:
+            self.look()
+
     def look(self) -> None:
-        """Finds out which words there are and whether the goal can be read, where that may be other than it was. The
-        view calls it now and then while the goal line is used: reading a large scene takes some time."""
+        """Finds out which words there are and whether the goal can be read, where that may be other than it was."""
         world = self._window.system.world
         if self._is_looking or world is None or not (self._is_stale or self._is_unread):
             return
         text = self.text if self.mistake is None else ""
-        book = None if self._is_stale else self._book
-        self._is_stale = self._is_unread = False
+        is_due = self._is_stale and (self._book is None or self._pace.is_rested)
+        book = None if is_due else self._book
+        self._is_stale = self._is_stale and not is_due
+        self._is_unread = False
         self._is_looking = True
+        if is_due:
+            self._pace.begin()
         self._window.jobs.run(
             lambda: _looked_up(book, world, text),
             lambda found: self._looked(text, *found),
@@ -91,6 +105,7 @@ class GoalPresenter:
     def _looked(self, text: str, book: GoalBook, mistake: Mistake | None) -> None:
         self._is_looking = False
         if book is not self._book:
+            self._pace.end()
             self._book, self._vocabulary = book, book.vocabulary
             self.on_words()
         if text and text == self.text:
@@ -101,7 +116,8 @@ class GoalPresenter:
 
     def _not_looked(self, error: Exception) -> None:
         self._is_looking = False
-        self._is_stale = True
+        self._pace.end()
+        self._book = None
         self._window.problems.tell("reading the words of goals", error)
 
     # -- planning ----------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import Any
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import Explanation
 from skiros2_gui.core.events import ManagersChanged, TaskStarted, WorldChanged
+from skiros2_gui.core.pace import Pace
 from skiros2_gui.core.problems import in_words
 from skiros2_gui.core.skills_catalogue import Offer, RobotRow, offers_of, rows_of
 from skiros2_gui.core.skills_fields import Field, Way
@@ -60,7 +61,9 @@ class SkillsPresenter:
         self._offers: dict[tuple[str, str, str], Offer] = {}
         self._forms: dict[tuple[str, str, str], Form] = {}
         self._is_stale = False  # what would come of a start may be other by now
+        self._is_edited = False  # so that it has to be looked at once
         self._is_looking = False
+        self._pace = Pace()
         window.subscribe(ManagersChanged, lambda _: self.load())
         window.subscribe(WorldChanged, self._world_changed)
         self.load()
@@ -170,18 +173,23 @@ class SkillsPresenter:
         self._is_stale = True  # what is shown stays until it was looked anew
 
     def _outdate(self) -> None:
-        self._is_stale = True
+        self._is_stale = self._is_edited = True
         self.on_trial()
 
+    def look_again(self) -> None:
+        """As `look`, for the view to call now and then: a scene that always changes is not looked at each time."""
+        if self._pace.is_rested:
+            self.look()
+
     def look(self) -> None:
-        """Finds out what would come of a start, where that may be other than it was. The view calls it now and then:
-        a scene that changes all the time is not looked at each time."""
+        """Finds out what would come of a start, where that may be other than it was."""
         form, world = self.form, self._window.system.world
         if not self._is_stale or self._is_looking or form is None or world is None:
             return
-        self._is_stale = False
+        self._is_stale = self._is_edited = False
         given = form.given()
         self._is_looking = True
+        self._pace.begin()
         self._window.jobs.run(
             lambda: try_start(form.offer, given, form.classes, world),
             lambda trial: self._looked(form, trial),
@@ -191,12 +199,19 @@ class SkillsPresenter:
 
     def _looked(self, form: Form, trial: Trial) -> None:
         self._is_looking = False
+        self._pace.end()
         if form is self.form:
             self.trial = trial
             self.on_trial()
-        self.look()
+        if self._is_edited:
+            self.look()
 
     # -- starting ----------------------------------------------------------------------------------------------
+
+    @property
+    def has_world(self) -> bool:
+        """Whether there was a world model yet."""
+        return self._window.system.world is not None
 
     @property
     def can_start(self) -> bool:

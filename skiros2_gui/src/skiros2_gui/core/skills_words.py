@@ -41,6 +41,8 @@ def verdict(skills: SkillsPresenter) -> Verdict:
     if form.errors:
         told = "; ".join(f"{key}: {error}" for key, error in form.errors.items())
         return Verdict(REFUSED, f"Fill in first: {told}")
+    if skills.trial is None and not skills.has_world:
+        return Verdict(WAITING, "The world model is not there: it cannot be told whether it would start.")
     if skills.trial is None:
         return Verdict(WAITING, "Looking at the scene…")
     return _of_trial(skills.trial)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt
+from python_qt_binding.QtCore import QEvent, QObject, QSignalBlocker, Qt
 from python_qt_binding.QtGui import QFontDatabase, QKeyEvent
 from python_qt_binding.QtWidgets import QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
@@ -13,6 +13,9 @@ from skiros2_gui.core.skills_fields import Editor, ElementChoice, Field, Way
 from skiros2_gui.core.skills_presenter import SkillsPresenter
 
 _UNSET = "unset"
+
+#: Of more elements only the chosen one is in the list until it is used: filling it takes time.
+_MOST_AT_ONCE = 500
 
 
 def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
@@ -43,6 +46,18 @@ class FieldEditor(QWidget):
         self.row = QHBoxLayout(self)
         self.row.setContentsMargins(0, 0, 0, 0)
         self.row.addWidget(input, 1)
+        input.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.FocusIn:
+            self.before_use()
+        elif event.type() == QEvent.Wheel and isinstance(watched, QComboBox) and not watched.hasFocus():
+            event.ignore()  # who scrolls the form does not mean to choose
+            return True
+        return bool(super().eventFilter(watched, event))
+
+    def before_use(self) -> None:
+        """It gets the focus."""
 
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         """What the robot would take, and what there is to choose from."""
@@ -163,9 +178,10 @@ class ElementEditor(FieldEditor):
         completer.setCaseSensitivity(Qt.CaseInsensitive)
         self._ids: list[str] = []
         self._shown: tuple[object, ...] = ()
+        self._found: ElementChoice | None = None
+        self._choices: Sequence[ElementChoice] = ()
         self.box.activated.connect(self._chosen)
         self.box.lineEdit().editingFinished.connect(self._typed)
-        self.box.lineEdit().installEventFilter(self)
         self.show_inferred(None, ())
 
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
@@ -173,23 +189,30 @@ class ElementEditor(FieldEditor):
         view = self.box.view()
         if shown == self._shown or (view is not None and view.isVisible()) or self.box.lineEdit().isModified():
             return  # not while the user chooses
-        self._shown = shown
+        self._shown, self._found, self._choices = shown, found, choices
+        self._fill(found, choices if len(choices) <= _MOST_AT_ONCE else ())
+
+    def _fill(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
         with QSignalBlocker(self.box):
             items = [(_words(way, found), "") for way in self.field.ways if way is not Way.GIVEN]
             items += [(choice.text, choice.id) for choice in choices]
             self._ids = [eid for _, eid in items]
             value = str(self.field.value or "")
             if self.field.way is Way.GIVEN and value and value not in self._ids:
-                items.append((f"{value}  (not in the scene)" if choices else value, value))
+                items.append((self._name(value), value))
                 self._ids.append(value)
             self.box.clear()
             self.box.addItems([text for text, _ in items])
             self._show_current()
 
-    def eventFilter(self, watched: object, event: QEvent) -> bool:
-        if event.type() == QEvent.FocusIn and self.box.lineEdit().isModified() is False:
-            self.box.lineEdit().selectAll()
-        return bool(super().eventFilter(watched, event))
+    def before_use(self) -> None:
+        if len(self._choices) > _MOST_AT_ONCE and not self.box.lineEdit().isModified():
+            self._fill(self._found, self._choices)
+
+    def _name(self, eid: str) -> str:
+        """What is shown of a chosen element that is not in the list."""
+        known = next((choice.text for choice in self._choices if choice.id == eid), None)
+        return known or (f"{eid}  (not in the scene)" if self._choices else eid)
 
     def _show_current(self) -> None:
         value = str(self.field.value or "") if self.field.way is Way.GIVEN else ""

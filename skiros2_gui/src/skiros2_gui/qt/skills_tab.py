@@ -112,9 +112,9 @@ class SkillsTab(QWidget):
 
     def _look(self) -> None:
         if self.isVisible():
-            self.skills.look()
+            self.skills.look_again()
             if self.goal_bar.line.hasFocus():
-                self.goals.look()
+                self.goals.look_again()
 
 
 def _text(state: QByteArray) -> str:

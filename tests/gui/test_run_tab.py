@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import random
 import time
 from collections.abc import Iterator
 
@@ -380,3 +382,37 @@ def test_conditions_are_told_with_the_names_of_their_elements(qtbot: QtBot) -> N
     text = details.toPlainText()
     assert "demo:arm <1> at Workstation 1" in text and "but demo:arm <1> at nothing" in text
     assert "skiros:Box-3 State = 'Empty'" in text
+
+
+def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+    """Trees that change shape between any two steps of the user, with ids, states, times and texts that make no sense."""
+    chance, texts = random.Random(1), ["", "<b>x</b>", "a\nb", "x" * 3000, "skiros:Pick", ":Skill", "%s{}"]
+
+    def node(number: int) -> Told:
+        return Told(
+            chance.choice([0, 5, -1, 32767, number]), chance.randrange(-1, number + 2), chance.choice(texts),
+            chance.choice(texts), chance.choice(["", "->*", "odd"]), chance.choice([0, 1, 2, 3, 4, 99, -7]),
+            chance.choice([0, 0, 0, -1, 1, -404]), chance.choice([0.0, -1.0, math.nan, math.inf, 1e30]),
+            chance.choice(texts), task_id=chance.choice([5, 5, 6, -1]),
+        )  # fmt: skip
+
+    presenter = tab.presenter
+    for _ in range(150):
+        nodes = [node(number) for number in range(chance.randrange(1, 20))]
+        tell(window, nodes, chance.choice([time.time(), 0.0, 1.0]))
+        place = chance.randrange(len(presenter.frame.shape))
+        action = chance.choice([
+            lambda: presenter.step(chance.choice([-1, 1, -50])),
+            lambda: presenter.go_to(None),
+            lambda: presenter.select(place),
+            lambda: presenter.fold(place),
+            lambda: presenter.pick(chance.choice(list(presenter.runs))),
+            lambda: tab._bar.search.setText(chance.choice(["a", "x s", ""])),
+            lambda: tab._beside.setCurrentIndex(chance.randrange(4)),
+            lambda: qtbot.keyClick(tab.view, chance.choice([Qt.Key_Left, Qt.Key_Down, Qt.Key_Return, Qt.Key_F])),
+            lambda: tab._draw(),
+        ])  # fmt: skip
+        action()
+    drawn(tab, qtbot)
+    assert presenter.frame is not None
+    assert window.problems.history == []

@@ -21,6 +21,9 @@ from skiros2_gui.core.states import IDLE, RUNNING
 #: Every so many ticks are kept whole.
 _WHOLE = 64
 
+#: Who has run for longer (s, a year) does not know for how long.
+_LONGEST = 3.2e7
+
 #: What a tick takes beside its rows and texts (bytes), about.
 _TICK, _TEXT = 300, 80
 
@@ -181,7 +184,7 @@ class TaskRun:
         at: Any = touched if count < len(rows) else slice(None)
         state = np.fromiter((nodes[place].state for place in touched), "i2", count)
         told = np.fromiter((nodes[place].progress_time for place in touched), "f4", count)
-        told = np.where(np.isfinite(told) & (told > 0.0), told, 0.0)
+        told = np.where((told > 0.0) & (told < _LONGEST), told, 0.0)  # of NaN both are false
         began, ended = rows["began"][at], rows["ended"][at]
         runs, idle = state == RUNNING, state == IDLE
         starts = runs & (np.isnan(began) | ~np.isnan(ended))

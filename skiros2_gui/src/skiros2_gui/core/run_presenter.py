@@ -182,18 +182,24 @@ class RunPresenter:
         self.ask_node()
         self.on_change(part)
 
+    def selected(self) -> int | None:
+        """The place of the selected node in the tree that is shown; None: none is, or it is not in this tree."""
+        node = self.tree.selected
+        return self.frame.shape.places.get(node) if self.frame is not None and node is not None else None
+
     def ask_node(self) -> None:
         """Has the manager tell what the selected node is now, where it can."""
-        place = self.tree.place()
-        if self.run is None or place is None:
+        frame, place = self.frame, self.selected()
+        if self.run is None or frame is None or place is None:
             self.node.clear()
         else:
-            self.node.ask(self.run, self.run.now if self.frame is None else self.frame, place, self.is_live, self.bag)
+            self.node.ask(self.run, frame, place, self.is_live, self.bag)
 
     def fold(self, place: int) -> None:
         """Folds a node, or unfolds it."""
-        if self.tree.drawing is not None:
-            self.tree.toggle_fold(self.tree.drawing.shape.id(place))
+        if self.frame is not None:
+            self.tree.show(self.frame.shape)
+            self.tree.toggle_fold(self.frame.shape.id(place))
             self.on_change(Part.TREE)
 
     def change_folds(self, change: Callable[[RunTree, Frame], None]) -> None:
@@ -207,10 +213,18 @@ class RunPresenter:
         """Marks the nodes whose label or type holds all words of a text; returns their places."""
         self.tree.text = text
         self.on_change(Part.STATES)
+        return self.found()
+
+    def found(self) -> list[int]:
+        """The places of the nodes that are searched for, from the top down."""
+        if self.frame is not None:
+            self.tree.show(self.frame.shape)
         return self.tree.found()
 
     def select_next(self, places: Iterable[int], step: int = 1) -> int | None:
         """Selects of some nodes the one after the selected one (-1: before it). Returns its place, if there is one."""
+        if self.frame is not None:
+            self.tree.show(self.frame.shape)
         place = self.tree.next_of(places, step)
         if place is not None:
             self.select(place)

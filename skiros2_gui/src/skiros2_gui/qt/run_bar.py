@@ -61,7 +61,7 @@ class TreeBar(QToolBar):
             self.search.setText(tree.text)
             self.search.blockSignals(False)
         nodes = f"{len(frame.shape)} nodes" if frame is not None else ""
-        self.count.setText(f"{len(tree.found())} found" if tree.text.strip() else nodes)
+        self.count.setText(f"{len(self._presenter.found())} found" if tree.text.strip() else nodes)
 
     def show_running(self) -> None:
         """Whether there is a node that runs."""
@@ -85,7 +85,7 @@ class TreeBar(QToolBar):
             self._go_next()
 
     def _go_next(self) -> None:
-        self._want(self._presenter.select_next(self._presenter.tree.found()))
+        self._want(self._presenter.select_next(self._presenter.found()))
 
     def _go_to_running(self) -> None:
         self._want(self._presenter.select_next(self._presenter.running()[::-1]))

@@ -72,6 +72,11 @@ class TreeItem(QGraphicsItem):
         if self._drawing is not None:
             self.draw(self._drawing)
 
+    @property
+    def drawing(self) -> Drawing | None:
+        """What is shown."""
+        return self._drawing
+
     def draw(self, drawing: Drawing) -> None:
         """Shows another drawing; `show_states` has to follow."""
         self.prepareGeometryChange()

@@ -67,7 +67,7 @@ class RunTab(QWidget):
         self._details.element.connect(lambda eid: window.tell(ElementSelected(eid, self)))
         self.view.moved.connect(lambda: self._bar.follow.setChecked(False))
         self._bar.wanted.connect(self._go_to)
-        self._bar.fitted.connect(lambda: self.view.fit())
+        self._bar.fitted.connect(self._fit)
         self._bar.follow.toggled.connect(lambda _: self._on_change(Part.STATES))
         self._on_change(Part.ALL)
 
@@ -133,13 +133,12 @@ class RunTab(QWidget):
     def _draw(self) -> None:
         """Draws what has changed since."""
         stale, self._stale = self._stale, Part(0)
-        presenter, frame = self.presenter, self.presenter.frame
+        frame = self.presenter.frame
         if stale & Part.TASKS:
             self._tasks.show_tasks()
         if stale & Part.BREAKPOINTS:
             self._breakpoints.show_breakpoints()
-        is_drawn = frame is None or (presenter.tree.drawing is not None and presenter.tree.drawing.shape is frame.shape)
-        if stale & Part.TREE or not is_drawn:
+        if stale & Part.TREE or not self.view.is_up_to_date():
             self.view.show_tree()
             self._bar.show_tree()
         elif stale & Part.STATES:
@@ -170,8 +169,8 @@ class RunTab(QWidget):
         self._bar.show_running()
 
     def _show_node(self) -> None:
-        frame, place = self.presenter.frame, self.presenter.tree.place()
-        if frame is None or place is None or place >= len(frame.shape):
+        frame, place = self.presenter.frame, self.presenter.selected()
+        if frame is None or place is None:
             self._details.show_node(None)
         else:
             self._details.show_node(self.presenter.node.text(frame, place))
@@ -199,6 +198,10 @@ class RunTab(QWidget):
         self.presenter.go_to_time(line.time)
         self._draw()
         self._go_to_node(line.node)
+
+    def _fit(self) -> None:
+        self._draw()
+        self.view.fit()
 
     def _go_to(self, place: int | None) -> None:
         if place is not None:

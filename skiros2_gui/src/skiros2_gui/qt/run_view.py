@@ -70,18 +70,29 @@ class TreeView(QGraphicsView):
         if self._is_fitted:
             self.fit(self._least)
 
+    def is_up_to_date(self) -> bool:
+        """Whether what is drawn has the nodes of the tree that is shown."""
+        frame, drawing = self._presenter.frame, self._presenter.tree.drawing
+        return frame is None or (drawing is not None and drawing is self._item.drawing and drawing.shape is frame.shape)
+
+    def _catch_up(self) -> None:
+        """What the user points at is to be what is shown."""
+        if not self.is_up_to_date():
+            self.show_tree()
+
     def show_states(self) -> None:
         """Takes the states of the tree that is drawn, and what is marked in it."""
         presenter = self._presenter
         frame, tree = presenter.frame, presenter.tree
-        if frame is None or tree.drawing is None or tree.drawing.shape is not frame.shape:
+        if frame is None or not self.is_up_to_date():
             return
         self._item.show_states(frame)
         robot = presenter.run.robot if presenter.run is not None and presenter.bag is None else ""
-        self._item.mark(tree.place(), tree.found(), presenter.breakpoints.marks(robot, frame.shape))
+        self._item.mark(presenter.selected(), tree.found(), presenter.breakpoints.marks(robot, frame.shape))
 
     def reveal(self, place: int) -> None:
         """Moves a node into sight."""
+        self._catch_up()
         drawing = self._presenter.tree.drawing
         if drawing is not None:
             rect = self._item.rect_of(drawing.shown_for(place))
@@ -113,7 +124,7 @@ class TreeView(QGraphicsView):
 
     def full_size(self) -> None:
         """100 %, around the selected node."""
-        place = self._presenter.tree.place()
+        place = self._presenter.selected()
         self.zoom(1.0 / self.scale_now)
         if place is not None:
             self.reveal(place)
@@ -153,11 +164,13 @@ class TreeView(QGraphicsView):
         self._pressed = None
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self._catch_up()
         place = self._item.place_at(self.mapToScene(event.pos()))
         if place is not None and not self._item.is_fold_mark(place, self.mapToScene(event.pos())):
             self._presenter.fold(place)
 
     def _click(self, point: QPointF) -> None:
+        self._catch_up()
         place = self._item.place_at(point)
         if place is not None and self._item.is_fold_mark(place, point):
             self._presenter.fold(place)
@@ -169,6 +182,7 @@ class TreeView(QGraphicsView):
 
     def viewportEvent(self, event: QEvent) -> bool:
         if event.type() == QEvent.ToolTip:
+            self._catch_up()
             place = self._item.place_at(self.mapToScene(event.pos()))
             QToolTip.showText(event.globalPos(), self._told(place) if place is not None else "", self)
             return True
@@ -192,12 +206,14 @@ class TreeView(QGraphicsView):
         return "\n".join(lines)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        self._catch_up()
         menu = self.menu_for(self._item.place_at(self.mapToScene(event.pos())))
         menu.exec_(event.globalPos())
         menu.deleteLater()
 
     def menu_for(self, place: int | None) -> QMenu:
         """What can be done with a node, and with the tree."""
+        self._catch_up()
         presenter, menu = self._presenter, QMenu(self)
         frame, drawing, run = presenter.frame, presenter.tree.drawing, presenter.run
         if place is not None and frame is not None and drawing is not None and run is not None:
@@ -223,14 +239,15 @@ class TreeView(QGraphicsView):
     # -- keys --------------------------------------------------------------------------------------------------------
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
+        self._catch_up()
         key, tree = event.key(), self._presenter.tree
         if key in _ARROWS and not event.modifiers() & ~Qt.KeypadModifier:
             place = tree.neighbour(_ARROWS[key])
             if place is not None:
                 self._presenter.select(place)
-                self.show_tree() if tree.drawing is None else self.reveal(place)
+                self.reveal(place)
         elif key in (Qt.Key_Return, Qt.Key_Enter):
-            place = tree.place()
+            place = self._presenter.selected()
             if place is not None:
                 self._presenter.fold(place)
         elif key in (Qt.Key_Plus, Qt.Key_Equal):
@@ -252,5 +269,5 @@ class TreeView(QGraphicsView):
 
     def resizeEvent(self, event: QEvent) -> None:
         super().resizeEvent(event)
-        if self._is_fitted:
+        if self._is_fitted and self.is_up_to_date():  # else it is fitted when it is drawn
             self.fit(self._least)

@@ -6,6 +6,7 @@ import math
 import random
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from pytestqt.qtbot import QtBot
@@ -385,7 +386,7 @@ def test_conditions_are_told_with_the_names_of_their_elements(qtbot: QtBot) -> N
 
 
 def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window: Window, qtbot: QtBot) -> None:
-    """Trees that change shape between any two steps of the user, with ids, states, times and texts that make no sense."""
+    """Trees change shape between any two steps of the user; ids, states, times and texts make no sense."""
     chance, texts = random.Random(1), ["", "<b>x</b>", "a\nb", "x" * 3000, "skiros:Pick", ":Skill", "%s{}"]
 
     def node(number: int) -> Told:
@@ -404,8 +405,8 @@ def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window
         action = chance.choice([
             lambda: presenter.step(chance.choice([-1, 1, -50])),
             lambda: presenter.go_to(None),
-            lambda: presenter.select(place),
-            lambda: presenter.fold(place),
+            partial(presenter.select, place),
+            partial(presenter.fold, place),
             lambda: presenter.pick(chance.choice(list(presenter.runs))),
             lambda: tab._bar.search.setText(chance.choice(["a", "x s", ""])),
             lambda: tab._beside.setCurrentIndex(chance.randrange(4)),

@@ -12,7 +12,7 @@ from python_qt_binding.QtWidgets import QApplication
 from skiros2_gui.testing.driver import PATIENCE, Driver
 
 #: Part of the picture that places take, and handles.
-PLACES, HANDLES = 0.01, 0.0001
+PLACES, HANDLES = 0.01, 0.00002
 
 _Channel = NDArray[np.int16]
 
@@ -42,9 +42,11 @@ def window_picture(driver: Driver) -> QImage:
 
 
 def is_drawn(picture: QImage) -> bool:
-    """Whether a picture has places, which are green, and the blue handle of a selected element."""
-    return share(picture, lambda r, g, b: (g > r + 15) & (g > b + 15)) > PLACES and (
-        share(picture, lambda r, g, b: (b > 120) & (r < 60) & (g < 60)) > HANDLES
+    """Whether a picture has places, which are light green, and the handles of a selected element, of pure colours."""
+    return (
+        share(picture, lambda r, g, b: (g > r + 15) & (g > b + 15)) > PLACES
+        and share(picture, lambda r, g, b: (r > 90) & (g < 30) & (b < 30)) > HANDLES
+        and share(picture, lambda r, g, b: (b > 90) & (r < 30) & (g < 30)) > HANDLES
     )
 
 

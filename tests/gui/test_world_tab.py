@@ -14,7 +14,15 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import WorldChanged
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_scene import LOOSE
-from skiros2_gui.qt.world_dialogs import AddDialog, PoseDialog, PropertyDialog, RelationDialog, RemoveDialog
+from skiros2_gui.qt.world_dialogs import (
+    AddDialog,
+    ClassDialog,
+    PoseDialog,
+    PropertyDialog,
+    RelationDialog,
+    RemoveDialog,
+    ValuesDialog,
+)
 from skiros2_gui.qt.world_tab import WorldTab
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
@@ -156,6 +164,41 @@ def test_a_pose_is_written_and_what_was_not_touched_stays_as_it_was(desk: Desk) 
     element = desk.wm.get_element(box)
     assert (element.value_of("skiros:PositionX"), element.value_of("skiros:PositionZ")) == (1 / 3, 0.5)
     assert "turned by (0°, 0°, 10°)" in desk.tab.element.about.text()
+
+
+def test_several_values_and_tables_are_written_in_a_dialog(desk: Desk) -> None:
+    box = desk.add()
+    element = desk.other.get_element(box)
+    element.setProperty("skiros:CadModel", ["a.stl", "b.stl"])
+    element.setProperty("skiros:Value", {"grip": [1, 2]})
+    desk.other.update_element(element)
+    desk.window.take_news()
+    desk.select(box)
+    table = desk.tab.element.properties
+    writes = (("CadModel", "a.stl\nb.stl", "c.stl\nd.stl"), ("Value", '{"grip": [1, 2]}', '{"x": 1}'))
+    for name, before, after in writes:
+        names = [table.rows.index(row, 0).data() for row in range(table.rows.rowCount())]
+        table.doubleClicked.emit(table.rows.index(names.index(name), 1))
+        dialog = desk.dialog(ValuesDialog)
+        assert dialog.box.toPlainText() == before
+        dialog.box.setPlainText(after)
+        desk.press(dialog)
+    element = desk.wm.get_element(box)
+    assert element.getProperty("skiros:CadModel").values == ["c.stl", "d.stl"]
+    assert element.value_of("skiros:Value") == {"x": 1}
+    told = desk.tab.presenter.change("value", lambda r: r.set_values(box, "skiros:Value", ["[1]"]))
+    assert told == "Value: expected a table, such as {\"key\": 1}, got '[1]'"
+
+
+def test_the_class_of_an_element_is_changed_by_choice(desk: Desk) -> None:
+    box = desk.add()
+    desk.select(box)
+    desk.tab.change_class()
+    dialog = desk.dialog(ClassDialog)
+    assert dialog.choice.chosen().name == BOX
+    dialog.choice.choose("skiros:Container")
+    desk.press(dialog)
+    assert desk.wm.get_element(box).type == "skiros:Container"
 
 
 def test_adding_from_the_tree_of_classes(desk: Desk) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from dataclasses import dataclass
@@ -70,9 +71,16 @@ class PropertyRow:
         return _TYPE_WORDS.get(self.kind, self.kind.__name__)
 
     @property
-    def is_editable(self) -> bool:
-        """Whether a text of one value, or of several on a line each, can be written for it."""
+    def is_plain(self) -> bool:
+        """Whether its values are no lists or tables, which are written as JSON."""
         return self.kind in (float, int, bool, str)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The values as they are written, whole."""
+        if not self.is_plain:
+            return tuple(json.dumps(value, default=str) for value in self.values)
+        return tuple(repr(value) if isinstance(value, float) else str(value) for value in self.values)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 
@@ -37,7 +38,7 @@ class Requests:
     # -- properties --------------------------------------------------------------------------------------------
 
     def set_values(self, eid: str, key: str, texts: Sequence[str]) -> list[Operation]:
-        """Gives a property the values that some texts write; none leaves it there without a value."""
+        """Gives a property the values that texts write, lists and tables as JSON; none leaves it without a value."""
         node = self._node(eid)
         key = full_name(key.strip())
         if key in ("rdfs:label", "rdf:type") or not key.rpartition(":")[2]:
@@ -47,9 +48,11 @@ class Requests:
         known = node.properties.get(key)
         present = known.dataType() if known is not None else None
         if present in (list, dict):
-            raise WrongValue(f"{eid} {key}: a {present.__name__} cannot be written as a line of text")
-        prop = Property(key, self._vocabulary.value_type(node.type, key, present))
-        prop.assign([self._vocabulary.parsed(node.type, key, text, present) for text in texts])
+            prop = Property(key, present)
+            prop.assign([_from_json(key, text, present) for text in texts])
+        else:
+            prop = Property(key, self._vocabulary.value_type(node.type, key, present))
+            prop.assign([self._vocabulary.parsed(node.type, key, text, present) for text in texts])
         if known is not None and known.values == prop.values:
             return []
         return [Patch(eid, ElementChanges({key: prop}))]
@@ -219,6 +222,18 @@ class Requests:
         if node is None:
             raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
         return node
+
+
+def _from_json(key: str, text: str, kind: type) -> object:
+    """A list or dict that a text writes."""
+    what = "a list, such as [1, 2]" if kind is list else 'a table, such as {"key": 1}'
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise WrongValue(f"{local_name(key)}: expected {what}; {error}") from None
+    if not isinstance(value, kind):
+        raise WrongValue(f"{local_name(key)}: expected {what}, got {text!r}")
+    return value
 
 
 def pose_keys(properties: Mapping[str, Property]) -> list[str]:

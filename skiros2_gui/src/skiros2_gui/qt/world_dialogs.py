@@ -123,6 +123,32 @@ class AddDialog(_Dialog):
         self.note.setText("" if choice is None else choice.description or choice.name)
 
 
+class ClassDialog(_Dialog):
+    """Makes an element one of another class."""
+
+    chosen = Signal(str)
+
+    def __init__(self, vocabulary: Vocabulary, etype: str, parent: QWidget | None = None) -> None:
+        super().__init__("Change the class", "Change", parent)
+        self.choice = ClassChoice(class_choices(vocabulary, with_templates=False))
+        self.content.addWidget(self.choice)
+        self.choice.changed.connect(self._show)
+        self.choice.choose(etype)
+        self.size_to(28, 30)
+        self._show()
+
+    def accept(self) -> None:
+        choice = self.choice.chosen()
+        if choice is not None:
+            self.chosen.emit(choice.name)
+            super().accept()
+
+    def _show(self) -> None:
+        choice = self.choice.chosen()
+        self.ok.setEnabled(choice is not None)
+        self.note.setText("" if choice is None else choice.description or choice.name)
+
+
 class RemoveDialog(_Dialog):
     """Asks whether elements are to be removed, with what goes with them."""
 
@@ -283,10 +309,11 @@ class ValuesDialog(_Dialog):
         super().__init__(row.name, "Write", parent)
         self._is_one_text = row.kind is str and len(row.values) == 1
         self.box = QPlainTextEdit()
-        self.box.setPlainText("\n".join(repr(v) if row.kind is float else str(v) for v in row.values))
+        self.box.setPlainText("\n".join(row.texts))
         self.content.addWidget(self.box)
         unit = f" in {row.unit}" if row.unit else ""
-        self.note.setText("One text" if self._is_one_text else f"One {row.kind_text}{unit} on each line")
+        form = "" if row.is_plain else ", as JSON"
+        self.note.setText("One text" if self._is_one_text else f"One {row.kind_text}{unit} on each line{form}")
         self.size_to(24, 16)
 
     def accept(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from python_qt_binding.QtCore import Qt
@@ -173,7 +172,7 @@ class ElementPanel(QWidget):
 
     def _edit_whole(self, index: Any) -> None:
         row = self.properties.rows.rows[index.row()].item
-        if index.column() == _VALUE and row.is_editable and not _in_place(row):
+        if index.column() == _VALUE and not _in_place(row):
             dialog = ValuesDialog(row, self)
             dialog.setAttribute(Qt.WA_DeleteOnClose)
             dialog.chosen.connect(lambda texts: self._write_values(row.key, texts))
@@ -249,7 +248,7 @@ class _ValueDelegate(QStyledItemDelegate):
 
     def setEditorData(self, editor: QWidget, index: Any) -> None:
         row = index.model().rows[index.row()].item
-        text = "" if not row.values else repr(row.values[0]) if row.kind is float else str(row.values[0])
+        text = row.texts[0] if row.values else ""
         if isinstance(editor, QComboBox):
             editor.setCurrentText(text)
         else:
@@ -258,24 +257,21 @@ class _ValueDelegate(QStyledItemDelegate):
     def setModelData(self, editor: QWidget, model: Any, index: Any) -> None:
         text = editor.currentText() if isinstance(editor, QComboBox) else editor.text()
         row = model.rows[index.row()].item
-        before = "" if not row.values else repr(row.values[0]) if row.kind is float else str(row.values[0])
-        if text != before:
+        if text != (row.texts[0] if row.values else ""):
             model.setData(index, text)
 
 
 def _in_place(row: PropertyRow) -> bool:
     """Whether a value can be written in the table itself."""
     is_one_line = all("\n" not in value for value in row.values if isinstance(value, str))
-    return row.is_editable and len(row.values) <= 1 and is_one_line
+    return row.is_plain and len(row.values) <= 1 and is_one_line
 
 
 def _property_cells(row: PropertyRow) -> Row:
-    text = json.dumps(row.values[0], default=str) if row.kind in (list, dict) and row.values else row.text
+    text = row.text if row.is_plain else ", ".join(row.texts)
     told = [row.key, row.description, f"Type: {row.kind_text}"]
-    if not row.is_editable:
-        told.append("It is written by programs, and cannot be changed here")
-    elif not _in_place(row):
-        told.append("Several values: a double click opens them")
+    if not _in_place(row):
+        told.append("A double click opens it")
     shown = " ".join(text.split())
     return Row((row.name, shown, row.unit), "\n".join(line for line in told if line), row)
 

@@ -27,7 +27,7 @@ from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_presenter import WorldPresenter
 from skiros2_gui.core.world_questions import Questions
 from skiros2_gui.core.world_scene import LOOSE, TOP
-from skiros2_gui.qt.world_dialogs import AddDialog, FileDialog, RemoveDialog
+from skiros2_gui.qt.world_dialogs import AddDialog, ClassDialog, FileDialog, RemoveDialog
 from skiros2_gui.qt.world_element import ElementPanel
 from skiros2_gui.qt.world_finder import ElementFinder
 from skiros2_gui.qt.world_query import QueryPanel
@@ -90,9 +90,9 @@ class WorldTab(QWidget):
         header = tree.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(0, QHeaderView.Stretch)
-        for column in (1, 2):
+        for column, letters in ((1, 13), (2, 20)):
             header.setSectionResizeMode(column, QHeaderView.Interactive)
-            header.resizeSection(column, int(tree.fontMetrics().averageCharWidth() * 13))
+            header.resizeSection(column, tree.fontMetrics().averageCharWidth() * letters)
         self.model.redrawn.connect(tree.viewport().update)
         tree.selectionModel().currentChanged.connect(lambda *_: self._select())
         tree.expanded.connect(lambda index: self._opened.update({self.model.element(index): None}))
@@ -276,6 +276,15 @@ class WorldTab(QWidget):
         self.element.label_edit.setFocus()
         self.element.label_edit.selectAll()
 
+    def change_class(self) -> None:
+        """Opens the choice of another class for the selected element."""
+        vocabulary, details = self.presenter.vocabulary, self.presenter.details()
+        if vocabulary is not None and details is not None:
+            dialog = ClassDialog(vocabulary, details.type, self)
+            what = f"class of {local_name(details.id)}"
+            dialog.chosen.connect(lambda etype: self.presenter.change(what, lambda r: r.set_type(details.id, etype)))
+            self._open(dialog)
+
     def load(self) -> None:
         """Asks for a file, and loads the scene from it."""
         note = "⚠ The present scene is replaced, for all robots; this cannot be undone. The file is in the workspace"
@@ -311,6 +320,7 @@ class WorldTab(QWidget):
             ("Add an element here…", self.add, eid not in (TOP, LOOSE)),
             ("Add a relation…", self.element.add_relation, eid not in (TOP, LOOSE)),
             ("Edit the label", self._edit_label, eid not in (TOP, LOOSE)),
+            ("Change the class…", self.change_class, eid not in (TOP, LOOSE, ROOT)),
             ("Remove…", self.remove, eid not in (TOP, LOOSE, ROOT)),
             ("Open all below", lambda: self.tree.expandRecursively(index, 6), self.model.hasChildren(index)),
             ("Show the history", lambda: self.pages.setCurrentWidget(self.history), eid not in (TOP, LOOSE)),

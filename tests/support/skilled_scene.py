@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from skiros2_skill.core.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.planner import Limits
+from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.up_planner import UpPlanner
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 from support.ros import ROOT
@@ -28,3 +33,20 @@ def scene_with_skills(package: str, scene: str, robots: Mapping[str, Sequence[st
         registration.register_robot()
         registration.register_skills(library.implementations())
     return wmi
+
+
+@contextmanager
+def planner_of(wmi: LocalWorldModel) -> Iterator[TaskPlanner]:
+    """Plans for the robots of the scene."""
+    processes = EngineProcesses()
+    try:
+        yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
+    finally:
+        processes.close()
+
+
+def steps(planner: TaskPlanner, goal: str) -> list[str]:
+    """The labels of the skills in the plan for a goal; that there is one is asserted."""
+    result = planner.plan(goal)
+    assert result.verdict is Verdict.PLANNED, result.message
+    return [call.label for call in result.calls]

@@ -6,11 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
-from support.skilled_scene import scene_with_skills
+from support.skilled_scene import planner_of, scene_with_skills, steps
 
 TRAY_A, TRAY_B, TRAY_C = "demo:Tray-10", "demo:Tray-12", "demo:Tray-11"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
@@ -21,15 +18,8 @@ def planner() -> Iterator[TaskPlanner]:
     """Plans with the demo's robot and skills."""
     skills = ["drive", "pick", "place", "move_base_timed", "move_arm_timed"]
     wmi = scene_with_skills("skiros2_demo_skills", "pick_place_scene.ttl", {"mobile_manipulator": skills})
-    processes = EngineProcesses()
-    yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
-    processes.close()
-
-
-def steps(planner: TaskPlanner, goal: str) -> list[str]:
-    result = planner.plan(goal)
-    assert result.verdict is Verdict.PLANNED, result.message
-    return [call.label for call in result.calls]
+    with planner_of(wmi) as planner:
+        yield planner
 
 
 def test_a_product_for_the_other_workstation_is_fetched_there(planner: TaskPlanner) -> None:

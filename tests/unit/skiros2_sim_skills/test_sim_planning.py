@@ -6,12 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.planner import Limits
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from support.skilled_scene import scene_with_skills
+from support.skilled_scene import planner_of, scene_with_skills, steps
 
 TRAY_B, TRAY_C, TRAY_D = "demo:Tray-12", "demo:Tray-11", "demo:Tray-13"
 PRODUCT_A, PRODUCT_B = "skiros:Product-14", "skiros:Product-15"
@@ -26,15 +23,8 @@ def wmi() -> LocalWorldModel:
 
 @pytest.fixture(scope="module")
 def planner(wmi: LocalWorldModel) -> Iterator[TaskPlanner]:
-    processes = EngineProcesses()
-    yield TaskPlanner(wmi, UpPlanner(processes), Limits(30.0))
-    processes.close()
-
-
-def steps(planner: TaskPlanner, goal: str) -> list[str]:
-    result = planner.plan(goal)
-    assert result.verdict is Verdict.PLANNED, result.message
-    return [call.label for call in result.calls]
+    with planner_of(wmi) as planner:
+        yield planner
 
 
 def test_a_robot_looks_before_it_works_and_again_where_it_has_come_to(planner: TaskPlanner) -> None:

@@ -8,11 +8,10 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
 
 from skiros2_common.core.errors import Refused
-
-#: Of the screen (pixels).
-WIDTH, HEIGHT = 1600, 1000
 
 
 def display_trouble() -> str:
@@ -36,32 +35,56 @@ def display_trouble() -> str:
     return ""
 
 
-@contextlib.contextmanager
-def virtual_display() -> Iterator[str]:
-    """Runs Xvfb, and has `DISPLAY` of this process and of its children name its screen meanwhile.
+class VirtualDisplay:
+    """Xvfb on a free screen; a context manager.
 
-    :raises Refused: Xvfb is not installed, or does not start.
+    :param size: width and height (pixels).
     """
-    if shutil.which("Xvfb") is None:
-        raise Refused("there is no display, and no Xvfb to stand in for one; install the package xvfb")
-    before = os.environ.get("DISPLAY")
-    read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-nolisten", "tcp"]
-    process = subprocess.Popen(
-        [*command, "+extension", "GLX"], pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    os.close(write)
-    try:
+
+    def __init__(self, size: tuple[int, int] = (1600, 1000)) -> None:
+        self._size = size
+        self._server: subprocess.Popen[bytes] | None = None
+        #: Its name, such as `:101`.
+        self.name = ""
+
+    def __enter__(self) -> Self:
+        """:raises Refused: Xvfb is not installed, or does not start."""
+        if shutil.which("Xvfb") is None:
+            raise Refused("there is no display, and no Xvfb to stand in for one; install the package xvfb")
+        width, height = self._size
+        read, write = os.pipe()
+        command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{width}x{height}x24"]
+        self._server = subprocess.Popen(
+            [*command, "+extension", "GLX", "-nolisten", "tcp", "-noreset"],
+            pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(write)
         with os.fdopen(read) as told:  # the number of a free screen, once it is ready; nothing when it ends
             number = told.readline().strip()
         if not number:
-            raise Refused(f"Xvfb does not start: it ended with {process.wait()}")
-        os.environ["DISPLAY"] = f":{number}"
-        yield os.environ["DISPLAY"]
-    finally:
-        if before is None:
-            os.environ.pop("DISPLAY", None)
-        else:
-            os.environ["DISPLAY"] = before
-        process.terminate()
-        process.wait()
+            raise Refused(f"Xvfb does not start: it ended with {self._server.wait()}")
+        self.name = f":{number}"
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._server is not None:
+            self._server.terminate()
+            self._server.wait()
+
+
+@contextlib.contextmanager
+def virtual_display() -> Iterator[None]:
+    """A virtual display that `DISPLAY` of this process and of its children names meanwhile.
+
+    :raises Refused: Xvfb is not installed, or does not start.
+    """
+    before = os.environ.get("DISPLAY")
+    with VirtualDisplay() as display:
+        os.environ["DISPLAY"] = display.name
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ["DISPLAY"]
+            else:
+                os.environ["DISPLAY"] = before

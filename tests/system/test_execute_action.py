@@ -247,11 +247,14 @@ def test_inspect_tells_of_a_node_of_a_running_task_and_what_there_is_not(robot):
     manager = Manager(ROBOT, "tests")
     ((_, node, *_),) = manager.tasks(task)
     now = manager.inspect(task, node.id)
+    assert robot.inspect(task, node.id) == now
     assert (now.node, now.type, now.label) == (node.id, node.type, "stay")
     assert "Robot" in {p.key for p in now.params if p.value}
     for ids, text in (((task, 4711), f"task {task} has no node 4711"), ((4711, 1), "4711")):
         with pytest.raises(UnknownName, match=text):
             manager.inspect(*ids)
+        with pytest.raises(UnknownName, match=text):
+            robot.inspect(*ids)
 
 
 # -- breakpoints ------------------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.breakpoints import Breakpoint
+from skiros2_skill.core.inspection import NodeNow
 from skiros2_skill.ros.skill_run import SkillRun, SkillRunner
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -45,6 +46,7 @@ class SkillManagerInterface:
         self._get_skills = ServicePool(f"{manager_name}/get_skills", srvs.ResourceGetDescriptions, 0.0)
         self._command = ServicePool(f"{manager_name}/command", srvs.SkillCommand, 0.0)
         self._why = ServicePool(f"{manager_name}/why", srvs.SkillWhy, 0.0)
+        self._inspect = ServicePool(f"{manager_name}/inspect", srvs.SkillInspection, 0.0)
         self._breakpoint = ServicePool(f"{manager_name}/breakpoint", srvs.SkillBreakpoint, 0.0)
         self._runner: SkillRunner | None = None
         self._debug_pub = rospy.Publisher(f"{manager_name}/set_debug", Bool, queue_size=1, latch=True)
@@ -78,7 +80,7 @@ class SkillManagerInterface:
         """Follows the manager no more."""
         for connection in (self._monitor_sub, self._tick_sub, self._debug_pub):
             connection.unregister()
-        for service in (self._get_skills, self._command, self._why, self._breakpoint):
+        for service in (self._get_skills, self._command, self._why, self._inspect, self._breakpoint):
             service.close()
         with self._lock:
             runner, self._runner = self._runner, None
@@ -210,6 +212,17 @@ class SkillManagerInterface:
         if not answer.ok:
             raise UnknownName(f"{self._name}: {answer.text}")
         return answer
+
+    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+        """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
+
+        :param node_id: as `SkillProgress` has it.
+        :raises SkirosError: the manager knows no such task or node, or does not answer.
+        """
+        answer = self._inspect.call(srvs.SkillInspectionRequest(task_id, node_id))
+        if not answer.ok:
+            raise UnknownName(f"{self._name}: {answer.text}")
+        return NodeNow.from_json(answer.json)
 
     def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
         """Makes tasks pause; see `skiros2_skill.core.breakpoints`. Returns the number of the breakpoint.

@@ -10,7 +10,7 @@ from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_log import MOST_LINES
 from skiros2_gui.core.runs import Runs
-from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, fresh, pick_and_place, random_tree, root
+from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, fresh, pick_and_place, random_tree
 
 
 def seen(frame: Frame) -> list[tuple[int, int, int, str]]:
@@ -108,16 +108,16 @@ def test_a_number_that_is_used_again_is_another_task() -> None:
     assert runs.enter("/robot", [], 6.0) is None
 
 
-def test_a_manager_that_comes_back_with_the_same_task_goes_on_with_it_and_with_another_begins_anew() -> None:
+def test_a_manager_that_was_started_anew_counts_anew_and_its_old_tasks_stay_lost() -> None:
     runs = Runs()
     runs.enter("/robot", pick_and_place(), 1.0)
+    runs.enter("/other", pick_and_place(), 1.0)
     runs.lose("/robot")
-    assert [run.is_lost for run in runs] == [True]
-    runs.enter("/robot", pick_and_place(SUCCESS), 2.0)
-    assert [run.is_lost for run in runs] == [False]
-    runs.lose("/robot")
-    runs.enter("/robot", [root(), Told(7, 5, "other")], 3.0)
     assert [run.is_lost for run in runs] == [True, False]
+    runs.enter("/robot", pick_and_place(), 2.0)  # the same skill again, with the same number
+    assert [(run.start, run.is_lost) for run in runs] == [(1.0, True), (1.0, False), (2.0, False)]
+    runs.forget_ended()
+    assert [run.start for run in runs] == [1.0, 2.0]
 
 
 def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:

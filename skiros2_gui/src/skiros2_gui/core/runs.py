@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from skiros2_gui.core.run_history import TaskRun
-from skiros2_gui.core.run_shape import keys_of
 
 #: The ticks of all tasks may take so much (bytes): minutes of a tree of 1000 nodes that all change at each tick, many
 #: hours of a small one.
@@ -50,22 +49,21 @@ class Runs:
         key = (robot or root.robot, root.task_id)
         run = self._current.get(key)
         is_over = abs(root.progress_code) == 1
-        if run is not None and run.is_lost and keys_of(nodes) != run.now.shape.keys:
-            run = None  # its manager was started anew
         if run is None or (run.now.has_ended and not is_over):  # the number is used again
             run = TaskRun(*key)
             self._current[key] = run
             self._runs.append(run)
-        run.is_lost = False
+        run.is_lost = False  # it was silent for a while
         is_new = run.enter(nodes, time)
         self._make_room(run)
         return run, is_new
 
     def lose(self, robot: str) -> None:
-        """The manager has gone: its tasks are at an end, whatever they told last."""
+        """The manager has gone: its tasks are at an end, whatever they told last. One that comes counts anew."""
         for run in self._runs:
             if run.robot == robot and not run.now.has_ended:
                 run.is_lost = True
+                self._current.pop((robot, run.task_id), None)
 
     def forget_ended(self) -> None:
         """Gives up the tasks that have ended."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QEvent, Qt
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
     QComboBox,
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QPlainTextEdit,
     QPushButton,
     QShortcut,
     QSplitter,
@@ -39,10 +38,7 @@ class ElementPanel(QWidget):
         self._shown: Details | None = None
         self.heading = QLabel()
         self.heading.setTextInteractionFlags(Qt.TextSelectableByMouse)
-        font = self.heading.font()
-        font.setPointSizeF(font.pointSizeF() * 1.25)
-        font.setBold(True)
-        self.heading.setFont(font)
+        self._set_fonts()
         self.about = QLabel()
         self.about.setWordWrap(True)
         self.about.setTextInteractionFlags(Qt.TextSelectableByMouse)
@@ -103,6 +99,17 @@ class ElementPanel(QWidget):
         column = QVBoxLayout(self)
         column.addLayout(top)
         column.addWidget(splitter, 1)
+
+    def changeEvent(self, event: Any) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._set_fonts()
+
+    def _set_fonts(self) -> None:
+        font = self.font()
+        font.setPointSizeF(font.pointSizeF() * 1.25)
+        font.setBold(True)
+        self.heading.setFont(font)
 
     def showEvent(self, event: Any) -> None:
         super().showEvent(event)
@@ -307,11 +314,4 @@ def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:
         row.addWidget(button)
     row.addStretch(1)
     column.addLayout(row)
-    return box
-
-
-def text_box(parent: QWidget | None = None) -> QPlainTextEdit:
-    """A box for some lines of text, in which Tab goes on to the next field."""
-    box = QPlainTextEdit(parent)
-    box.setTabChangesFocus(True)
     return box

@@ -8,15 +8,12 @@ from typing import Any
 from python_qt_binding.QtCore import Qt, QTimer
 from python_qt_binding.QtGui import QKeySequence
 from python_qt_binding.QtWidgets import (
-    QAbstractItemView,
     QHBoxLayout,
-    QHeaderView,
     QMenu,
     QShortcut,
     QSplitter,
     QTabWidget,
     QToolButton,
-    QTreeView,
     QVBoxLayout,
     QWidget,
 )
@@ -33,6 +30,7 @@ from skiros2_gui.qt.world_finder import ElementFinder
 from skiros2_gui.qt.world_query import QueryPanel
 from skiros2_gui.qt.world_reports import HistoryPanel, ReportPanel
 from skiros2_gui.qt.world_scene_model import SceneModel
+from skiros2_gui.qt.world_tree import SceneTree
 from skiros2_world_model.core.scene import ROOT
 
 #: How often marks are looked at, while there are some (ms).
@@ -50,11 +48,14 @@ class WorldTab(QWidget):
         self.presenter = WorldPresenter(window)
         self.questions = Questions(window)
         self._file = ""
-        self._opened: dict[str, None] = {ROOT: None}  # branches, in the order in which they were opened
         self._is_following = False
         self.model = SceneModel(self.presenter)
         self.model.dropped.connect(self._move)
-        self.tree = self._make_tree()
+        self.tree = SceneTree(self.model)
+        self.tree.customContextMenuRequested.connect(self._open_menu)
+        self.tree.selectionModel().currentChanged.connect(lambda *_: self._select())
+        for key, call in ((Qt.Key_Delete, self.remove), (Qt.Key_Insert, self.add), (Qt.Key_F2, self._edit_label)):
+            QShortcut(QKeySequence(key), self.tree, call, context=Qt.WidgetShortcut)
         self.finder = ElementFinder(self.presenter, self.model)
         self.element = ElementPanel(self.presenter)
         self.history = HistoryPanel(self.presenter, self.questions)
@@ -76,34 +77,6 @@ class WorldTab(QWidget):
         self.presenter.view = self
         self.show_scene()
         self.show_edits()
-
-    def _make_tree(self) -> QTreeView:
-        tree = QTreeView()
-        tree.setObjectName("sceneTree")
-        tree.setModel(self.model)
-        tree.setUniformRowHeights(True)
-        tree.setSelectionMode(QAbstractItemView.ExtendedSelection)
-        tree.setDragDropMode(QAbstractItemView.InternalMove)
-        tree.setContextMenuPolicy(Qt.CustomContextMenu)
-        tree.customContextMenuRequested.connect(self._open_menu)
-        tree.setAllColumnsShowFocus(True)
-        header = tree.header()
-        header.setStretchLastSection(False)
-        header.setSectionResizeMode(0, QHeaderView.Stretch)
-        for column, letters in ((1, 13), (2, 20)):
-            header.setSectionResizeMode(column, QHeaderView.Interactive)
-            header.resizeSection(column, tree.fontMetrics().averageCharWidth() * letters)
-        self.model.redrawn.connect(tree.viewport().update)
-        tree.selectionModel().currentChanged.connect(lambda *_: self._select())
-        tree.expanded.connect(lambda index: self._opened.update({self.model.element(index): None}))
-        tree.collapsed.connect(lambda index: self._opened.pop(self.model.element(index), None))
-        for key, call in (
-            (QKeySequence(Qt.Key_Delete), self.remove),
-            (QKeySequence(Qt.Key_Insert), self.add),
-            (QKeySequence(Qt.Key_F2), self._edit_label),
-        ):
-            QShortcut(key, tree, call, context=Qt.WidgetShortcut)
-        return tree
 
     def _lay_out(self) -> None:
         self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
@@ -190,14 +163,7 @@ class WorldTab(QWidget):
     # -- what the presenter tells ------------------------------------------------------------------------------
 
     def show_scene(self) -> None:
-        opened = list(self._opened)
-        self.model.show_scene()
-        for eid in opened:
-            index = self.model.index_of(eid)
-            if index.isValid():
-                self.tree.setExpanded(index, True)
-            elif self.presenter.mirror is not None:
-                del self._opened[eid]
+        self.tree.show_scene()
         self.show_selection()
         self.finder.search()
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from python_qt_binding.QtCore import QAbstractTableModel, QModelIndex, Qt
-from python_qt_binding.QtGui import QFontDatabase, QGuiApplication, QKeySequence
+from python_qt_binding.QtCore import QAbstractTableModel, QEvent, QModelIndex, Qt
+from python_qt_binding.QtGui import QFont, QFontDatabase, QGuiApplication, QKeySequence
 from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QShortcut, QTableView, QWidget
 
 from skiros2_gui.qt import theme
@@ -115,7 +115,7 @@ class RowsView(QTableView):
         self.setWordWrap(False)
         self.setTextElideMode(Qt.ElideRight)
         self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.35))
+        self._set_height()
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         if stretched >= 0:
@@ -125,6 +125,15 @@ class RowsView(QTableView):
         else:
             header.setStretchLastSection(True)
         QShortcut(QKeySequence(QKeySequence.Copy), self, self.copy, context=Qt.WidgetShortcut)
+
+    def changeEvent(self, event: Any) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._set_height()
+
+    def _set_height(self) -> None:
+        self.verticalHeader().setMinimumSectionSize(1)
+        self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.35))
 
     def chosen(self) -> list[Any]:
         """What the selected rows stand for."""
@@ -136,6 +145,8 @@ class RowsView(QTableView):
         QGuiApplication.clipboard().setText("\n".join("\t".join(self.rows.rows[row].cells) for row in rows))
 
 
-def fixed_font() -> Any:
-    """A font whose letters are equally wide, of the usual size."""
-    return QFontDatabase.systemFont(QFontDatabase.FixedFont)
+def fixed_font() -> QFont:
+    """A font whose letters are equally wide. It says nothing of the size, which stays that of other text."""
+    font = QFont()
+    font.setFamily(QFontDatabase.systemFont(QFontDatabase.FixedFont).family())
+    return font

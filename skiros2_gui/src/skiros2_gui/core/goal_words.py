@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from heapq import nsmallest
 
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
@@ -39,13 +41,19 @@ class Word:
     kind: str
     rank: int = 0
 
+    @cached_property
+    def names(self) -> str:
+        """What may be typed for it, each after a line break, in small letters."""
+        return f"\n{self.shown}\n{self.text}\n{local_name(self.text)}".lower().replace('"', "")
+
     def fits(self, typed: str) -> int | None:
-        """How well it fits what is typed, 0 best; None: not at all."""
-        names = [self.shown.lower(), self.text.lower().strip('"'), local_name(self.text).lower().strip('"')]
-        typed = typed.lower().strip('"')
-        if any(name.startswith(typed) for name in names):
+        """How well it fits what is typed, 0 best; None: not at all.
+
+        :param typed: in small letters, without quotes.
+        """
+        if f"\n{typed}" in self.names:
             return 0
-        return 1 if any(typed in name for name in names) else None
+        return 1 if typed in self.names else None
 
 
 @dataclass(frozen=True)
@@ -144,9 +152,11 @@ def suggest(text: str, cursor: int, vocabulary: Vocabulary) -> Suggestions:
         typed, start = tokens.pop()
     stack, variables = _open_lists([token for token, _ in tokens])
     words = _expected(stack, variables, vocabulary)
-    ranked = [(fit, i, word) for i, word in enumerate(words) if (fit := word.fits(typed)) is not None]
-    ranked.sort(key=lambda r: (r[2].rank, r[0], r[1]) if not typed else (r[0], r[2].rank, r[1]))
-    return Suggestions(start, tuple(word for _, _, word in ranked[:MOST_SUGGESTED]))
+    typed = typed.lower().replace('"', "")
+    if not typed:
+        return Suggestions(start, tuple(sorted(words, key=lambda word: word.rank)[:MOST_SUGGESTED]))
+    ranked = [(fit, word.rank, i) for i, word in enumerate(words) if (fit := word.fits(typed)) is not None]
+    return Suggestions(start, tuple(words[i] for _, _, i in nsmallest(MOST_SUGGESTED, ranked)))
 
 
 def _open_lists(tokens: Iterable[str]) -> tuple[list[list[str]], list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -16,6 +16,7 @@ from skiros2_gui.core.events import Progressed
 from skiros2_gui.core.skills_catalogue import rows_of
 from skiros2_gui.core.skills_fields import Editor, Field, Way
 from skiros2_gui.core.skills_presenter import SkillsPresenter
+from skiros2_gui.core.skills_tasks import TaskRow
 from skiros2_gui.core.window import Window
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
@@ -324,6 +325,12 @@ def test_a_task_that_failed_says_why(lab: Lab) -> None:
     assert "too loud" in "\n".join(lab.skills.running.why)
     lab.skills.running.forget_ended()
     assert lab.skills.running.rows == []
+
+
+def test_a_task_that_runs_and_tells_nothing_is_silent() -> None:
+    row = TaskRow(ROBOT, 3, "fetch", "running", "", 0.0, 10.0)
+    assert (row.state_at(14.0), row.state_at(16.0)) == ("running", "silent")
+    assert replace(row, state="paused").state_at(99.0) == "paused"
 
 
 def test_tasks_of_a_robot_that_goes_are_lost(lab: Lab) -> None:

@@ -63,10 +63,12 @@ class TaskStarted:
     """The user has started a task, or wants to see it.
 
     :param manager: the node name of its manager.
+    :param to_front: the tab that shows it is to come to the front.
     """
 
     manager: str
     task: int
+    to_front: bool = False
 
 
 @dataclass(frozen=True)

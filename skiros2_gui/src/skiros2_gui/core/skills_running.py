@@ -85,7 +85,7 @@ class SkillsRunning:
 
     def show(self, key: Key) -> None:
         """The task is to be seen in the tab that shows running tasks."""
-        self._window.tell(TaskStarted(*key))
+        self._window.tell(TaskStarted(*key, to_front=True))
 
     def forget_ended(self) -> None:
         """Only those that run stay in the list."""

@@ -14,6 +14,9 @@ SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
 #: So many tasks that have ended are kept, the last ones.
 MOST_ENDED = 50
 
+#: So long after its last news a task that runs counts as silent (s); managers tell of each once a second.
+SILENCE = 5.0
+
 Key = tuple[str, int]
 
 
@@ -40,6 +43,13 @@ class TaskRow:
     @property
     def key(self) -> Key:
         return (self.manager, self.task)
+
+    def state_at(self, now: float) -> str:
+        """The state as it is shown: `silent` for one that should have told of itself.
+
+        :param now: s since the epoch.
+        """
+        return "silent" if self.state == "running" and now - self.heard > SILENCE else self.state
 
     @property
     def is_over(self) -> bool:

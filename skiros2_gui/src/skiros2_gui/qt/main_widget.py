@@ -33,6 +33,7 @@ from skiros2_gui.core.events import (
     ManagersChanged,
     NodeEnded,
     ProblemHeard,
+    TaskStarted,
     WorldChanged,
 )
 from skiros2_gui.core.health import missing
@@ -77,6 +78,7 @@ class MainWidget(QWidget):
         self.shared = Window(self.system, self._bridge.jobs, self._bridge.problems, self._bridge.inbox)
         self.shared.subscribe(ElementSelected, lambda event: self.system.mark(event.eid))
         self.shared.subscribe(ProblemHeard, lambda event: self.shared.problems.tell(event.what, event.text))
+        self.shared.subscribe(TaskStarted, self._task_started)
         self.shared.subscribe(NodeEnded, lambda event: self.shared.problems.tell(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
@@ -102,6 +104,10 @@ class MainWidget(QWidget):
         self._mishaps = Mishaps(self.shared.problems)
         self.shared.subscribe(WorldChanged, _spare_collector)  # last, when the tabs have made what they need of it
         self._bridge.attach(self.shared)
+
+    def _task_started(self, event: TaskStarted) -> None:
+        if event.to_front:
+            self.tabs.setCurrentIndex(TABS.index(RunTab))
 
     @property
     def tab(self) -> Tab:

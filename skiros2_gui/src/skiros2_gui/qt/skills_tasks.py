@@ -23,7 +23,7 @@ from skiros2_gui.qt.state_colours import colour_state
 
 _KEY = Qt.UserRole
 _HEADS = ("Robot", "Task", "Skill", "State", "Time", "What it says")
-_SIGNS = {"running": "▶", "paused": "❚❚", "succeeded": "✓", "failed": "✕", "lost": "?"}
+_SIGNS = {"running": "▶", "paused": "❚❚", "succeeded": "✓", "failed": "✕", "lost": "?", "silent": "…"}
 
 #: How long what is told is gathered before it is drawn, and how often the times are (ms).
 _GATHER, _TICK = 100, 1000
@@ -169,19 +169,20 @@ class TaskList(QWidget):
             self.list.setCurrentItem(wanted)
 
     def _fill(self, item: QTreeWidgetItem, row: TaskRow) -> None:
-        state = f"{_SIGNS.get(row.state, '')} {row.state}"
-        texts = (row.manager.lstrip("/"), str(row.task), row.skill, state, _duration(row), row.message)
+        state = row.state_at(time.time())
+        shown = f"{_SIGNS.get(state, '')} {state}"
+        texts = (row.manager.lstrip("/"), str(row.task), row.skill, shown, _duration(row), row.message)
         for column, text in enumerate(texts):
             if item.text(column) != text:
                 item.setText(column, text)
                 item.setToolTip(column, text)
-        colour_state(item, 3, row.state, self.list)
+        colour_state(item, 3, state, self.list)
 
     def _show_times(self) -> None:
         for row in self._running.rows:
             item = self._items.get(row.key)
             if item is not None and not row.is_over:
-                item.setText(4, _duration(row))
+                self._fill(item, row)
 
     def _show_buttons(self) -> None:
         row = self.selected

@@ -67,7 +67,8 @@ def main(arguments: list[str]) -> int:
 def _pictures() -> Iterator[tuple[str, QImage]]:
     """What is to be seen, by the picture's name, as the demo goes on."""
     application = QApplication(["skiros_gui"])
-    window = StandaloneWindow(MainWidget(RosSystem), QSettings("skiros2", "window"))
+    settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # the system's own home
+    window = StandaloneWindow(MainWidget(RosSystem), settings)
     driver = Driver(window)
     window.set_theme(LIGHT)
     window.resize(WIDTH, HEIGHT)

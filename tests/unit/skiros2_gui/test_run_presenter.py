@@ -121,7 +121,7 @@ def test_conditions_of_the_selected_node_are_told_with_their_values(window, pres
     started(window, presenter, robot)
     text = presenter.node.text(presenter.frame, 1)
     marks = [(told.stage, told.mark) for told in text.conditions]
-    assert marks == [("before the start", "✓"), ("while it runs", "✓")]
+    assert marks == [("before the start (it has started; this is how it is now)", "✓"), ("while it runs", "✓")]
     assert "box" in text.conditions[0].text and "thing" in text.conditions[0].text
     assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
     window.system.world.remove_element(window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0])

@@ -89,16 +89,22 @@ def node_text(
     path = shape.path_names(place)[:-1]
     if path:
         facts.append(("in", " › ".join(["…", *path[-_MOST_ABOVE:]] if len(path) > _MOST_ABOVE else path)))
-    conditions = [_condition(condition) for condition in now.conditions] if now is not None else []
+    conditions = [_condition(condition, state) for condition in now.conditions] if now is not None else []
     params = [] if now is None else [(p.key, p.value or "unset", p.words if p.source else "") for p in now.params]
     return NodeText(
         shape.name(place), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
     )
 
 
-def _condition(now: ConditionNow) -> ConditionText:
+def _condition(now: ConditionNow, state: int) -> ConditionText:
+    """What a condition is now; that is not always when it is needed."""
+    stage = STAGES.get(now.stage, now.stage)
+    if now.stage == PRE and state != IDLE:
+        stage += " (it has started; this is how it is now)"
+    elif now.stage == POST and state in (IDLE, RUNNING):
+        stage += " (not yet)"
     mark = VERDICTS.get(now.verdict, "?")
-    return ConditionText(STAGES.get(now.stage, now.stage), mark, now.text, now.found, now.elements)
+    return ConditionText(stage, mark, now.text, now.found, now.elements)
 
 
 #: How nodes tick their children, by the symbol.

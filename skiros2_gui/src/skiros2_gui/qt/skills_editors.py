@@ -150,14 +150,26 @@ class JsonEditor(FieldEditor):
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QPlainTextEdit()
         super().__init__(field, skills, self.box)
-        self.box.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
         self.box.setTabChangesFocus(True)
         self.box.setPlainText(field.text)
         example = {"list": '[1, 2.5, "text"]', "dict": '{"name": "value"}'}.get(field.declared.wire_type, "JSON")
         self.box.setPlaceholderText(_UNSET if Way.UNSET in field.ways else example)
         self.box.setToolTip(f"{field.declared.description or field.key}\nin JSON, such as {example}")
-        self.box.setFixedHeight(self.box.fontMetrics().lineSpacing() * 3 + 12)
+        self._fit_text()
         self.box.textChanged.connect(lambda: skills.write(field.key, self.box.toPlainText()))
+
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._fit_text()
+
+    def _fit_text(self) -> None:
+        """Three lines of text."""
+        font = QFontDatabase.systemFont(QFontDatabase.FixedFont)
+        font.setPointSizeF(self.font().pointSizeF())
+        self.box.setFont(font)
+        self.box.setFixedHeight(self.box.fontMetrics().lineSpacing() * 3 + 12)
 
 
 class ElementEditor(FieldEditor):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtCore import QEvent, Qt
 from python_qt_binding.QtWidgets import (
     QFormLayout,
     QFrame,
@@ -36,10 +36,6 @@ class SkillForm(QWidget):
         self._editors: dict[str, FieldEditor] = {}
         self._errors: dict[str, QLabel] = {}
         self.title = QLabel()
-        font = self.title.font()
-        font.setBold(True)
-        font.setPointSizeF(font.pointSizeF() * 1.2)
-        self.title.setFont(font)
         self.title.setTextFormat(Qt.PlainText)
         self.reset = QToolButton()
         self.reset.setText("Reset")
@@ -60,9 +56,23 @@ class SkillForm(QWidget):
         column.addWidget(self._why_not())
         column.addSpacing(1)
         column.addLayout(self._buttons())
+        self._fit_text()
         skills.on_form = self.show_form
         skills.on_trial = self.show_verdict
         self.show_form()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._fit_text()
+
+    def _fit_text(self) -> None:
+        """Sizes that follow that of the text."""
+        font = self.font()
+        font.setBold(True)
+        font.setPointSizeF(font.pointSizeF() * 1.2)
+        self.title.setFont(font)
+        self.details.setMaximumHeight(self.fontMetrics().lineSpacing() * 9)
 
     def _why_not(self) -> QWidget:
         frame = QFrame()
@@ -82,7 +92,6 @@ class SkillForm(QWidget):
         self.details = QPlainTextEdit()
         self.details.setObjectName("whyNotDetails")
         self.details.setReadOnly(True)
-        self.details.setMaximumHeight(self.fontMetrics().lineSpacing() * 9)
         self.details.hide()
         self.more.toggled.connect(lambda _: self.show_verdict())
         row = QHBoxLayout()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from python_qt_binding.QtCore import QSignalBlocker, Qt, QTimer
+from python_qt_binding.QtCore import QEvent, QSignalBlocker, Qt, QTimer
 from python_qt_binding.QtWidgets import (
     QAbstractItemView,
     QHBoxLayout,
@@ -53,7 +53,6 @@ class TaskList(QWidget):
         self.why = QPlainTextEdit()
         self.why.setObjectName("taskWhy")
         self.why.setReadOnly(True)
-        self.why.setMaximumHeight(self.fontMetrics().lineSpacing() * 8)
         self.why.hide()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 4, 0, 0)
@@ -200,8 +199,14 @@ class TaskList(QWidget):
         self.why.setPlainText("\n".join(self._running.why))
         self.why.setVisible(bool(self._running.why))
 
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._fit()
+
     def _fit(self) -> None:
-        """Columns wide enough for what usually stands in them."""
+        """Columns wide enough for what usually stands in them, in the size of the text."""
+        self.why.setMaximumHeight(self.fontMetrics().lineSpacing() * 8)
         for column, text in enumerate(("test_robot__", "Task___", "pick_and_place____", "succeeded____", "00:00:00_")):
             self.list.setColumnWidth(column, self.fontMetrics().horizontalAdvance(text) + 12)
 

@@ -12,6 +12,7 @@ from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import LOOSE, TOP
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -299,3 +300,24 @@ def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
     cell.other.add_element(box)
     cell.window.tell(ConnectionChanged())
     assert cell.tab.mirror is not None and box.id in cell.tab.mirror.scene
+
+
+def test_an_edit_that_the_scene_was_read_with_does_not_keep_later_ones_from_undo(cell: Cell) -> None:
+    missed = cell.wm.transact([Add(Element(BOX))])
+    cell.window.take_news()
+    cell.tab.edits.forget()  # as when the scene was read anew meanwhile
+    cell.tab.edits.sent("missed", missed)
+    box = cell.add()
+    assert cell.tab.edits.undo_text == "add"
+    cell.undo()
+    assert cell.wm.find_element(box) is None and cell.tab.edits.undo_text == ""
+
+
+def test_undo_and_redo_that_come_faster_than_they_are_heard_of_wait_for_their_turn(cell: Cell) -> None:
+    first, second = cell.add(), cell.add()
+    for step in (cell.tab.undo, cell.tab.undo, cell.tab.redo, cell.tab.undo, cell.tab.redo):
+        step()
+    for _ in range(5):
+        cell.window.take_news()
+    assert cell.wm.find_element(first) is not None and cell.wm.find_element(second) is None
+    assert cell.problem == "" and (cell.tab.edits.undo_text, cell.tab.edits.redo_text) == ("add", "add")

@@ -69,6 +69,11 @@ class Edits:
         """What redo would do again; "" when there is nothing."""
         return self.undone[-1].text if self.undone else ""
 
+    @property
+    def is_settled(self) -> bool:
+        """Whether all that was sent has been heard of."""
+        return not self._sent
+
     def sent(self, text: str, outcome: Outcome) -> None:
         """A change by the user was carried out."""
         self.undone.clear()
@@ -126,12 +131,16 @@ class Edits:
             self._match()
 
     def _match(self) -> None:
-        while self._sent and all(state in self._heard for state in self._sent[0].states):
-            sent = self._sent.pop(0)
+        while (heard := next((i for i, sent in enumerate(self._sent) if self._is_heard(sent)), None)) is not None:
+            sent = self._sent[heard]
+            del self._sent[: heard + 1]  # of those before it nothing will be heard: the scene was read with them
             made = joined([self._heard.pop(state) for state in sent.states])
             if made:
                 sent.kept_by.append(Edit(sent.text, made))
                 del sent.kept_by[:-MOST_KEPT]
+
+    def _is_heard(self, sent: _Sent) -> bool:
+        return all(state in self._heard for state in sent.states)
 
 
 def take_back(world: WorldModelAbstractInterface, edit: Edit, who: Callable[[str], str]) -> Outcome:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
@@ -13,7 +14,7 @@ from skiros2_gui.core.events import ConnectionChanged, ElementSelected, WorldCha
 from skiros2_gui.core.system import WORLD_MODEL, part_of
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_details import Details, details_of
-from skiros2_gui.core.world_edits import Edits, take_back
+from skiros2_gui.core.world_edits import Edit, Edits, take_back
 from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import TOP, SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
@@ -77,6 +78,7 @@ class WorldPresenter:
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
         self._is_missing = True  # the scene was not read, or could not be read anew
+        self._steps: deque[Callable[[], None]] = deque()  # of undo and redo, that are still to be made
         self._under_way = 0  # requests of this tab that have not ended
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
@@ -107,6 +109,7 @@ class WorldPresenter:
         self.mirror, self.vocabulary = found
         self._is_missing = False
         self.edits.forget()
+        self._steps.clear()
         self.marks.clear()
         if self.selected not in self.mirror.scene:
             self.selected = ""
@@ -175,6 +178,7 @@ class WorldPresenter:
                         marked[eid] = None
         self.edits.heard(touched.by_change)
         self._take_others()
+        self._go_on()
         if self.selected and self.selected not in mirror.scene:
             self.select("")
         if self._to_select:
@@ -291,6 +295,7 @@ class WorldPresenter:
 
     def _run(self, call: Callable[[], Outcome], done: Callable[[Outcome], None], what: str) -> None:
         def failed(error: Exception) -> None:
+            self._steps.clear()
             self._ended()
             self.window.problems.tell(what, error)
 
@@ -302,22 +307,37 @@ class WorldPresenter:
         self._under_way -= 1
         self._take_others()
         self._show_edits()
+        self._go_on()
 
     def _take_others(self) -> None:
         if not self._under_way:
             self.edits.take_others()
 
     def undo(self) -> None:
-        """Takes the user's last change back."""
-        self._take_back(self.edits.done[-1:], "undo", self.edits.undid)
+        """Takes the user's last change back, once all before it have come to their end."""
+        self._steps.append(self._undo)
+        self._go_on()
 
     def redo(self) -> None:
-        """Does again what was taken back last."""
+        """Does again what was taken back last, likewise."""
+        self._steps.append(self._redo)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Makes the next step of undo and redo, when what it is about is known."""
+        if self._steps and not self._under_way and self.edits.is_settled:
+            self._steps.popleft()()
+
+    def _undo(self) -> None:
+        self._take_back(self.edits.done[-1:], "undo", self.edits.undid)
+
+    def _redo(self) -> None:
         self._take_back(self.edits.undone[-1:], "redo", self.edits.redid)
 
-    def _take_back(self, edits: Sequence[Any], what: str, told: Callable[[Any, Outcome], None]) -> None:
+    def _take_back(self, edits: Sequence[Edit], what: str, told: Callable[[Edit, Outcome], None]) -> None:
         world = self.window.system.world
         if not edits or world is None:
+            self._steps.clear()
             return
         edit = edits[0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import Refused
@@ -91,7 +91,7 @@ class Edits:
             self.undone.remove(edit)
             self._await(edit.text, outcome, self.done)
 
-    def heard(self, changes: dict[str, HistoryEntry]) -> None:
+    def heard(self, changes: Mapping[str, HistoryEntry]) -> None:
         """Changes of this window's author have come, by snapshot id."""
         self._heard.update(changes)
         while len(self._heard) > _MOST_HEARD:

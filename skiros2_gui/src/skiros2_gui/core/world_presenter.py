@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import ConnectionChanged, ElementSelected, WorldChanged
 from skiros2_gui.core.system import WORLD_MODEL, part_of
 from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_details import Details, details_of
-from skiros2_gui.core.world_edits import Edit, Edits, take_back
+from skiros2_gui.core.world_editor import SceneEditor
 from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import TOP, SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
@@ -24,9 +23,6 @@ from skiros2_world_model.core.world_model_client import WorldModelAbstractInterf
 
 #: So long the changes of others are marked (s).
 MARKED_FOR = 8.0
-
-#: Calls that change the world model are made in their order.
-LANE = "world"
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,8 @@ class WorldPresenter:
         self.window = window
         self.mirror: SceneMirror | None = None
         self.vocabulary: Vocabulary | None = None
-        self.edits = Edits()
+        self._editor = SceneEditor(window, self._who, self._show_edits)
+        self.edits = self._editor.edits
         self.selected = ""
         self.marks: dict[str, Mark] = {}
         self.view: WorldView | None = None
@@ -78,8 +75,6 @@ class WorldPresenter:
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
         self._is_missing = True  # the scene was not read, or could not be read anew
-        self._steps: deque[Callable[[], None]] = deque()  # of undo and redo, that are still to be made
-        self._under_way = 0  # requests of this tab that have not ended
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
@@ -108,15 +103,13 @@ class WorldPresenter:
             return
         self.mirror, self.vocabulary = found
         self._is_missing = False
-        self.edits.forget()
-        self._steps.clear()
+        self._editor.forget()
         self.marks.clear()
-        if self.selected not in self.mirror.scene:
-            self.selected = ""
         if self.view is not None:
             self.view.show_scene()
             self.view.show_details()
-            self.view.show_edits()
+        if self.selected and self.selected not in self.mirror.scene:
+            self.select("")
         self._follow(changes)
 
     def _not_read(self, error: Exception) -> None:
@@ -176,9 +169,7 @@ class WorldPresenter:
                     for eid in (relation["src"], relation["dst"]):
                         self.marks[eid] = Mark(change.author, change.action, now)
                         marked[eid] = None
-        self.edits.heard(touched.by_change)
-        self._take_others()
-        self._go_on()
+        self._editor.heard(touched.by_change)
         if self.selected and self.selected not in mirror.scene:
             self.select("")
         if self._to_select:
@@ -188,8 +179,6 @@ class WorldPresenter:
         self.view.show_marks(list(marked))
         if self.selected in touched.elements:
             self.view.show_details()
-        if touched.by_change:
-            self.view.show_edits()
 
     def forget_marks(self) -> None:
         """Ends the marks whose time is over. Called now and then."""
@@ -257,16 +246,25 @@ class WorldPresenter:
         :param done: called with what came of it.
         :returns: why nothing was sent, which the error bar shows too; "" when it was.
         """
-        requests, world = self.requests, self.window.system.world
-        if requests is None or world is None:
-            return self._refused(text, "there is no world model")
+        requests = self.requests
         try:
+            if requests is None:
+                raise Refused("there is no world model")
             operations = make(requests)
         except SkirosError as error:
-            return self._refused(text, error)
+            self.window.problems.tell(text, error)
+            return str(error)
         if operations:
-            self._send(world, text, operations, done)
+            self._editor.send(text, operations, done)
         return ""
+
+    def undo(self) -> None:
+        """Takes the user's last change back, once all before it have come to their end."""
+        self._editor.undo()
+
+    def redo(self) -> None:
+        """Does again what was taken back last, likewise."""
+        self._editor.redo()
 
     def add(self, text: str, make: Callable[[Requests], list[Operation]]) -> str:
         """Adds an element as `change` does, and selects it when it is there."""
@@ -278,82 +276,13 @@ class WorldPresenter:
             self._to_select = ""
             self.select(eid)
 
-    def _send(
-        self,
-        world: WorldModelAbstractInterface,
-        text: str,
-        operations: list[Operation],
-        done: Callable[[Outcome], None] | None,
-    ) -> None:
-        def carried_out(outcome: Outcome) -> None:
-            self.edits.sent(text, outcome)
-            self._ended()
-            if done is not None:
-                done(outcome)
-
-        self._run(lambda: world.transact(operations), carried_out, text)
-
-    def _run(self, call: Callable[[], Outcome], done: Callable[[Outcome], None], what: str) -> None:
-        def failed(error: Exception) -> None:
-            self._steps.clear()
-            self._ended()
-            self.window.problems.tell(what, error)
-
-        self._under_way += 1
-        self.window.jobs.run(call, done, failed, what=what, lane=LANE)
-
-    def _ended(self) -> None:
-        """A request of this tab has ended."""
-        self._under_way -= 1
-        self._take_others()
-        self._show_edits()
-        self._go_on()
-
-    def _take_others(self) -> None:
-        if not self._under_way:
-            self.edits.take_others()
-
-    def undo(self) -> None:
-        """Takes the user's last change back, once all before it have come to their end."""
-        self._steps.append(self._undo)
-        self._go_on()
-
-    def redo(self) -> None:
-        """Does again what was taken back last, likewise."""
-        self._steps.append(self._redo)
-        self._go_on()
-
-    def _go_on(self) -> None:
-        """Makes the next step of undo and redo, when what it is about is known."""
-        if self._steps and not self._under_way and self.edits.is_settled:
-            self._steps.popleft()()
-
-    def _undo(self) -> None:
-        self._take_back(self.edits.done[-1:], "undo", self.edits.undid)
-
-    def _redo(self) -> None:
-        self._take_back(self.edits.undone[-1:], "redo", self.edits.redid)
-
-    def _take_back(self, edits: Sequence[Edit], what: str, told: Callable[[Edit, Outcome], None]) -> None:
-        world = self.window.system.world
-        if not edits or world is None:
-            self._steps.clear()
-            return
-        edit = edits[0]
-
-        def carried_out(outcome: Outcome) -> None:
-            told(edit, outcome)
-            self._ended()
-
-        self._run(lambda: take_back(world, edit, self._who), carried_out, f"{what}: {edit.text}")
-
     def _who(self, eid: str) -> str:
         """Who has changed an element last, and when. Called by jobs: it only looks."""
         mirror = self.mirror
         node = mirror.scene.node(eid) if mirror is not None else None
         if node is None or not node.made.author:
             return ""
-        return f"{node.made.author} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
+        return f"{node.made.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
 
     def author(self) -> str:
         """Who makes the changes of this window, as the world model names it."""
@@ -363,10 +292,6 @@ class WorldPresenter:
     def _show_edits(self) -> None:
         if self.view is not None:
             self.view.show_edits()
-
-    def _refused(self, text: str, error: SkirosError | str) -> str:
-        self.window.problems.tell(text, error)
-        return str(error)
 
 
 def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneMirror, Vocabulary]:

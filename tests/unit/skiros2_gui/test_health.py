@@ -9,7 +9,7 @@ import pytest
 from skiros2_gui.core.health import clock, missing, sentence, short, sign
 from skiros2_gui.core.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Part
 
-NOW = time.time()
+NOW = 1795291003.5  # s since the epoch
 AT = clock(NOW)
 
 

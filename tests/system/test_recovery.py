@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,11 @@ def test_a_world_model_that_goes_on_from_its_journal_has_its_managers_as_they_we
     assert wmi.history(author=ROBOT, since=wmi.last_change(before["wait"]).number) == []
 
 
+def looks_whether_it_is_registered() -> bool:
+    """Whether the manager in this process does."""
+    return any(thread.name == "register" for thread in threading.enumerate())
+
+
 def test_a_manager_that_did_not_hear_of_the_new_scene_sees_the_gap(ros_master: Any) -> None:
     wmi = LocalWorldModel("tests")
     manager = SkillManager("test_robot", wmi=wmi)
@@ -126,6 +132,7 @@ def test_a_manager_that_did_not_hear_of_the_new_scene_sees_the_gap(ros_master: A
     manager.start()
     try:
         wmi.add_element(Element("skiros:Part", "heard"))
+        wait_until(lambda: not looks_whether_it_is_registered(), what="the manager, which sees a first change")
         wmi.remove_listener(manager._on_world_change)
         for robot in wmi.resolve_elements(Element("cora:Robot")):
             wmi.remove_element(robot)

@@ -25,8 +25,10 @@ _ROS = pytest.StashKey[Ros]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT):  # of a run in the background (nohup) too, which would ignore SIGINT
+    for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # nohup: this process goes on, what it starts hears of it
+        signal.signal(signal.SIGHUP, lambda *_: None)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

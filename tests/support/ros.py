@@ -20,7 +20,6 @@ from __future__ import annotations
 import functools
 import os
 import signal
-import socket
 import subprocess
 import threading
 import time
@@ -30,6 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from skiros2_common.core.ports import free_port
 from support.programs import ProcessId, Program, descendants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,12 +50,6 @@ def install_environment(setup: Path = INSTALL / "setup.bash") -> dict[str, str]:
         env=clean, stdout=subprocess.PIPE, check=True, text=True,
     ).stdout
     return dict(line.split("=", 1) for line in dump.split("\0") if line)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("localhost", 0))
-        return int(probe.getsockname()[1])
 
 
 def wait_until(condition: Callable[[], Any], timeout: float = 30.0, what: str = "") -> Any:

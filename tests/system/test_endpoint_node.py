@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 import rospy
 
+from skiros2_common.core.ports import free_port
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.ros.world_model_interface import WmException, WorldModelInterface
-from support.ros import Ros, free_port
+from support.ros import Ros
 from support.sparql_endpoint import SparqlEndpoint
 
 pytestmark = pytest.mark.timeout(90)

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
+from skiros2_common.core.ports import free_port
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.endpoint_store import EndpointStore
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
-from support.ros import free_port
 from support.sparql_endpoint import SparqlEndpoint
 from unit.skiros2_world_model.test_mirror import OPERATIONS, graph, graph_of_the_text
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import http.client
 import xmlrpc.client
 from typing import Any
-from xml.parsers.expat import ExpatError
 
 import rosgraph
 
+from skiros2_common.core.no_answer import NO_ANSWER
+
 #: How long the master may take to answer (s).
 PATIENCE = 2.0
-
-_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error, ExpatError)
 
 
 class _Transport(xmlrpc.client.Transport):
@@ -29,5 +28,5 @@ def master_answers() -> bool:
     try:
         with xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport()) as master:
             return bool(master.getPid("/skiros_gui")[0] == 1)
-    except (*_NO_ANSWER, TypeError, IndexError):  # or somebody else listens there
+    except (*NO_ANSWER, TypeError, IndexError):  # or somebody else listens there
         return False

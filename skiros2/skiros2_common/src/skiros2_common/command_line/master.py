@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import http.client
 import socket
 import xmlrpc.client
 from typing import Any
-from xml.parsers.expat import ExpatError
 
 import rosgraph
 
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.no_answer import NO_ANSWER
 
 #: How long a master or a node may take to answer (s).
 PATIENCE = 2.0
-
-_NO_ANSWER = (OSError, ValueError, http.client.HTTPException, xmlrpc.client.Error, ExpatError)
 
 
 class NotThere(SkirosError):
@@ -30,7 +27,7 @@ def ask_master(call: str, *arguments: Any) -> Any:
     uri = rosgraph.get_master_uri()
     try:
         return _ask(uri, call, *arguments)
-    except _NO_ANSWER as error:
+    except NO_ANSWER as error:
         raise NotThere(f"no ROS master answers at {uri} ({_reason(error)}); start one, or set ROS_MASTER_URI") from None
 
 
@@ -46,7 +43,7 @@ def check_node(node: str, service: str, what: str) -> None:
     try:
         # A connection to the service that says nothing would be reported by the node as a failed one.
         _ask(str(address), "getPid")
-    except _NO_ANSWER as error:
+    except NO_ANSWER as error:
         raise NotThere(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
 
 

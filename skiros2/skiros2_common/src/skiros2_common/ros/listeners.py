@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import http.client
 import time
-import xmlrpc.client
 from typing import Any
-from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
+
+from skiros2_common.core.no_answer import NO_ANSWER
 
 #: How long to wait for listeners that are registered, but may be gone (s of wall time).
 PATIENCE = 1.0
 
 _POLL = 0.005  # s
-_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException, ExpatError)
+_NO_ANSWER = (*NO_ANSWER, rosgraph.MasterException)
 
 
 class Listeners:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import http.client
 import logging
 import threading
-import xmlrpc.client
 from typing import Any
-from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
 from rospy.impl.registration import get_registration_listeners, get_service_manager, get_topic_manager
+
+from skiros2_common.core.no_answer import NO_ANSWER
 
 log = logging.getLogger(__name__)
 
@@ -21,7 +20,7 @@ CHECK_PERIOD = 1.0
 #: How long the end of the node waits for a master that does not answer (s).
 _PATIENCE = 1.0
 
-_NO_ANSWER = (OSError, http.client.HTTPException, xmlrpc.client.Error, rosgraph.MasterException, ExpatError)
+_NO_ANSWER = (*NO_ANSWER, rosgraph.MasterException)
 
 _lock = threading.Lock()
 _watch: MasterWatch | None = None

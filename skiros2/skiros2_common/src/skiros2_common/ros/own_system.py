@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import socket
 import subprocess
 import tempfile
 import time
@@ -19,6 +18,8 @@ import rospy
 
 from skiros2_common.core.end_signals import EndSignals
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
+from skiros2_common.core.no_answer import NO_ANSWER
+from skiros2_common.core.ports import free_port, is_free
 from skiros2_common.core.processes import end_processes
 
 #: How long a process may take to end when asked to (s), before it is killed. roslaunch gives its nodes 15 s.
@@ -49,7 +50,7 @@ class OwnSystem:
     """
 
     def __init__(self, name: str, logs: Path | None = None, port: int = 0, has_own_home: bool = False) -> None:
-        self.port = port or _free_port()
+        self.port = port or free_port()
         self._name = name
         self._logs = logs
         self._has_own_home = has_own_home
@@ -66,7 +67,7 @@ class OwnSystem:
         :raises SystemDown: the master cannot be started.
         :raises TimedOut: it does not answer.
         """
-        if not _is_free(self.port):
+        if not is_free(self.port):
             raise Refused(f"port {self.port} is in use; give a free one, or none")
         self._signals.__enter__()
         entered = False
@@ -177,7 +178,7 @@ class OwnSystem:
         try:
             with ServerProxy(f"http://localhost:{self.port}") as master:
                 return bool(master.getPid(f"/{self._name}"))
-        except OSError:
+        except NO_ANSWER:
             return False
 
     def _complaint(self, name: str) -> str:
@@ -186,19 +187,3 @@ class OwnSystem:
         lines = [line.strip() for line in text.splitlines() if line.strip()] or ["it said nothing"]
         line = next((line for line in lines if _FAILURE.search(line)), lines[-1])
         return line if self._logs is None else f"{line} (see {self.log(name)})"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("localhost", 0))
-        return int(probe.getsockname()[1])
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("", port))
-        except OSError:
-            return False
-    return True

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import threading
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import actionlib
+import rospy
 
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
@@ -58,7 +60,12 @@ class SkillRun:
         self._result: Any = None
         self._was_taken = False
         self._sent_at = time.monotonic()
-        self._handle = client.send_goal(goal, self._on_transition, self._on_feedback)
+        self._handle = client.send_goal(goal, self._on_transition)
+
+    @property
+    def goal_id(self) -> str:
+        """By which feedback speaks of it."""
+        return str(self._handle.comm_state_machine.action_goal.goal_id.id)
 
     @property
     def task(self) -> int:
@@ -138,7 +145,8 @@ class SkillRun:
 
     # Called by threads of ROS.
 
-    def _on_feedback(self, _: Any, feedback: Any) -> None:
+    def on_feedback(self, feedback: Any) -> None:
+        """Something is new; the last of it may come after the result."""
         self._task = feedback.task_id
         self._begun.set()
         if self._monitor_cb is not None:
@@ -174,6 +182,10 @@ class SkillRunner:
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
         self._taken = _Taken()
+        self._runs: weakref.WeakValueDictionary[str, SkillRun] = weakref.WeakValueDictionary()
+        # Beside actionlib's own, which leaves out what the result has overtaken.
+        topic = self._client.feedback_sub
+        self._subscriber = rospy.Subscriber(topic.resolved_name, topic.data_class, self._on_feedback)
 
     def run(
         self,
@@ -195,8 +207,17 @@ class SkillRunner:
                 raise TimedOut(f"{self._watch.name}: no manager answers within {patience:g} s")
             time.sleep(_POLL)
         with self._lock:
-            return SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._taken)
+            run = SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._taken)
+            self._runs[run.goal_id] = run
+        return run
 
     def close(self) -> None:
         """No more goals, and no news of those that run."""
         self._client.stop()
+        self._subscriber.unregister()
+
+    def _on_feedback(self, message: Any) -> None:
+        with self._lock:
+            run = self._runs.get(message.status.goal_id.id)
+        if run is not None:
+            run.on_feedback(message.feedback)

@@ -217,7 +217,11 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         except SkirosError as error:
             raise WmException(str(error)) from None
         request = srvs.WmTransactionRequest(self._author_name, context, messages)
-        response = self._transaction_service.call(request, repeatable=False)
+        try:
+            response = self._transaction_service.call(request, repeatable=False)
+        except WmConflict:
+            self.catch_up()  # who reads again and tries again needs the change that came first
+            raise
         outcome = Outcome(list(response.ids), [msg2change(m, context) for m in response.changes])
         if self._replica is not None:
             self._replica.include(outcome.changes)

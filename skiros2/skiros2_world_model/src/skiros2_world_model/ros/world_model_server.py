@@ -55,6 +55,7 @@ class WorldModelServer:
             model.add_listener(self._on_change)
             wait_for_subscribers(self._monitor)
         self._ontologies = OntologyServices(model, model.advisory_lock)
+        self._validation = ValidationService(model)  # before the services below, which use it as soon as they are there
         self._services = [
             rospy.Service("~modify", srvs.WmModify, answering(self._on_modify)),
             rospy.Service("~transaction", srvs.WmTransaction, answering(self._on_transaction)),
@@ -65,7 +66,6 @@ class WorldModelServer:
             rospy.Service("~get", srvs.WmGet, answering(self._on_get)),
             rospy.Service("~history", srvs.WmHistory, answering(self._on_history)),
         ]
-        self._validation = ValidationService(model)
 
     # -- reading -----------------------------------------------------------------------------------------------
 

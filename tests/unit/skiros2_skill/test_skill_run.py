@@ -13,6 +13,8 @@ class Client:
     """An action client whose server is there; `take` is the server taking a goal."""
 
     ns = "/robot/execute"
+    pub_goal = pub_cancel = SimpleNamespace(impl=SimpleNamespace(set_queue_size=lambda size: None))
+    feedback_sub = SimpleNamespace(resolved_name="/robot/execute/feedback", data_class=None)
 
     def __init__(self):
         self.handles = []
@@ -21,8 +23,10 @@ class Client:
     def last_status_msg(self):
         return object()  # another one each time: the server is not silent
 
-    def send_goal(self, goal, on_transition, on_feedback):
+    def send_goal(self, goal, on_transition):
         handle = SimpleNamespace(state=CommState.WAITING_FOR_GOAL_ACK, on_transition=on_transition)
+        number = SimpleNamespace(goal_id=SimpleNamespace(id=f"goal {len(self.handles)}"))
+        handle.comm_state_machine = SimpleNamespace(action_goal=number)
         handle.get_comm_state = lambda: handle.state
         self.handles.append(handle)
         return handle
@@ -78,3 +82,20 @@ def test_a_goal_that_was_passed_over_is_told(runs, client, clock):
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="has not taken"):
         runs[1].wait(0.0)
+
+
+def test_news_that_the_result_has_overtaken_are_heard(client, monkeypatch):
+    told = {}
+    monkeypatch.setattr(skill_run.actionlib, "ActionClient", lambda name, kind: client)
+    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, hear: told.setdefault(topic, hear))
+    monkeypatch.setattr(skill_run.ServerWatch, "is_connected", lambda self: True)
+    news = []
+    run = skill_run.SkillRunner("/robot").run("me", [], news.append)
+    handle = client.handles[0]
+    handle.state, handle.get_result = CommState.DONE, lambda: SimpleNamespace(task_id=7)
+    handle.on_transition(handle)
+    assert run.done
+    for goal in ("goal 0", "goal of somebody else"):
+        status = SimpleNamespace(goal_id=SimpleNamespace(id=goal))
+        told["/robot/execute/feedback"](SimpleNamespace(status=status, feedback=SimpleNamespace(task_id=7, of=goal)))
+    assert [feedback.of for feedback in news] == ["goal 0"]

@@ -20,7 +20,6 @@ FILE_LINES = 450
 CLASS_LINES = 300
 #: Longer ones, each with the reason why it is one concept after all.
 LONG: dict[str, str] = {
-    "skiros2/skiros2_common/src/skiros2_common/core/world_element.py:Element": "the contract's methods on one state",
     "skiros2/skiros2_world_model/src/skiros2_world_model/core/world_model_client.py:WorldModelAbstractInterface": (
         "the contract's calls, which both adapters share"
     ),

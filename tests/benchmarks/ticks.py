@@ -221,8 +221,8 @@ class _Scene:
 
     def _node(self, name: str, number: int) -> SkillWrapper:
         node = SkillWrapper(name, "", self.library)
-        node.specifyParam("Container", self.box)
-        node.specifyParam("Object", self.products[number])
+        node.specifyParamDefault("Container", self.box)
+        node.specifyParamDefault("Object", self.products[number])
         return node
 
     def _add(self, etype: str, label: str, container: str) -> Element:

@@ -79,6 +79,9 @@ class Client(LocalWorldModel):
     def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
         return self._local().find(eid, context_id)
 
+    def refreshed(self, e: Element, context_id: str = "scene") -> Element | None:
+        return self._local().refreshed(e, context_id)
+
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
         return self._local().holds(subj, pred, obj, "scene")
 

@@ -159,7 +159,7 @@ class Errands(Tree, ABC):
 @case(
     """
     root           R   S1
-      errand_good  R   S
+      errand_good  R   S1
         errand     R1  S3
         act        .   S1
     """,
@@ -189,7 +189,7 @@ class errand_bad(Errands):
 @case(
     """
     root            R   R   R   S1
-      errand_again  R   R   R   S
+      errand_again  R   R   R   S1
         errand      R1  R3  R4  S6
         act         .   .   .   S1
     """,

@@ -227,7 +227,7 @@ _WHEN = {
 #: The trace of the first of them, for conditions that nothing breaks.
 _HOLDS = """
     root      R   R   R   S1
-      TREE    R   R   R   S
+      TREE    R   R   R   S1
         LEAF  S1  S1  S1  S1
         act   R1  R2  R3  S4
 """
@@ -246,7 +246,9 @@ def _add(name: str, condition: _Condition, when: str, trace: str, **more: Any) -
 
 for _when, (_, _, _broken, _never) in _WHEN.items():
     for _kind, (_condition, _breaks) in KINDS.items():
-        _add(f"{_when}_{_kind}", _condition, _when, _broken, events={_BREAKS_AT: _breaks})
+        # A skill whose element is gone fails before it is asked for its post-conditions.
+        _trace = _broken.replace("F-3", "F-2") if _breaks is _remove else _broken
+        _add(f"{_when}_{_kind}", _condition, _when, _trace, events={_BREAKS_AT: _breaks})
     for _kind, (_condition, _wrong) in KINDS_OF_CLASSES.items():
         _add(f"{_when}_not_{_kind}", _condition, _when, _never, given={**_GIVEN, **_wrong})
 for _kind, (_condition, _) in KINDS_OF_CLASSES.items():

@@ -15,7 +15,7 @@ from skiros2_skill.core.skill import NoFail, ParallelFf, ParallelFs, Selector, S
 @case(
     """
     root           S1
-      hooks        S
+      hooks        S1
         nofail(?)  S
           act      F-7
           act      F-404
@@ -46,7 +46,7 @@ class hooks(Tree):
 @case(
     """
     root            R   S1
-      bool_answers  R   S
+      bool_answers  R   S1
         act         S   S
         |fs|        R   S
           act       R1  S2
@@ -73,7 +73,7 @@ class bool_answers(Tree):
 @case(
     """
     root             R   S1
-      keeps          R   S
+      keeps          R   S1
         act          R1  S2
     """
 )
@@ -89,13 +89,13 @@ class keeps(Tree):
 
 @case(
     """
-    root             S1
-      cuts_short     S1
-        act          F-9
+    root             R   S1
+      waits          R   S1
+        act          R1  S2
     """
 )
-class cuts_short(Tree):
-    """It may end the skill; children that run are preempted."""
+class waits(Tree):
+    """It runs when the children have ended, not before."""
 
     def expand(self, skill: Any) -> None:
         skill(self.act("RS"))
@@ -124,7 +124,7 @@ class vetoes(Tree):
 @case(
     """
     root             R   S1
-      recovers       R   S
+      recovers       R   S1
         |ff|         R   S
           recovery   R   S1
             act      R1  F-5
@@ -193,7 +193,7 @@ class Thoughts(Tree, ABC):
 @case(
     """
     root        R   R   S1
-      thread    R   R   S
+      thread    R   R   S1
         think   R1  R2  S3
         act     .   .   S1
     """

@@ -31,7 +31,7 @@ def arm(world: SkillBench) -> None:
 @case(
     """
     root                    S1
-      inferred_for_oneself  S
+      inferred_for_oneself  S1
         take                S1
         take                S1
         take                S1
@@ -53,7 +53,7 @@ class inferred_for_oneself(Tree):
 @case(
     """
     root                S1
-      inferred_by_id    S
+      inferred_by_id    S1
         take            S1
     """,
     scene=two_trays,
@@ -68,7 +68,7 @@ class inferred_by_id(Tree):
 @case(
     """
     root                  S1
-      known_is_preferred  S
+      known_is_preferred  S1
         take              S1
     """,
     scene=two_trays,
@@ -122,7 +122,7 @@ class given_wrongly(Tree):
 @case(
     """
     root             S1
-      written_back   S
+      written_back   S1
         weigh        S1
         check        S1
         weigh        S1
@@ -154,7 +154,7 @@ class written_back(Tree):
 @case(
     """
     root            S1
-      consumed      S
+      consumed      S1
         remove      S1
     """,
     scene=two_trays,
@@ -190,7 +190,7 @@ class not_consumed(Tree):
 @case(
     """
     root            S1
-      unspecified   S
+      unspecified   S1
         forget      S1
     """,
     scene=two_trays,
@@ -226,7 +226,7 @@ class not_unspecified(Tree):
 @case(
     """
     root              R   S1
-      locked          R   S
+      locked          R   S1
         nofail(|ff|)  R   S
           use_arm     R1  F-9
           act         R1  F-5
@@ -279,7 +279,7 @@ class respected_type(Tree):
 @case(
     """
     root              R   S1
-      choice          R   S
+      choice          R   S1
         lift_box      R1  S2
         lift_heavy    S1  S1
         lift_light    S1  S1
@@ -329,7 +329,7 @@ class no_choice(Tree):
     given={"Thing": "@vapour"},
 )
 class none_fits(Tree):
-    """No implementation fits: neither comparison holds of a weight that is missing."""
+    """No implementation fits: neither comparison holds of a weight that is missing, and one respects its type."""
 
     declares = (THING,)
 
@@ -340,7 +340,7 @@ class none_fits(Tree):
 @case(
     """
     root          R   S1
-      crowd       R   S
+      crowd       R   S1
         job_one   R1  S2
         job_two   R1  S2
         job_one   R1  S2
@@ -358,7 +358,7 @@ class crowd(Tree):
 @case(
     """
     root          R   R   S1
-      sequel      R   R   S
+      sequel      R   R   S1
         job_one   R1  S2  S2
         job_one   .   R1  S2
     """
@@ -373,8 +373,8 @@ class sequel(Tree):
 @case(
     """
     root            S1
-      optional      S
-        passes_by   S
+      optional      S1
+        passes_by   S1
           act       S1
     """
 )

@@ -57,8 +57,8 @@ class ends_heavy(_Guarded):
 @case(
     """
     root                R   R   S1
-      compound_starts   R   R   S
-        starts_heavy    R   S   S
+      compound_starts   R   R   S1
+        starts_heavy    R   S1  S1
           act           R1  S2  S2
         act             .   R1  S2
     """,

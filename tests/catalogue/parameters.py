@@ -15,9 +15,9 @@ TEXT = ("Text", str, OPTIONAL)
 @case(
     """
     root                        S1
-      remap_three_levels        S
-        heading_to_title        S
-          text_to_heading       S
+      remap_three_levels        S1
+        heading_to_title        S1
+          text_to_heading       S1
             hear                S1
     """,
     given={"Title": "hello"},
@@ -52,8 +52,8 @@ class text_to_heading(Tree):
 @case(
     """
     root                  S1
-      remap_of_the_below  S
-        passes_on         S
+      remap_of_the_below  S1
+        passes_on         S1
           hear            S1
     """,
     given={"Title": "hello"},
@@ -97,7 +97,7 @@ class specify_after_remap(Tree):
 @case(
     """
     root                 S1
-      output_to_sibling  S
+      output_to_sibling  S1
         tell             S1
         hear             S1
         hear             S1
@@ -119,7 +119,7 @@ class output_to_sibling(Tree):
 @case(
     """
     root                R   S1
-      output_at_once    R   S
+      output_at_once    R   S1
         tell            R1  S2
         await_text      R1  S2
     """
@@ -138,7 +138,7 @@ class output_at_once(Tree):
 @case(
     """
     root              R   S1
-      filled_later    R   S
+      filled_later    R   S1
         await_text    R1  S2
         tell          S1  S1
     """
@@ -157,7 +157,7 @@ class filled_later(Tree):
 @case(
     """
     root                S1
-      default_is_kept   S
+      default_is_kept   S1
         tell            S1
         hear_default    S1
         hear            S1
@@ -177,9 +177,9 @@ class default_is_kept(Tree):
 @case(
     """
     root               R   R   S1
-      expand_anew      R   R   S
+      expand_anew      R   R   S1
         count          S1  S1  S1
-        grows          F-6 F-6 S
+        grows          F-6 F-6 S1
           hear_number  F-6 F-6 S1
           act          -   .   S1
           act          -   -   S1
@@ -212,9 +212,9 @@ class grows(Tree):
 @case(
     """
     root               R   R   S1
-      expand_once      R   R   S
+      expand_once      R   R   S1
         count          S1  S1  S1
-        stays          F-6 F-6 S
+        stays          F-6 F-6 S1
           hear_number  F-6 F-6 S1
     """
 )
@@ -238,7 +238,7 @@ class stays(grows):
 @case(
     """
     root           R   S1
-      told_tree    R   S
+      told_tree    R   S1
         act        R1  S2
     """,
     given={"Script": "RS"},

@@ -224,7 +224,9 @@ class weigh(PrimitiveBase):
         self.setDescription(Weigh(), "weigh")
 
     def execute(self) -> State:
-        self.params["Thing"].value.setProperty("skiros:Weight", self.params["Weight"].value)
+        thing = self.params["Thing"].value
+        thing.setProperty("skiros:Weight", self.params["Weight"].value)
+        self.params["Thing"].value = thing
         return self.success()
 
 
@@ -351,7 +353,7 @@ class lift_box(Scripted):
         self.setDescription(Lift(), "lift_box")
 
     def modifyDescription(self, skill: Any) -> None:
-        skill.addParam("Thing", Element("skiros:LargeBox"), REQUIRED)
+        skill.addParam("Thing", Element("skiros:LargeBox"), REQUIRED, [ParamOptions.RespectType])
 
 
 class lift_heavy(Scripted):

@@ -8,6 +8,7 @@ from catalogue.case import Tree, case
 from catalogue.parts import REQUIRED
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.skill import (
+    Loop,
     NoFail,
     ParallelFf,
     ParallelFs,
@@ -48,7 +49,7 @@ def weight(kilograms: float) -> Any:
 @case(
     """
     root           R   R   R   S1
-      serial_star  R   R   R   S
+      serial_star  R   R   R   S1
         act        R1  S2  S2  S2
         act        .   S1  S1  S1
         act        .   R1  R2  S3
@@ -65,7 +66,7 @@ class serial_star(Tree):
 @case(
     """
     root          R   R   S1
-      sequential  R   R   S
+      sequential  R   R   S1
         act       R1  S2  S2
         act       .   R1  S2
     """
@@ -81,7 +82,7 @@ class sequential(Tree):
 @case(
     """
     root                R   R   S1
-      default_sequence  R   R   S
+      default_sequence  R   R   S1
         act             R1  S2  S2
         act             .   R1  S2
     """
@@ -151,7 +152,7 @@ class serial(Tree):
 @case(
     """
     root             R   R   S1
-      serial_again   R   R   S
+      serial_again   R   R   S1
         count        S1  S1  S1
         act          R1  R2  S3
         count        .   .   S1
@@ -176,7 +177,7 @@ class serial_again(Tree):
 @case(
     """
     root        R    S1
-      selector  R    S
+      selector  R    S1
         act     F-5  F-5
         act     R1   F-5
         act     .    S1
@@ -194,7 +195,7 @@ class selector(Tree):
 @case(
     """
     root                  R    R    S1
-      selector_preempts   R    R    S
+      selector_preempts   R    R    S1
         check             F-1  F-1  S1
         act               R1   R2   F-9
     """,
@@ -231,7 +232,7 @@ class selector_fails(Tree):
 @case(
     """
     root             R    R    R    S1
-      selector_star  R    R    R    S
+      selector_star  R    R    R    S1
         Check        F-1  F-1  F-1  F-1
         act          R1   F-5  F-5  F-5
         act          .    R1   R2   S3
@@ -257,7 +258,7 @@ class selector_star(Tree):
 @case(
     """
     root           R   R   R   S1
-      parallel_ff  R   R   R   S
+      parallel_ff  R   R   R   S1
         act        R1  S2  S2  S2
         act        R1  R2  R3  S4
         act        S1  S1  S1  S1
@@ -292,7 +293,7 @@ class parallel_ff_fails(Tree):
 @case(
     """
     root           R   S1
-      parallel_fs  R   S
+      parallel_fs  R   S1
         act        R1  F-9
         act        R1  S2
         act        R1  F-9
@@ -328,7 +329,7 @@ class parallel_fs_fails(Tree):
 @case(
     """
     root       R   S1
-      no_fail  R   S
+      no_fail  R   S1
         act    R1  F-5
         act    .   .
     """
@@ -344,7 +345,7 @@ class no_fail(Tree):
 @case(
     """
     root                R   S1
-      no_fail_parallel  R   S
+      no_fail_parallel  R   S1
         nofail(|ff|)    R   S
           act           R1  F-9
           act           R1  F-5
@@ -376,8 +377,26 @@ class retry_on_fail(Tree):
 
 @case(
     """
+    root            R   S1
+      loop          R   S1
+        retry(1,?)  S   S
+          act       F-5 F-5
+          act       S1  S1
+        act         S1  S1
+    """
+)
+class loop(Tree):
+    """Twice, around children that are tried again."""
+
+    def expand(self, skill: Any) -> None:
+        skill.setProcessor(Loop(2))
+        skill(self.skill(RetryOnFail(1, Selector()))(self.act("F"), self.act("S")), self.act("S"))
+
+
+@case(
+    """
     root                R    R    R    S1
-      retry_until_good  R    R    R    S
+      retry_until_good  R    R    R    S1
         act             R1   S2   R1   S2
         check           .    F-1  F-1  S1
     """,
@@ -401,7 +420,7 @@ class retry_until_good(Tree):
 @case(
     """
     root               R    R    R    S1
-      nested           R    R    R    S
+      nested           R    R    R    S1
         |ff|           R    S    S    S
           act          R1   S2   S2   S2
           act          S1   S1   S1   S1
@@ -433,7 +452,7 @@ class nested(Tree):
 @case(
     """
     root      S1
-      empty   S
+      empty   S1
         ->    S
         ->*   S
         |ff|  S
@@ -450,10 +469,10 @@ class empty(Tree):
 @case(
     """
     root           R   R   S1
-      two_levels   R   R   S
-        inner      R   R   S
+      two_levels   R   R   S1
+        inner      R   R   S1
           act      R1  R2  S3
-        inner      S   S   S
+        inner      S1  S1  S1
           act      S1  S1  S1
     """
 )

@@ -115,12 +115,12 @@ def test_one_wrong_part_refuses_all(wm, other, part):
     changed = other.get_element(part.id)
     changed.setProperty("skiros:Weight", 1.0)
     other.update_element(changed)
-    before = sorted(e.id for e in other.get_scene())
+    before = sorted(e.id for e in other.get_scene_elements())
     add, gone = Add(Element("skiros:Part", "new")), "skiros:Part-99999"
     for wrong in (Expect(part.id, version), Expect(gone, 0), Relate(part.id, "skiros:at", gone)):
         with pytest.raises(WmException):
             wm.transact([add, wrong])
-    assert sorted(e.id for e in other.get_scene()) == before
+    assert sorted(e.id for e in other.get_scene_elements()) == before
 
 
 def test_an_expectation_alone_changes_nothing(wm, part):

@@ -83,15 +83,17 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
     ros = Ros(request.getfixturevalue("ros_master"))
     env = {**ros.master.env, "PYTHONPATH": f"{TESTS}:{ros.master.env['PYTHONPATH']}"}
-    ros.launch(
-        "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
-        primitive_list=f"[{', '.join(SKILLS)}]", workspace_dir=str(workspace), env=env,
-    )  # fmt: skip
-    made.system = RosSystem(made.inbox)
-    made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
-    yield made
-    made.system.close()
-    ros.stop()
+    try:
+        ros.launch(
+            "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
+            primitive_list=f"[{', '.join(SKILLS)}]", workspace_dir=str(workspace), env=env,
+        )  # fmt: skip
+        made.system = RosSystem(made.inbox)
+        made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
+        yield made
+        made.system.close()
+    finally:
+        ros.stop()
 
 
 def test_the_parts_that_are_up_are_told(desk: Desk) -> None:
@@ -156,7 +158,7 @@ def test_breakpoints_are_set_listed_and_taken_away(desk: Desk) -> None:
 def test_a_change_of_the_scene_is_told_and_can_be_read_then(desk: Desk) -> None:
     element = Element("skiros:Product", "bolt")
     element.addRelation(SCENE, "skiros:contain", "-1")
-    eid = desk.system.world.add_element(element)
+    eid = desk.system.world.add_element(element).id
     change = desk.heard(WorldChanged, lambda e: any(x.id == eid for c in e.changes for x in c.elements))
     assert not change.is_new
     assert desk.system.scene.find(eid, "scene").label == "bolt"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator
 
@@ -9,7 +10,16 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtCore import QEvent, Qt
 from python_qt_binding.QtGui import QGuiApplication, QKeyEvent, QPalette
-from python_qt_binding.QtWidgets import QApplication, QLineEdit, QWidget
+from python_qt_binding.QtWidgets import (
+    QApplication,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QTextBrowser,
+    QToolButton,
+    QTreeWidget,
+    QWidget,
+)
 
 from skiros2_common.core.errors import Refused
 from skiros2_gui.core.events import ConnectionChanged
@@ -18,6 +28,8 @@ from skiros2_gui.qt.error_bar import ErrorHistory
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.theme import palette_of
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_skill.command_line.assignments import Step
+from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
 
 
 @pytest.fixture
@@ -64,6 +76,15 @@ def test_what_a_call_fails_with_is_shown_copied_put_away_and_kept(window: MainWi
     history.reject()
 
 
+def test_error_bar_shows_the_first_line_and_keeps_the_rest(window: MainWidget) -> None:
+    window.shared.problems.tell("starting pick of /robot", "KeyError: 'To' (pick.py, line 7)\nTraceback:\n  ...")
+    bar = window.error_bar
+    assert bar.text.text() == "starting pick of /robot: KeyError: 'To' (pick.py, line 7)"
+    assert "Traceback" in bar.text.toolTip()
+    bar.copy_button.click()
+    assert "Traceback" in QGuiApplication.clipboard().text()
+
+
 @pytest.mark.qt_no_exception_capture
 def test_a_mistake_in_the_windows_own_code_is_shown_and_ends_nothing(window: MainWidget) -> None:
     window.tabs.currentChanged.connect(lambda index: 1 // 0)
@@ -88,6 +109,58 @@ def test_the_busy_sign_is_there_while_something_takes_time(window: MainWidget, q
     gate.set()
     qtbot.waitUntil(lambda: not window.status.bar.isVisible())
     assert window.status.busy.text() == ""
+
+
+def test_stop_does_not_wait_for_an_inspection_that_blocks(
+    window: MainWidget, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    furnish(window.system.world)
+    robot = window.system.add_manager("/robot", [fetch])
+    is_asked, gate = threading.Event(), threading.Event()
+
+    def inspect(task_id: int, node_id: int) -> None:
+        is_asked.set()
+        assert gate.wait(10)
+        raise Refused("it took too long")
+
+    monkeypatch.setattr(robot, "inspect", inspect)
+    running = window.pages[1].tab
+    window.tabs.setCurrentIndex(1)
+    times = json.dumps({"key": "Times", "description": "", "specType": 0, "type": "int", "values": [2]})
+    robot.command("start", -1, [Step("skiros:Fetch", "fetch", params=[times])])
+    qtbot.waitUntil(
+        lambda: running.presenter.frame is not None and bool(running.presenter.running()), timeout=20_000
+    )
+    running.presenter.select(1)
+    qtbot.waitUntil(is_asked.is_set, timeout=20_000)
+    try:
+        qtbot.mouseClick(window.findChild(QToolButton, "stopTask"), Qt.LeftButton)
+        qtbot.waitUntil(lambda: running.presenter.run.now.has_ended, timeout=9_000)
+    finally:
+        gate.set()
+
+
+def test_what_a_skill_raised_is_shown_first_and_then_the_traceback(window: MainWidget, qtbot: QtBot) -> None:
+    robot = window.system.add_manager("/robot", [break_down])
+    robot.command("start", -1, [Step("skiros:Break", "break_down")])
+    tasks = window.findChild(QTreeWidget, "taskList")
+    qtbot.waitUntil(lambda: tasks.topLevelItemCount() == 1 and "failed" in tasks.topLevelItem(0).text(3))
+    said = tasks.topLevelItem(0).text(5)
+    assert "KeyError: 'sloow' (" in said
+    assert said.endswith(", in execute)")
+    window.tabs.setCurrentIndex(1)
+    running = window.pages[1].tab
+    qtbot.waitUntil(lambda: running.presenter.run is not None and running.presenter.run.now.has_ended)
+    note = window.findChild(QLabel, "taskNote")
+    qtbot.waitUntil(lambda: "KeyError: 'sloow' (" in note.text())
+    assert "Traceback" not in note.text()
+    assert "Traceback" in note.toolTip()
+    details = window.findChild(QTextBrowser, "nodeDetails")
+    qtbot.waitUntil(lambda: "KeyError" in details.toPlainText())
+    lines = [line.strip() for line in details.toPlainText().splitlines()]
+    error = next(number for number, line in enumerate(lines) if "KeyError: 'sloow' (" in line)
+    assert error < lines.index("Traceback (most recent call last):")
+    assert "font-weight:600" in details.toHtml().split("KeyError")[0].rpartition("<span")[2]
 
 
 class Other(QWidget):
@@ -135,11 +208,39 @@ def test_keys_reach_the_tab_that_is_shown_and_space_not_while_text_is_edited(oth
     tab.plain.setFocus()
     qtbot.keyClick(tab.plain, Qt.Key_Space)
     qtbot.keyClick(tab.plain, Qt.Key_F, Qt.ControlModifier)
-    tab.line.setFocus()
+    qtbot.mouseClick(tab.line, Qt.LeftButton)
     qtbot.keyClick(tab.line, Qt.Key_Space)
     assert tab.told == ["toggle", "find"]
     assert tab.line.text() == " "
     assert other.pages[0].tab.told == []
+
+
+def test_space_edits_no_text_that_the_user_did_not_enter(other: MainWidget, qtbot: QtBot) -> None:
+    tab = other.pages[0].tab
+    button = QPushButton(tab)
+    button.show()
+    tab.line.setText("(at robot shelf)")
+    button.setFocus()
+    tab.line.setFocus(Qt.TabFocusReason)  # as Qt does when the focused widget is disabled
+    tab.line.selectAll()
+    qtbot.keyClick(tab.line, Qt.Key_Space)
+    assert tab.line.text() == "(at robot shelf)"
+    assert tab.told == ["toggle"]
+
+
+def test_space_edits_text_that_was_entered_with_the_tab_key_or_is_being_typed(other: MainWidget, qtbot: QtBot) -> None:
+    tab = other.pages[0].tab
+    tab.line.setFocus()
+    qtbot.keyClicks(tab.line, "a b")
+    assert tab.line.text() == "a b"
+    tab.plain.setFocus()
+    QWidget.setTabOrder(tab.plain, tab.line)
+    qtbot.keyClick(tab.plain, Qt.Key_Tab)
+    assert tab.line.hasFocus()
+    tab.line.end(False)
+    qtbot.keyClick(tab.line, Qt.Key_Space)
+    assert tab.line.text() == "a b "
+    assert tab.told == []
 
 
 def test_a_key_that_is_held_toggles_once(other: MainWidget, qtbot: QtBot) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
-from python_qt_binding.QtCore import QPoint, QPointF, Qt
+from python_qt_binding.QtCore import QPoint, QPointF, QRect, Qt
 from python_qt_binding.QtGui import QWheelEvent
 from python_qt_binding.QtWidgets import (
     QApplication,
@@ -200,6 +200,129 @@ def test_words_are_completed_and_a_mistake_is_shown(tab: SkillsTab, qtbot: QtBot
     mistake = _child(tab, QLabel, "goalMistake")
     qtbot.waitUntil(lambda: mistake.text() == "⚠ column 21: unknown element 'blot'; did you mean bolt?")
     assert not _child(tab, QPushButton, "planButton").isEnabled()
+
+
+@pytest.fixture
+def goal_line(tab: SkillsTab, qtbot: QtBot) -> Any:
+    """The goal line with the words of the scene, in a window that is active."""
+    qtbot.waitActive(tab.window())
+    tab.goals.look()
+    qtbot.waitUntil(lambda: bool(tab.goals._vocabulary.elements))
+    line = _child(tab, QLineEdit, "goalLine")
+    qtbot.mouseClick(line, Qt.LeftButton)
+    return line
+
+
+def _type(qtbot: QtBot, line: Any, text: str) -> None:
+    """Types a text; keys go to the suggestions while they are shown, as those of users do."""
+    for sign in text:
+        popup = line._completer.popup()
+        qtbot.keyClicks(popup if popup.isVisible() else line, sign)
+
+
+def _press(qtbot: QtBot, line: Any, *keys: int) -> None:
+    for key in keys:
+        popup = line._completer.popup()
+        qtbot.keyClick(popup if popup.isVisible() else line, key)
+
+
+def test_closing_bracket_ends_the_suggestions_and_stays(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    _type(qtbot, goal_line, "(skiros:contain skiros:LargeBox-1 bolt")
+    assert goal_line._completer.popup().isVisible()
+    _type(qtbot, goal_line, ")")
+    assert not goal_line._completer.popup().isVisible()
+    _press(qtbot, goal_line, Qt.Key_Return)
+    assert goal_line.text() == "(skiros:contain skiros:LargeBox-1 bolt)"
+
+
+def test_cursor_that_leaves_the_word_ends_the_suggestions(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    goal_line.setText("(skiros:contain skiros:LargeBox-1 )")
+    goal_line.setCursorPosition(34)
+    _type(qtbot, goal_line, "bo")
+    assert goal_line._completer.popup().isVisible()
+    _press(qtbot, goal_line, Qt.Key_End)
+    assert not goal_line._completer.popup().isVisible()
+    assert goal_line.text() == "(skiros:contain skiros:LargeBox-1 bo)"
+
+
+def test_enter_in_a_complete_goal_plans_and_inserts_nothing(
+    tab: SkillsTab, goal_line: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goal_line.setText("(skiros:contain box )")
+    goal_line.setCursorPosition(20)
+    _type(qtbot, goal_line, "nut")
+    assert goal_line._completer.popup().isVisible()
+    assert tab.goals.is_complete
+    with qtbot.waitSignal(goal_line.returnPressed):
+        _press(qtbot, goal_line, Qt.Key_Return)
+    assert goal_line.text() == "(skiros:contain box nut)"
+    assert tab.goals.remembered == ["(skiros:contain box nut)"]
+
+
+def test_enter_inserts_a_word_that_was_chosen_with_the_arrows(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    goal_line.setText("(skiros:contain  nut)")
+    goal_line.setCursorPosition(16)
+    _type(qtbot, goal_line, "box")
+    assert tab.goals.is_complete
+    words = [word.text for word in tab.goals.suggestions(19).words]
+    _press(qtbot, goal_line, Qt.Key_Down, Qt.Key_Return)
+    assert goal_line.text() == f"(skiros:contain {words[1]} nut)"
+
+
+@pytest.mark.parametrize("key", [Qt.Key_Tab, Qt.Key_Return])
+def test_suggested_word_replaces_the_whole_word_at_the_cursor(
+    tab: SkillsTab, goal_line: Any, qtbot: QtBot, key: int
+) -> None:
+    goal_line.setText("(skiros:contain emp, nut")
+    goal_line.setCursorPosition(17)
+    _type(qtbot, goal_line, "m")
+    _press(qtbot, goal_line, key)
+    assert goal_line.text() == "(skiros:contain skiros:LargeBox-2 , nut"
+    assert goal_line.hasFocus()
+
+
+def test_suggestions_do_not_cover_the_line_that_names_a_mistake(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+    _type(qtbot, goal_line, "(skiros:contain b")
+    popup, mistake = goal_line._completer.popup(), _child(tab, QLabel, "goalMistake")
+    qtbot.waitUntil(mistake.isVisible)
+    QApplication.processEvents()
+    label = QRect(mistake.mapToGlobal(QPoint(0, 0)), mistake.size())
+    assert popup.isVisible()
+    assert not popup.geometry().intersects(label)
+
+
+# -- the focus -----------------------------------------------------------------------------------------------------
+
+
+def test_after_start_the_focus_stays_and_space_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
+    qtbot.waitActive(tab.window())
+    line = _child(tab, QLineEdit, "goalLine")
+    line.setText("(skiros:contain box nut)")
+    tab.below.setCurrentWidget(tab.goal_view)
+    tab.tree.choose(FETCH)
+    tab.skills.write("Times", "2")
+    start = _child(tab, QPushButton, "startButton")
+    qtbot.mouseClick(start, Qt.LeftButton)
+    assert QApplication.focusWidget() is start
+    qtbot.waitUntil(lambda: _states(tab) == ["running"])
+    assert QApplication.focusWidget() is start
+    assert tab.below.currentWidget() is tab.tasks
+    qtbot.keyClick(QApplication.focusWidget(), Qt.Key_Space)
+    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+    assert line.text() == "(skiros:contain box nut)"
+
+
+def test_space_while_a_start_is_under_way_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
+    qtbot.waitActive(tab.window())
+    tab.tree.choose(FETCH)
+    tab.skills.write("Times", "2")
+    start = _child(tab, QPushButton, "startButton")
+    qtbot.mouseClick(start, Qt.LeftButton)
+    qtbot.keyClick(start, Qt.Key_Space)
+    qtbot.waitUntil(lambda: _states(tab) == ["failed"])
+
+
+# -- how goals go on -----------------------------------------------------------------------------------------------
 
 
 def test_how_a_goal_goes_on_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:

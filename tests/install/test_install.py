@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -56,8 +57,10 @@ def run(*command: object, env: dict[str, str] | None = None, cwd: Path | None = 
 
 def outside() -> dict[str, str]:
     """The environment of a shell that knows nothing of this build. Messages for Lisp, a third of it, are left out."""
-    ours = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "PKG_CONFIG_PATH")
-    return {key: value for key, value in os.environ.items() if key not in ours} | {"ROS_LANG_DISABLE": "genlisp"}
+    ours = ("CMAKE_PREFIX_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH", "PKG_CONFIG_PATH", "VIRTUAL_ENV")
+    path = ":".join(part for part in os.environ["PATH"].split(":") if part != str(PYTHON.parent))
+    kept = {key: value for key, value in os.environ.items() if key not in ours}
+    return kept | {"PATH": path, "ROS_LANG_DISABLE": "genlisp"}
 
 
 def clone(folder: Path) -> Path:
@@ -124,6 +127,41 @@ def test_a_package_of_somebody_else_builds_on_the_installed_tree(installed: Path
     assert run("rospack", "find", "skiros2_skill", env=overlay).startswith(str(installed.parent))
     run("rosrun", "skiros2_skill", "check_skills", "[aaa_robot_skills]", "[wave]", env=overlay)
     run(PYTHON, "-c", "import aaa_robot_skills.wave", env=overlay)
+
+
+IMPORTS = "import rdflib, rospy, pytest, skiros2_common, skiros2_world_model, skiros2_skill, skiros2_task, skiros2_gui"
+
+
+@pytest.mark.parametrize("shell", ["bash", "sh"])
+def test_sourced_shell_runs_python_and_pytest_of_the_environment_until_deactivate(installed: Path, shell: str) -> None:
+    setup = installed.with_suffix(f".{shell}")
+    script = (
+        f". {setup}; . {setup}; command -v python3; command -v pytest; python3 -c '{IMPORTS}'; echo $PATH; deactivate; "
+        "command -v python3; echo $PATH; echo ${VIRTUAL_ENV:-none}"
+    )
+    before = outside()["PATH"]
+    python, pytest_found, path, python_after, path_after, environment = run(shell, "-ec", script).splitlines()
+    assert (python, pytest_found) == (str(PYTHON), str(PYTHON.with_name("pytest")))
+    assert path.split(":").count(str(PYTHON.parent)) == 1
+    assert python_after == run(shell, "-c", "command -v python3").strip()
+    assert path_after.endswith(before)
+    assert str(PYTHON.parent) not in path_after.split(":")
+    assert environment == "none"
+
+
+def test_environment_that_is_active_already_is_left_by_its_own_deactivate(installed: Path) -> None:
+    script = f"source {PYTHON.with_name('activate')}; source {installed}; command -v python3; deactivate; echo $PATH"
+    python, path = run("bash", "-ec", script).splitlines()
+    assert python == str(PYTHON)
+    assert str(PYTHON.parent) not in path.split(":")
+
+
+def test_overlay_workspace_is_built_and_runs_with_the_environments_python(installed: Path, tmp_path: Path) -> None:
+    shutil.copytree(Path(__file__).with_name("aaa_robot_skills"), tmp_path / "src/aaa_robot_skills")
+    built = run("bash", "-ec", f"source {installed}; cd {tmp_path}; catkin_make")
+    assert f"Using PYTHON_EXECUTABLE: {PYTHON}" in built
+    script = f"source {tmp_path}/devel/setup.bash; python3 -c '{IMPORTS}, aaa_robot_skills.wave'; command -v python3"
+    assert run("bash", "-ec", script).strip() == str(PYTHON)
 
 
 def test_catkin_make_builds_a_workspace_with_a_clone(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ class CellClient:
     def answer(self, line: str) -> Any:
         command, _, argument = line.strip().partition(" ")
         if command == "add":
-            return self._wmi.add_element(Element("skiros:Part", argument))
+            return self._wmi.add_element(Element("skiros:Part", argument)).id
         if command == "parts":
             return sorted(str(part.label) for part in self._wmi.resolve_elements(Element("skiros:Part")))
         if command == "skills":

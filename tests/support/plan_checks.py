@@ -163,7 +163,7 @@ def _params(core: SkillCore, call: SkillCall, wm: Any) -> ParamHandler:
 def _make_true(condition: Any, params: ParamHandler, wm: Any) -> None:
     """The effect of a condition, with a value for those from which none follows."""
     for key in condition.getKeys():
-        if params.isSpecified(key):  # as it is now
+        if params.is_bound(key):  # as it is now
             params.specify(key, wm.get_element(params.getParamValue(key).id))
     if condition.evaluate(params, wm) or condition.setTrue(params, wm):
         return

@@ -157,7 +157,7 @@ class PlanningWorld:
         for key, value in properties.items():
             element.setProperty(f"skiros:{key}", value)
         element.addRelation(inside, "skiros:contain", "-1")
-        return self.wm.add_element(element)
+        return self.wm.add_element(element).id
 
     def robot(self, name: str, *skills: SkillCore, at: str = "", cls: str = "cora:Robot") -> str:
         """Adds a robot whose manager `/name` offers these skills."""
@@ -176,7 +176,7 @@ class PlanningWorld:
         gripper = Element("rparts:GripperEffector")
         gripper.setProperty("skiros:ContainerState", "Empty")
         gripper.addRelation(robot, "skiros:hasA", "-1")
-        return self.wm.add_element(gripper)
+        return self.wm.add_element(gripper).id
 
     def relate(self, subj: str, relation: str, obj: str) -> None:
         self.wm.set_relation(subj, relation, obj, True)

@@ -138,6 +138,8 @@ class Client:
     def cancel_goal(self) -> None:
         self._drivers.cancel(self)
 
+    cancel_all_goals = cancel_goal
+
     def stop_tracking_goal(self) -> None:
         self._done = lambda status, result: None
 

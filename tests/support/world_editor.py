@@ -67,7 +67,7 @@ def main(seconds: float, seed: int) -> None:
     rospy.init_node("editor", anonymous=True, disable_signals=True)
     wmi = WorldModelInterface(rospy.get_name(), make_cache=True)
     chance = random.Random(seed)
-    wmi.get_scene()
+    wmi.get_scene_elements()
     print("ready", flush=True)
     sys.stdin.readline()
     made = refused = 0

@@ -64,9 +64,7 @@ FILES = {
     "broken.ttl": b"@prefix a: <http://x.org/a.owl#> .\na:b a:c none:d .\n",
     "binary.ttl": bytes(range(256)),
     "broken_xml.ttl": b"<?xml version='1.0'?><rdf:RDF>",
-    "cycle.ttl": _PREFIXES + b":Part-1 a :Part ; :contain :Part-2 . :Part-2 a :Part ; lab:holds :Part-1 .",
-    "dangling.ttl": _PREFIXES + b":Part-1 a :Part ; :contain :Part-77 .",
-    "wrong_value.ttl": _PREFIXES + b":Part-1 a :Part ; lab:size 'left' .",
+    "rootless.ttl": _PREFIXES + b":Part-1 a :Part .",
     "folder/in_it.ttl": _PREFIXES,
 }
 #: Files that cannot be loaded, and what the refusal names.
@@ -83,9 +81,7 @@ BAD_FILES = {
     "broken.ttl": "broken.ttl, line 2",
     "binary.ttl": "binary.ttl",
     "broken_xml.ttl": "broken_xml.ttl",
-    "cycle.ttl": "cycle.ttl",
-    "dangling.ttl": "skiros:Part-77",
-    "wrong_value.ttl": "lab:size",
+    "rootless.ttl": "rootless.ttl: there is no skiros:Scene-0",
 }
 BAD_TARGETS = ["../out.ttl", "/tmp/out.ttl", "folder", "no/such/folder.ttl", "a\x00b", "\ud800"]
 

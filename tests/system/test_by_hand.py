@@ -59,5 +59,5 @@ def test_the_python_code_runs() -> None:
     (text,) = code("python")
     names = {"SkillManagerInterface": SkillManagerInterface}
     exec(compile(text, str(DOCUMENT), "exec"), names)
-    assert names["run"].result().message == "Success"
+    assert names["run"].result().message == "End"
     names["robot"].shutdown()

@@ -47,7 +47,7 @@ def servers(ros_master: Any) -> Iterator[CatalogueServers]:
 @pytest.fixture
 def robot(ros: Ros) -> Iterator[SkillManagerInterface]:
     """A manager with all skills of the catalogue, on a world model with a blank scene."""
-    classes = PluginLoader().load("catalogue", (PrimitiveBase, SkillBase))
+    classes = PluginLoader().find("catalogue", (PrimitiveBase, SkillBase))
     python_path = os.pathsep.join([str(TESTS), ros.master.env.get("PYTHONPATH", "")])
     ros.launch(
         "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[catalogue]",
@@ -138,13 +138,13 @@ class Stage:
 
     def play(self, case: Case) -> Trace:
         wmi = self._world.wmi
-        before = {e.id for e in wmi.get_scene()}
+        before = {e.id for e in wmi.get_scene_elements()}
         if case.scene is not None:
             case.scene(self._world)
         try:
             return Trace([list(_seen(message)) for message in self._ticks(case)])
         finally:
-            for element in wmi.get_scene():
+            for element in wmi.get_scene_elements():
                 if element.id not in before and wmi.is_scene_element(element.id):
                     wmi.remove_element(element)
 
@@ -205,4 +205,5 @@ def _seen(message: Any) -> Iterator[Seen]:
         else:
             places[node.id] = ()
         name = node.label or (node.processor if node.type == ":Skill" else node.type.rpartition(":")[2])
+        name = "root" if node.type == ":Root" else name
         yield Seen(places[node.id], name, _STATES[node.state], node.progress_code)

@@ -30,11 +30,11 @@ def test_the_scene_is_in_the_endpoint_and_goes_on_without_it(ros: Ros, start):
     with SparqlEndpoint() as endpoint:
         start(sparql_endpoint=endpoint.url, sparql_update_endpoint=endpoint.url)
         wm = WorldModelInterface("tester", make_cache=True)
-        first = wm.add_element(Element("skiros:LargeBox", "first"))
+        first = wm.add_element(Element("skiros:LargeBox", "first")).id
         assert first in wm.query_ontology(BOXES)
         assert any("first" in triple for triple in endpoint.graph("scene"))
         endpoint.stop()
-        second = wm.add_element(Element("skiros:LargeBox", "second"))
+        second = wm.add_element(Element("skiros:LargeBox", "second")).id
         with pytest.raises(WmException, match=f"SPARQL endpoint {endpoint.url} cannot be reached"):
             wm.query_ontology(BOXES)
         late = WorldModelInterface("late comer", make_cache=True)
@@ -66,7 +66,7 @@ def test_a_query_that_takes_too_long_is_given_up_and_the_node_goes_on(ros: Ros, 
     pairs = "{ ?a ?b ?c . ?d ?e ?f . ?g a owl:Class FILTER(?b != ?e) }"
     with pytest.raises(rospy.ServiceException, match=r"given up after 0\.3 s"):
         query(query_string=f"SELECT (COUNT(*) AS ?n) {pairs}")
-    eid = wm.add_element(Element("skiros:LargeBox", "box"))
+    eid = wm.add_element(Element("skiros:LargeBox", "box")).id
     with pytest.raises(rospy.ServiceException, match="more than 1000 rows; expected a LIMIT"):
         query(query_string=f"SELECT * {pairs}")
     assert eid in query(query_string=BOXES, cut_prefix=True).answer

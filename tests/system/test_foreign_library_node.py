@@ -59,7 +59,7 @@ def furnish(wmi: WorldModelInterface) -> list[Any]:
     bolt.setProperty("skiros:Weight", 0.2)
     bolt.addRelation(elements[0].id, "skiros:contain", "-1")
     wmi.add_element(bolt)
-    (robot,) = (r for r in wmi.resolve_elements(Element("cora:Robot")) if r.hasProperty("skiros:SkillMgr", ROBOT))
+    (robot,) = (r for r in wmi.resolve_elements(Element("cora:Robot")) if r.hasProperty("skiros:SkillMgr", ROBOT[1:]))
     robot.setRelation("-1", "skiros:at", elements[2].id)
     wmi.update_element(robot)
     arm = wmi.resolve_element(Element("rparts:ArmDevice"))

@@ -124,7 +124,7 @@ def test_the_service_tells_the_past(ros: Ros, start: Callable[..., Program]) -> 
     part.setProperty("skiros:Weight", 2.0)
     paul.update_element(part)
     paul.set_relation(SCENE, "skiros:contain", part)
-    mary.remove_element(part)
+    mary.remove_element(part.id)
 
     told = mary.history(part.id)
     assert [entry.author for entry in told] == ["mary", "paul", "paul", "mary"]

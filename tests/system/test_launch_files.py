@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from support.display import Display
 from support.programs import Program
 from support.ros import INSTALL, Ros, wait_until
 
@@ -105,26 +107,95 @@ def test_without_deploy_and_without_display_the_output_stays_on_the_screen(ros: 
 @pytest.mark.parametrize(
     ("arguments", "culprit"),
     [
-        ({"init_scene": "no_such_scene.ttl"}, "no_such_scene.ttl: cannot be read"),
-        ({"workspace_dir": "{folder}", "init_scene": "broken.ttl"}, "broken.ttl, line 2: expected Turtle"),
         ({"workspace_dir": "/no/such/folder"}, "/no/such/folder: there is no such folder"),
-        ({"memory_contexts": ["memory no_such_file.ttl"]}, "no_such_file.ttl: cannot be read"),
         ({"libraries_list": ["no_such_library"]}, "library 'no_such_library'"),
         ({"libraries_list": ["skiros2_std_skills"], "primitive_list": ["no_such_skill"]}, "skill 'no_such_skill'"),
         ({"libraries_list": ["skiros2_std_skills"], "skill_list": ["no_such_skill"]}, "skill 'no_such_skill'"),
     ],
-    ids=["scene", "Turtle", "workspace", "context", "library", "primitive", "skill"],
+    ids=["workspace", "library", "primitive", "skill"],
 )
 def test_a_launch_that_names_what_is_not_there_says_so_and_starts_nothing(
-    ros: Ros, tmp_path: Path, arguments: dict[str, Any], culprit: str
+    ros: Ros, arguments: dict[str, Any], culprit: str
 ) -> None:
-    (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
-    if arguments.get("workspace_dir") == "{folder}":
-        arguments = {**arguments, "workspace_dir": tmp_path}
     program = ros.launch("skiros2", "skiros.launch", gui=False, **arguments)
     assert program.wait() == 1
-    assert program.output.count(culprit) == 1
     assert "process[" not in program.output
+    lines = program.output.splitlines()
+    assert culprit in lines[-1]
+    assert lines.count(lines[-1]) == 2
+    wait_until(lambda: not processes("launch_refusal.py", lines[-1]), what="the end of what printed the last line")
+
+
+@pytest.mark.parametrize(
+    ("scene", "culprit"),
+    [
+        ("no_such_scene.ttl", "no_such_scene.ttl: cannot be read"),
+        ("broken.ttl", "broken.ttl, line 2: expected Turtle"),
+    ],
+)
+def test_launch_warns_of_a_scene_that_cannot_be_read_and_starts(
+    ros: Ros, tmp_path: Path, scene: str, culprit: str
+) -> None:
+    (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
+    program = ros.launch(
+        "skiros2", "world_model_server.launch", gui=False, deploy=True, workspace_dir=tmp_path, init_scene=scene
+    )
+    program.wait_for_line(f"WARNING: .*{culprit}")
+    program.wait_for_line(f"ERROR.*{culprit}")
+    program.wait_for_line("the world model is ready")
+
+
+def test_reason_that_a_node_finds_is_the_last_line_of_the_launch(ros: Ros) -> None:
+    program = ros.launch("skiros2", "task_mgr.launch", deploy=True, max_replans="many")
+    program.wait()
+    reason = "/tm: parameter /tm/max_replans is 'many', expected a number of plans"
+    lines = program.output.splitlines()
+    assert lines[-1] == reason
+    assert lines.count(reason) == 2
+
+
+def test_check_outside_of_a_launch_prints_its_reason_once(ros: Ros) -> None:
+    program = ros.program("rosrun", "skiros2_skill", "check_skills", "[no_such_library]", "[]")
+    assert program.wait() == 1
+    assert program.output.count("library 'no_such_library'") == 1
+
+
+def processes(*words: str) -> list[str]:
+    """The command lines of the running processes that have all of these words."""
+    lines = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            lines.append(entry.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return [line for line in lines if all(word in line for word in words)]
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "nodes"),
+    [
+        ("skiros.launch", {"gui": False}, {"wm", "test_robot", "tm"}),
+        ("world_model_server.launch", {"gui": False}, {"wm"}),
+        ("skill_mgr.launch", {}, {"test_robot"}),
+        ("task_mgr.launch", {}, {"tm"}),
+    ],
+)
+def test_without_deploy_each_node_has_an_xterm(
+    ros: Ros, tmp_path: Path, file: str, arguments: dict[str, Any], nodes: set[str]
+) -> None:
+    logs = tmp_path / "logs"
+    with Display() as display:
+        env = {**ros.master.env, **display.env, "ROS_LOG_DIR": str(logs)}
+        program = ros.launch("skiros2", file, deploy=False, env=env, **arguments)
+
+        def windows() -> set[str]:
+            return {line.split()[2] for line in processes("xterm -T ", str(logs))}
+
+        wait_until(lambda: windows() == nodes, what=f"windows of {nodes}")
+        for node in nodes:
+            ros.wait_for_node(f"/{node}")
+        program.interrupt()
+        assert program.wait() == 0
+        wait_until(lambda: not windows(), what="the end of the windows")
+    assert "cannot load font" not in program.output
 
 
 def test_without_a_display_the_launch_says_so_in_one_line_and_goes_on(ros: Ros) -> None:

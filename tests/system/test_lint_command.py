@@ -29,14 +29,14 @@ def test_faults_are_told_with_file_and_line_from_here() -> None:
     done = lint("faulty_skills")
     assert done.returncode == 1
     *lines, summary = done.stdout.splitlines()
-    assert summary == "21 errors, 6 warnings"
-    assert len(lines) == 27
+    assert summary == "3 errors, 26 warnings"
+    assert len(lines) == 29
     assert all(line.startswith("faulty_skills/") for line in lines)
 
 
 def test_faults_as_json() -> None:
     faults = json.loads(lint("faulty_skills", "--json").stdout)
-    assert {"severity", "code", "skill", "text", "file", "line"} == set(faults[0])
+    assert {"severity", "code", "skill", "text", "file", "line", "done"} == set(faults[0])
 
 
 def test_a_package_that_is_not_there_is_wrong_usage() -> None:

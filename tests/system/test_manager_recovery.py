@@ -296,7 +296,7 @@ def test_clients_know_another_life_from_the_former_one(cell: Cell, ros: Ros, lay
     ros.kill_node(ROBOT)
     cell.start_manager()
     wait_until(lambda: layer.agents.get(ROBOT) not in (None, former), what="the other life")
-    assert layer.agents[ROBOT].tasks == {}
+    assert layer.agents[ROBOT].tasks == []
     assert "move" in layer.agents[ROBOT].skills
 
 

@@ -125,7 +125,7 @@ def test_the_run_is_in_the_bag(recorded: Recorded) -> None:
     (goal,) = run.goals()
     assert (goal.goals, goal.state) == (GOAL, "succeeded")
     (task,) = run.tasks()
-    assert (task.robot, task.message, task.is_whole) == (ROBOT, "Success", True)
+    assert (task.robot, task.message, task.is_whole) == (ROBOT, "End", True)
     assert [(s.label, s.state_name) for s in run.skills() if s.depth == 1] == [("drive", "Success")]
     assert run.world(goal.time).related(ROBOT_ID, "skiros:at", STATION)
     assert run.world().related(ROBOT_ID, "skiros:at", WORKSTATION)

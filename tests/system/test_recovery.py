@@ -58,7 +58,7 @@ def robot(wmi: WorldModelInterface) -> Iterator[SkillManagerInterface]:
 
 def skills(wmi: WorldModelInterface) -> dict[str, str]:
     """The skills of the robot that the manager has: id by label."""
-    robots = [r for r in wmi.resolve_elements(Element("cora:Robot")) if r.hasProperty("skiros:SkillMgr", ROBOT)]
+    robots = [r for r in wmi.resolve_elements(Element("cora:Robot")) if r.hasProperty("skiros:SkillMgr", ROBOT[1:])]
     ids = [r["dst"] for robot in robots for r in wmi.get_relations(robot.id, "skiros:hasSkill", "")]
     return {str(wmi.get_element(eid).label): eid for eid in ids}
 
@@ -142,6 +142,6 @@ def test_a_manager_that_did_not_hear_of_the_new_scene_sees_the_gap(ros_master: A
         wmi.add_element(Element("skiros:Part", "heard again"))
         wait_until(lambda: wmi.resolve_elements(Element("skiros:Wait")), what="the skill again")
         (robot,) = wmi.resolve_elements(Element("cora:Robot"))
-        assert robot.hasProperty("skiros:SkillMgr", rospy.get_name())
+        assert robot.hasProperty("skiros:SkillMgr", rospy.get_name()[1:])
     finally:
         manager.shutdown()

@@ -149,7 +149,8 @@ def test_a_preempted_action_is_cancelled(server: Server) -> None:
     skill = loaded(job_action, wish="long")
     skill.start()
     run(skill, until=lambda: bool(server.goals))
-    assert skill.preempt() is State.Failure
+    assert skill.preempt() is State.Success
+    assert skill.progress_msg == "Stopped"
     assert skill.onEnd()
     assert server.cancelled.wait(5)
 
@@ -226,7 +227,7 @@ def test_a_missing_server_is_named_without_holding_up_the_tree(monkeypatch: pyte
     assert skill.tick() is State.Running
     assert time.monotonic() - began_at < 0.2
     assert run(skill) is State.Failure
-    assert skill.progress_msg == "There is no action server /job"
+    assert (skill.progress_msg, skill.progress_code) == ("Action server /job is not available.", -101)
 
 
 def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -247,10 +247,9 @@ def test_the_interface_plans_and_waits(world: PlanningWorld) -> None:
 
 def connected(tasks: TaskManagerInterface) -> bool:
     try:
-        tasks.plan("(skiros:at nobody nowhere)")
-        return tasks.wait_for_result() is not None
+        return tasks.plan("(skiros:at nobody nowhere)") and tasks.wait_for_result() is not None
     except TimedOut:
-        return False  # not yet, or the connection was still that to the task manager of the test before
+        return False  # the connection was still that to the task manager of the test before
 
 
 def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:
@@ -264,5 +263,5 @@ def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:
 
 
 def test_without_a_task_manager_the_interface_does_not_wait_for_ever(ros: Ros) -> None:
-    with pytest.raises(TimedOut, match="no task manager answers on /tm/task_plan"):
-        TaskManagerInterface().plan("(skiros:at a b)")
+    with pytest.raises(TimedOut, match="no task manager answers on /tm/achieve"):
+        TaskManagerInterface().achieve("(skiros:at a b)")

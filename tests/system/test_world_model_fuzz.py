@@ -103,7 +103,11 @@ class Node:
 def node(ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Node]:
     workspace = tmp_path_factory.mktemp("fuzz")
     (workspace / "lab.owl").write_text(LAB)
-    (workspace / "blank.ttl").write_text("")
+    (workspace / "blank.ttl").write_text(
+        "@prefix skiros: <http://rvmi.aau.dk/ontologies/skiros.owl#> .\n"
+        "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
+        'skiros:Scene-0 a skiros:Scene ; rdfs:label "skiros:blank_scene" .\n'
+    )
     ros = Ros(ros_master)
     node = Node(ros, workspace)
     yield node
@@ -247,7 +251,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
         "a type name that is a builtin": ("modify", modify("add", _valued("[1]", "eval")), "eval"),
         "an element as a value": ("modify", modify("add", _valued("[{}]", "skiros_wm::Element")), "element"),
         "JSON that is none": ("modify", modify("add", _valued("oops", "str")), "oops"),
-        "JSON without end": ("modify", modify("add", _valued(endless, "list")), "nested"),
+        "JSON without end": ("modify", modify("add", _valued(endless, "list")), "no JSON list"),
         "a text for a number": ("modify", modify("add", _valued('["left"]', "str")), "PositionX"),
         "a bool for a number": ("modify", modify("add", _valued("[true]", "bool")), "PositionX"),
         "a number that no float holds": ("modify", modify("add", _valued(f"[{10**400}]", "int")), "PositionX"),
@@ -277,7 +281,6 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
             transaction(action="instantiate", element=msgs.WmElement(label="skiros:none")),
             "skiros:none",
         ),
-        "a snapshot of nothing": ("snapshot", ("nowhere",), "nowhere"),
         "the removal of the root": ("modify", modify("remove_recursive", msgs.WmElement(id=SCENE)), SCENE),
         "SPARQL that does not parse": ("ontology/query", ("SELECT oops", "", True), "SELECT oops"),
         "SPARQL that writes": ("ontology/query", ("INSERT DATA { :a :b :c }", "", True), "INSERT"),
@@ -306,7 +309,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
         "a file action that is none": ("load_and_save", ("delete", "lab.owl", "scene"), "unknown action 'delete'"),
         "a file of another format": ("load_and_save", ("load", "picture.ttl", "scene"), "picture.ttl"),
         "a file name that is a folder": ("load_and_save", ("load", "folder", "scene"), "folder"),
-        "a file name that is none": ("load_and_save", ("save", "", "empty"), "empty"),
+        "a file name that is none": ("load_and_save", ("save", "", "empty"), "name of the file"),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from importlib.util import find_spec
 
@@ -31,8 +32,10 @@ def launch(standalone: list[str]) -> int:
     """
     if why := display_trouble():
         _wait(f"{why}; everything else runs without the window")
+    interrupts: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))  # the window gets it too, and ends
     status = subprocess.call(rqt_command() or standalone)
-    if status == 0:
+    if status == 0 and not interrupts:
         _wait("the window was closed; to open it again: rosrun skiros2_gui skiros_gui")
     return status
 

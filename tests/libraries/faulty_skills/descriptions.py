@@ -17,9 +17,9 @@ class Fetch(SkillDescription):
 class unknown_key(PrimitiveBase):
     def createDescription(self):
         self.setDescription(Fetch(), "unknown_key")
-        self.addPreCondition(self.getRelationCond("Near", "skiros:at", "Robot", "Objekt", True))  # error: unknown-key
-        self.addHoldCondition(self.getPropCond("Fast", "skiros:Value", "Sped", ">", 1, True))  # error: unknown-key
-        self.addPostCondition(self.getIsSpecifiedCond("Done", "Nothing", True))  # error: unknown-key
+        self.addPreCondition(self.getRelationCond("Near", "skiros:at", "Robot", "Objekt", True))  # warning: unknown-key
+        self.addHoldCondition(self.getPropCond("Fast", "skiros:Value", "Sped", ">", 1, True))  # warning: unknown-key
+        self.addPostCondition(self.getIsSpecifiedCond("Done", "Nothing", True))  # warning: unknown-key
 
     def execute(self):
         return self.success("")
@@ -31,7 +31,7 @@ class unknown_key_in_or(PrimitiveBase):
         either = self.getOrCond(True)
         either.addCondition(self.getRelationCond("One", "skiros:contain", "Container", "Object", True))
         either.addCondition(self.getRelationCond("Other", "skiros:contain", "Box", "Object", True))
-        self.addPreCondition(either)  # error: unknown-key
+        self.addPreCondition(either)  # warning: unknown-key
 
     def execute(self):
         return self.success("")
@@ -54,7 +54,7 @@ class not_an_element(PrimitiveBase):
     def createDescription(self):
         self.setDescription(Fetch(), "not_an_element")
         condition = self.getRelationCond("In", "skiros:contain", "Container", "Speed", True)
-        self.addPreCondition(condition)  # error: wrong-type
+        self.addPreCondition(condition)  # warning: wrong-type
 
     def execute(self):
         return self.success("")
@@ -64,7 +64,7 @@ class contradiction(PrimitiveBase):
     def createDescription(self):
         self.setDescription(Fetch(), "contradiction")
         condition = self.getRelationCond("Empty", "skiros:contain", "Container", "Object", False)
-        self.addPreCondition(condition)  # error: contradiction
+        self.addPreCondition(condition)  # warning: contradiction
 
     def execute(self):
         return self.success("")
@@ -83,14 +83,14 @@ class hold_against_pre(PrimitiveBase):
 class widened(PrimitiveBase):
     def createDescription(self):
         self.setDescription(Fetch(), "widened")
-        self.addParam("Object", Element("sumo:Object"), ParamTypes.Required)  # error: contradicts-description
-        self.addParam("Speed", "fast", ParamTypes.Optional)  # error: contradicts-description
+        self.addParam("Object", Element("sumo:Object"), ParamTypes.Required)  # warning: contradicts-description
+        self.addParam("Speed", "fast", ParamTypes.Optional)  # warning: contradicts-description
 
     def execute(self):
         return self.success("")
 
 
-class dropped(PrimitiveBase):  # error: contradicts-description
+class dropped(PrimitiveBase):  # warning: contradicts-description
     def createDescription(self):
         self.setDescription(Fetch(), "dropped")
         del self.params.getParamMap()["Speed"]

@@ -44,9 +44,9 @@ class wrong_remaps(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("Say", "", remap={"Text": "Words"}),
-            self.skill("Say", "say", remap={"Txet": "Words"}, specify={"Text": "hello"}),  # error: unknown-remap
+            self.skill("Say", "say", remap={"Txet": "Words"}, specify={"Text": "hello"}),  # warning: unknown-remap
             self.skill(ParallelFf())(
-                self.skill("Fetch", "", remap={"Objekt": "Listener"}),  # error: unknown-remap
+                self.skill("Fetch", "", remap={"Objekt": "Listener"}),  # warning: unknown-remap
             ),
         )
 
@@ -58,7 +58,7 @@ class wrong_remap_of_a_descendant(SkillBase):
     def expand(self, skill):
         skill(
             self.skill("Tell", "right", remap={"Words": "Words", "Times": "Volume"}),
-            self.skill("Tell", "right", remap={"Loudness": "Volume"}),  # error: unknown-remap
+            self.skill("Tell", "right", remap={"Loudness": "Volume"}),  # warning: unknown-remap
         )
 
 
@@ -68,8 +68,8 @@ class wrong_values(SkillBase):
 
     def expand(self, skill):
         skill(
-            self.skill("Say", "", remap={"Text": "Words"}, specify={"Tmies": 2}),  # error: unknown-specify
-            self.skill("Say", "", remap={"Text": "Words"}, specify={"Times": "often"}),  # error: wrong-type
+            self.skill("Say", "", remap={"Text": "Words"}, specify={"Tmies": 2}),  # warning: unknown-specify
+            self.skill("Say", "", remap={"Text": "Words"}, specify={"Times": "often"}),  # warning: wrong-type
         )
 
 
@@ -79,8 +79,8 @@ class wrong_types(SkillBase):
 
     def expand(self, skill):
         skill(
-            self.skill("Say", "", remap={"Text": "Volume"}),  # error: wrong-type
-            self.skill("Fetch", "fetch", remap={"Object": "Listener"}),  # error: wrong-type
+            self.skill("Say", "", remap={"Text": "Volume"}),  # warning: wrong-type
+            self.skill("Fetch", "fetch", remap={"Object": "Listener"}),  # warning: wrong-type
         )
 
 
@@ -90,7 +90,7 @@ class wrong_pre_condition(SkillBase):
 
     def expand(self, skill):
         near = self.getRelationCond("Near", "skiros:at", "Robot", "Plcae", True)
-        skill(self.skill("Say", "", remap={"Text": "Words"}, preconditions=[near]))  # error: unknown-key
+        skill(self.skill("Say", "", remap={"Text": "Words"}, preconditions=[near]))  # warning: unknown-key
 
 
 class nothing_sets_it(SkillBase):
@@ -98,7 +98,7 @@ class nothing_sets_it(SkillBase):
         self.setDescription(Tell(), "nothing_sets_it")
 
     def expand(self, skill):
-        skill(self.skill("Say", "", remap={"Text": "Sentence"}))  # error: never-set
+        skill(self.skill("Say", "", remap={"Text": "Sentence"}))  # warning: never-set  # warning: unknown-target
 
 
 class no_such_skill(SkillBase):
@@ -109,6 +109,19 @@ class no_such_skill(SkillBase):
         skill(
             self.skill("Sya", ""),  # error: unknown-skill
             self.skill("Say", "shout", specify={"Text": "!"}),  # error: unknown-skill
+        )
+
+
+class wrong_targets(SkillBase):
+    def createDescription(self):
+        self.setDescription(Tell(), "wrong_targets")
+
+    def expand(self, skill):
+        skill(
+            self.skill("Say", "", remap={"Text": "Words", "Times": "Once"}),
+            self.skill("Fetch", "", remap={"Object": "Listner"}),  # warning: unknown-target
+            self.skill("Fetch", "", remap={"Object": "Parcel", "Container": "Tray"}),
+            self.skill("Fetch", "fetch", remap={"Object": "Parcel", "Container": "Tray"}),
         )
 
 

@@ -65,6 +65,7 @@ class grab_fake(PrimitiveBase):
         obj.removeRelation2(self.params["Container"].value.id, "skiros:contain", "-1")
         self._wmi.update_element(obj)
         gripper.setProperty("skiros:ContainerState", "Full")
+        self.params["Gripper"].value = gripper
         self.params["Grasped"].value = obj.label
         log.info("grab_fake", "Grasped %s" % obj.label)
         return self.success("Grasped {} with {}".format(obj, gripper))

@@ -26,6 +26,7 @@ XML_SCHEMA = "http://www.w3.org/2001/XMLSchema"
 IMPORTS = {"skiros": "rparts", "rparts": "cora", "cora": "corax", "corax": "sumo"}
 OURS = {
     "skiros:LockedBy",
+    "skiros:MissingParameter",
     "skiros:hasCondition",
     "skiros:hasValue",
     "skiros:AvailableForPlanning",

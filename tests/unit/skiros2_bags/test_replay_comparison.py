@@ -21,6 +21,8 @@ def test_of_a_traceback_the_last_line_counts() -> None:
     trace = 'Traceback (most recent call last):\n  File "a.py", line {}, in f\nValueError: {}'
     assert same_text(trace.format(1, "no"), trace.format(7, "no"), NARROW)
     assert not same_text(trace.format(1, "no"), trace.format(1, "yes"), NARROW)
+    before = "Work-work: ValueError: no (a.py, line {}, in f)\n"
+    assert same_text(before.format(1) + trace.format(1, "no"), before.format(2) + trace.format(2, "no"), NARROW)
 
 
 def run(processor: str, *ticks: str) -> Events:

@@ -35,7 +35,7 @@ def world_model(workspace: Path | None, strict: bool = False) -> tuple[LocalWorl
 
 def test_another_scene_becomes_that_of_the_bag(run: Run) -> None:
     wm, model = world_model(WORKSPACE)
-    extra = wm.add_element(Element("skiros:Product", "not in the bag"))
+    extra = wm.add_element(Element("skiros:Product", "not in the bag")).id
     wanted = run.world(run.start + 5)
     done = restore(wm, wanted)
     assert (done.added, done.removed) == (len(wanted) - 1, 1)

@@ -41,23 +41,23 @@ PLUGIN = "from base_of_plugins import Base\nclass {0}(Base):\n    pass\n"
 def test_subclasses_of_a_package_and_its_subpackages_are_found(package):
     name = package("lib_found", arm=PLUGIN.format("Arm"), base__drive=PLUGIN.format("Drive"), other="x = 1\n")
     loader = PluginLoader()
-    assert {p.__name__ for p in loader.load(name, Base)} == {"Arm", "Drive"}
+    assert {p.__name__ for p in loader.find(name, Base)} == {"Arm", "Drive"}
     assert loader.size() == 2
     assert loader.getPluginByName("Arm").__name__ == "Arm"
     assert loader.getPluginByName(f"{name}.base.drive.Drive").__name__ == "Drive"
-    assert loader.getPluginByName("Leg") is None
+    assert loader.named("Leg") is None
     assert len(loader.create()) == 2
 
 
 def test_a_class_that_a_module_only_imports_is_not_its_plugin(package):
     name = package("lib_imports", arm=PLUGIN.format("Arm"), user="from lib_imports.arm import Arm\n")
-    assert len(PluginLoader().load(name, Base)) == 1
+    assert len(PluginLoader().find(name, Base)) == 1
 
 
 def test_a_module_that_cannot_be_imported_is_reported_with_its_cause_and_the_rest_loads(package):
     name = package("lib_broken", arm=PLUGIN.format("Arm"), bad="def f(:\n", worse="import no_such_thing\n")
     loader = PluginLoader()
-    assert [p.__name__ for p in loader.load(name, Base)] == ["Arm"]
+    assert [p.__name__ for p in loader.find(name, Base)] == ["Arm"]
     assert "line 1" in loader.failures["lib_broken.bad"]
     assert "No module named 'no_such_thing'" in loader.failures["lib_broken.worse"]
 
@@ -68,7 +68,7 @@ def test_a_module_that_exits_is_reported_like_any_other(package, tmp_path):
     name = package("lib_exits", arm=PLUGIN.format("Arm"), script=leaves, tools__arm=PLUGIN.format("Arm"))
     (tmp_path / name / "tools" / "__init__.py").write_text(leaves)
     loader = PluginLoader()
-    assert [p.__name__ for p in loader.load(name, Base)] == ["Arm"]
+    assert [p.__name__ for p in loader.find(name, Base)] == ["Arm"]
     assert "line 2: SystemExit: nothing to do" in loader.failures["lib_exits.script"]
     assert "SystemExit: nothing to do" in loader.failures["lib_exits.tools"]
 

@@ -92,7 +92,7 @@ def test_a_bare_state_will_do(skill, answer, state):
 def test_a_pre_start_that_says_no_starts_no_thread(skill):
     skill.willing = False
     before = threading.active_count()
-    assert not skill.start()
+    assert skill.start() is State.Failure
     assert threading.active_count() == before
     assert skill.state is State.Failure
 
@@ -109,6 +109,6 @@ def test_it_does_not_start_while_its_thread_still_runs(skill):
     """Used by hand; in a task another instance is taken."""
     skill.start()
     assert skill.preempt() is State.Failure
-    assert not skill.start()
+    assert skill.start() is State.Failure
     assert skill.progress_msg == "the thread of an earlier start has not ended"
     assert not hasattr(skill, "answer")

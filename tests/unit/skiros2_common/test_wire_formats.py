@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
@@ -91,11 +91,11 @@ def test_a_key_given_twice_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("value", "datatype", "error"),
-    [("[1", "int", WrongValue), ("[1]", "nope", UnknownName), ('["a"]', "int", WrongType)],
+    ("value", "datatype", "named"),
+    [("[1", "int", "no JSON list"), ("[1]", "nope", "unknown type name 'nope'"), ('["a"]', "int", "got str 'a'")],
 )
-def test_broken_properties_are_refused(value, datatype, error):
-    with pytest.raises(error):
+def test_broken_properties_are_refused(value, datatype, named):
+    with pytest.raises(SkirosError, match=named):
         utils.deserializePropertyMap([msgs.Property("skiros:P", value, datatype)])
 
 
@@ -116,7 +116,7 @@ def test_a_registered_class_may_travel():
     assert isinstance(got.value, Colour)
     assert got.value.name == "red"
     assert utils.getStrFromType(Colour) == "test::Colour"
-    assert utils.getTypeFromStr("test::Colour") is Colour
+    assert utils.type_named("test::Colour") is Colour
 
 
 def test_a_class_without_a_wire_name_is_refused():

@@ -56,6 +56,21 @@ class note(PrimitiveBase):
         return self.success(self.params["Text"].value)
 
 
+class Break(SkillDescription):
+    def createDescription(self) -> None:
+        pass
+
+
+class break_down(PrimitiveBase):
+    """Raises in code of its own library."""
+
+    def createDescription(self) -> None:
+        self.setDescription(Break(), "break_down")
+
+    def execute(self) -> State:
+        return {"slow": State.Success}["sloow"]
+
+
 def furnish(wm: Any) -> dict[str, str]:
     """A box with a weighed product, an empty box, and a product that lies beside. Returns the ids by label."""
     ids: dict[str, str] = {}
@@ -65,7 +80,7 @@ def furnish(wm: Any) -> dict[str, str]:
         if weight is not None:
             element.setProperty("skiros:Weight", weight)
         element.addRelation(container, "skiros:contain", "-1")
-        ids[label] = wm.add_element(element)
+        ids[label] = wm.add_element(element).id
 
     add("skiros:LargeBox", "box")
     add("skiros:LargeBox", "empty box")

@@ -97,6 +97,18 @@ def test_more_calls_than_threads_all_end(desk: Desk) -> None:
     assert sorted(desk.seen) == list(range(3 * MOST_AT_ONCE))
 
 
+def test_urgent_call_waits_for_no_lane_and_no_free_thread(desk: Desk) -> None:
+    gate = threading.Event()
+    for _ in range(2 * MOST_AT_ONCE):
+        desk.jobs.run(lambda: gate.wait(10), desk.seen.append)
+    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, lane="/robot")
+    desk.jobs.run(lambda: "stopped", desk.seen.append, lane="/robot", urgent=True)
+    desk.until(lambda: bool(desk.seen))
+    assert desk.seen == ["stopped"]
+    gate.set()
+    desk.until(lambda: len(desk.seen) == 2 * MOST_AT_ONCE + 2)
+
+
 def test_what_is_under_way_is_told_while_it_is(desk: Desk) -> None:
     gate = threading.Event()
     told: list[list[str]] = []

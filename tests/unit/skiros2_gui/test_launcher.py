@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -93,9 +94,9 @@ class Launched:
         (folder / "rqt_gui/package.xml").write_text("<package><name>rqt_gui</name></package>")
         (folder / "rqt_gui_py.py").touch()
 
-    def start(self, env: Mapping[str, str], status: int = 0) -> Program:
+    def start(self, env: Mapping[str, str], status: int = 0, before: str = "") -> Program:
         rosrun = self._folder / "rosrun"
-        rosrun.write_text(f"#!/bin/sh\necho rosrun $*\nexit {status}\n")
+        rosrun.write_text(f"#!/bin/bash\necho rosrun $*\n{before}\nexit {status}\n")
         rosrun.chmod(0o755)
         source = [str(self._folder), str(ROOT / "skiros2_gui/src")]
         full = {
@@ -132,3 +133,13 @@ def test_a_window_that_was_closed_is_not_opened_again(launched: Launched) -> Non
 
 def test_a_window_that_failed_is_left_to_roslaunch_to_start_again(launched: Launched) -> None:
     assert launched.start({"QT_QPA_PLATFORM": "offscreen"}, status=3).wait() == 3
+
+
+def test_at_the_end_of_the_launch_the_window_has_the_time_to_close_and_nothing_is_printed(launched: Launched) -> None:
+    closes = "trap 'sleep 0.5; echo closed; exit' INT; echo open; while :; do sleep 0.1; done"
+    program = launched.start({"QT_QPA_PLATFORM": "offscreen"}, before=closes)
+    program.wait_for_line("^open")
+    os.killpg(program.pid, signal.SIGINT)
+    assert program.wait() == 0
+    assert "closed" in program.output
+    assert "Traceback" not in program.output

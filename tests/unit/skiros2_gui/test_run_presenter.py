@@ -124,11 +124,12 @@ def test_conditions_of_the_selected_node_are_told_with_their_values(window, pres
     assert marks == [("before the start (it has started; this is how it is now)", "✓"), ("while it runs", "✓")]
     assert "box" in text.conditions[0].text and "thing" in text.conditions[0].text
     assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
-    window.system.world.remove_element(window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0])
+    thing = window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0].id
+    window.system.world.remove_element(thing)
     until(window, lambda: presenter.run.now.has_ended)
     presenter.ask_node()
     text = presenter.node.text(presenter.frame, 1)
-    assert any("thing" in line for line in text.why)
+    assert f"element {thing} " in text.why[0]
     assert text.note.startswith("The task has ended")
 
 

@@ -12,11 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.explanation import INFERENCE, PRE
+from skiros2_common.core.world_element import Element
 from skiros2_gui.core.events import Progressed
 from skiros2_gui.core.skills_catalogue import rows_of
 from skiros2_gui.core.skills_fields import Editor, Field, Way
-from skiros2_gui.core.skills_presenter import SkillsPresenter
+from skiros2_gui.core.skills_presenter import Refused, SkillsPresenter
 from skiros2_gui.core.skills_tasks import TaskRow
+from skiros2_gui.core.skills_words import verdict
 from skiros2_gui.core.window import Window
 from skiros2_gui.testing.at_once import make_window
 from skiros2_gui.testing.local_system import LocalSystem
@@ -245,6 +247,27 @@ def test_a_start_that_would_be_refused_is_explained(lab: Lab) -> None:
     assert (refusal.stage, [f.label for f in refusal.findings]) == (PRE, ["BoxHasThing", "Weighed"])
 
 
+@pytest.mark.parametrize("name", ["robot", "/robot"])
+def test_robot_is_found_by_its_managers_name_with_and_without_slash(lab: Lab, name: str) -> None:
+    world = lab.system.world
+    robot = world.resolve_elements(Element("cora:Robot"))[0]
+    robot.setProperty("skiros:SkillMgr", name)
+    world.update_element(robot)
+    lab.skills.choose(FETCH)
+    assert lab.skills.trial.values["Robot"].id == robot.id
+
+
+def test_element_of_a_class_that_a_parameter_does_not_declare_is_not_refused_for_it(lab: Lab) -> None:
+    world = lab.system.world
+    bag = Element("skiros:Container", "bag")
+    bag.addRelation("skiros:Scene-0", "skiros:contain", "-1")
+    bag.addRelation("-1", "skiros:contain", lab.ids["bolt"])
+    world.add_element(bag)
+    lab.skills.choose(FETCH)
+    lab.skills.choose_value("Box", bag.id)
+    assert lab.skills.trial.works
+
+
 def test_an_element_that_is_gone_is_said(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", "skiros:Product-99")
@@ -312,6 +335,14 @@ def test_a_refused_start_says_why(lab: Lab) -> None:
     assert "there is no element" in lab.skills.refused.text
     assert "Thing" in {origin.key for origin in lab.skills.refused.explanation.tried[0].params}
     assert lab.skills.uses == {}
+
+
+def test_refusal_of_several_lines_has_the_first_as_its_text(lab: Lab) -> None:
+    lab.skills.choose(FETCH)
+    lab.skills.refused = Refused("start by window refused: KeyError: 'To' (pick.py, line 7)\nTraceback\n  more")
+    said = verdict(lab.skills)
+    assert said.text == "Refused: KeyError: 'To' (pick.py, line 7)"
+    assert said.details == ("Traceback", "  more")
 
 
 def test_a_task_that_failed_says_why(lab: Lab) -> None:

@@ -42,7 +42,7 @@ def test_a_full_tray_is_emptied_before_something_is_placed_in_it(planner: TaskPl
 
 
 def test_nobody_drives_to_where_another_robot_stands(planner: TaskPlanner, wmi: LocalWorldModel) -> None:
-    (station,) = [e for e in wmi.get_scene() if e.label == "Workstation 2"]
+    (station,) = [e for e in wmi.get_scene_elements() if e.label == "Workstation 2"]
     station.setProperty("demo:Free", False)
     wmi.update_element_properties(station)
     result = planner.plan(f"(skiros:contain {TRAY_B} {PRODUCT_A})")

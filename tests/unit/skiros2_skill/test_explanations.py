@@ -84,11 +84,11 @@ def test_a_condition_that_does_not_hold_tells_which_kind_it_is(bench, kind, stag
 
 def test_an_empty_inference_and_a_wrong_parameter_are_told_apart(bench):
     bench.load(primitive(Take, "take"))
+    gone = bench.wmi.get_element(bench.product.id)
     bench.wmi.remove_element(bench.product)
     bench.wmi.remove_element(bench.other_product)
     assert only(bench.run(bench.node("take"))).stage == INFERENCE
-    assert only(bench.run(bench.node("take", Object=bench.tray))).stage == PARAMETER
-    assert only(bench.run(bench.node("take", Spam=1))).stage == PARAMETER
+    assert only(bench.run(bench.node("take", Object=gone))).stage == PARAMETER
 
 
 def test_a_skill_that_nobody_has_is_a_refused_start(bench):
@@ -99,8 +99,8 @@ def test_a_skill_that_nobody_has_is_a_refused_start(bench):
 def test_each_implementation_that_was_tried_tells_why_not(bench):
     bench.load(primitive(Take, "take_one"), primitive(Take, "take_two"))
     node = SkillWrapper("Take", "", bench.library)
-    node.specifyParam("Object", bench.product)
-    node.specifyParam("Container", bench.other_tray)
+    node.specifyParamDefault("Object", bench.product)
+    node.specifyParamDefault("Container", bench.other_tray)
     explanation = only(bench.run(node))
     assert explanation.stage == START
     assert [(tried.label, tried.stage) for tried in explanation.tried] == [("take_one", PRE), ("take_two", PRE)]
@@ -113,7 +113,7 @@ def test_a_task_that_was_preempted_says_so(bench):
     task.tick()
     task.preempt()
     task.tick()
-    assert (only(task).stage, only(task).path) == (PREEMPT, ["root"])
+    assert (only(task).stage, only(task).path) == (PREEMPT, ["task_0"])
 
 
 # -- place -------------------------------------------------------------------------------------------------------------
@@ -253,8 +253,8 @@ def test_a_value_was_changed_by_the_skill_s_own_code_or_by_a_node_below(bench):
 def test_a_refused_start_tells_where_the_values_came_from_for_each_implementation(bench):
     bench.load(primitive(Take, "take_one"), primitive(Take, "take_two"))
     node = SkillWrapper("Take", "", bench.library)
-    node.specifyParam("Object", bench.product)
-    node.specifyParam("Container", bench.other_tray)
+    node.specifyParamDefault("Object", bench.product)
+    node.specifyParamDefault("Container", bench.other_tray)
     (explanation,) = bench.run(node).explanations()
     for tried in explanation.tried:
         assert {o.key: o.source for o in tried.params} == {"Object": GIVEN, "Container": GIVEN, "Robot": GIVEN}

@@ -114,7 +114,7 @@ def test_an_element_that_a_skill_adds_is_its_output(cell):
 def test_what_is_consumed_has_to_be_gone_and_what_is_unspecified_unset(cell):
     task = cell.command("Scrap", Object=cell.element("bolt"))
     assert task.tick() is State.Success, task.why
-    assert "bolt" not in [e.label for e in cell.wmi.get_scene()]
+    assert "bolt" not in [e.label for e in cell.wmi.get_scene_elements()]
 
 
 def test_labels_may_differ_in_case_only(cell):

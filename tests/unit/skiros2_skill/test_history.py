@@ -37,8 +37,8 @@ def test_a_task_that_has_failed_tells_code_message_and_reasons(bench, history):
 
 def test_a_task_that_has_succeeded_has_the_code_1(bench, history):
     record = history.end(ended(bench, 3))
-    assert (record.state, record.code, record.message, record.explanations) == (State.Success, 1, "Success", [])
-    assert str(record).endswith("has succeeded: Success")
+    assert (record.state, record.code, record.message, record.explanations) == (State.Success, 1, "End", [])
+    assert str(record).endswith("has succeeded: End")
 
 
 def test_a_task_that_was_preempted_says_so(bench, history):
@@ -92,8 +92,8 @@ def test_the_last_ones_are_kept(bench):
         history.get(0)
 
 
-def test_a_message_of_several_lines_is_told_in_one():
-    trace = "Traceback (most recent call last):\n  File ...\n\nValueError: broken\n"
-    assert one_line(trace) == "Traceback (most recent call last): ValueError: broken"
+def test_of_a_message_of_several_lines_the_first_is_told():
+    raised = "ValueError: broken (skills.py, line 3, in execute)\nTraceback (most recent call last):\n  File ...\n"
+    assert one_line(raised) == "ValueError: broken (skills.py, line 3, in execute)"
     assert one_line("plain") == "plain"
     assert one_line(" \n") == ""

@@ -48,7 +48,7 @@ def make_params(wanted, types):
 
 def all_solutions(ph, conditions, wmi):
     """Every combination of elements for the unset parameters of which all conditions hold."""
-    keys = [key for key, param in ph.items() if not param.isSpecified()]
+    keys = [key for key, param in ph.items() if not param.is_bound()]
     domains = [sorted(wmi.resolve_elements(ph.getParam(key).default), key=lambda e: id_order(e.id)) for key in keys]
     copy = ParamHandler(ph.getCopy())
     for values in itertools.product(*domains):
@@ -92,7 +92,7 @@ def test_it_finds_what_a_search_through_all_combinations_finds(wmi, kinds, relat
         if fitting:
             ph.specify(key, fitting[0])
     solutions = list(all_solutions(ph, some, wmi))
-    unset = [key for key, param in ph.items() if not param.isSpecified()]
+    unset = [key for key, param in ph.items() if not param.is_bound()]
     failed = infer(ph, [c.copy() for c in some], wmi)
     # Conditions on given values alone are not the search's.
     spoken = [c for c in some if not set(unset).isdisjoint(c.getKeys())]
@@ -107,7 +107,7 @@ def test_it_finds_what_a_search_through_all_combinations_finds(wmi, kinds, relat
         assert {key: again.getParamValue(key).id for key in unset} == found
     else:
         assert not solutions
-        assert not any(ph.isSpecified(key) for key in unset)
+        assert not any(ph.is_bound(key) for key in unset)
         told_of = candidates_of(failed)
         assert [c.key for c in told_of] == failed.failed
         assert told(failed, told_of)
@@ -249,7 +249,7 @@ def test_a_label_is_asked_for_also_where_a_relation_gives_the_candidates(bench, 
     failed = infer(ph, [AT_TRAY], bench.wmi)
     if label == "other product":
         assert failed is not None
-        assert not ph.isSpecified("Part")
+        assert not ph.is_bound("Part")
     else:
         assert failed is None
         assert ph.getParamValue("Part").id == bench.product.id

@@ -108,7 +108,7 @@ def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(ticker, bench):
     before, threads = alive(), threading.active_count()
     for _ in range(40):
         a_hundred_nodes()
-    assert threading.active_count() == threads
+    assert threading.active_count() <= threads  # those of other tests may end meanwhile
     deadline = time.monotonic() + 10.0  # the ticking thread may still be telling of the last task
     while sum((more := alive() - before).values()) >= 100 and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -80,7 +80,7 @@ def test_an_element_of_the_blackboard_that_is_gone_when_a_skill_starts_is_unset(
     hold = describe("Hold", [("Object", Element("skiros:Product"), OPTIONAL)])
     bench.load(
         primitive(hold, "hold", execute=lambda s: s.success(str(s.params.isSpecified("Object")))),
-        primitive(describe("Eat"), "eat", execute=lambda s: s.wmi.remove_element(bench.product) or s.success()),
+        primitive(describe("Eat"), "eat", execute=lambda s: s.wmi.remove_element(bench.product.id) and s.success()),
     )
     task = bench.run(bench.node("eat"), bench.node("hold"), Object=bench.product)
     assert task.state is State.Success
@@ -212,27 +212,25 @@ def test_an_empty_string_as_remap_is_none(bench):
 
 @pytest.mark.parametrize(
     ("given", "named"),
-    [({"Txt": "x"}, "no parameter 'Txt'; there are: Text, Robot"), ({"Text": 5}, "Text: expected a value of type str")],
+    [({"Txt": "x"}, "no parameter 'Txt'; near: Text"), ({"Text": 5}, "Text: expected a value of type str")],
 )
-def test_an_unknown_key_or_a_wrong_type_is_a_failure_not_a_default(bench, given, named):
-    bench.load(primitive(Speak, "speak"))
-    node = bench.node("speak", **given)
-    assert bench.run(node).state is State.Failure
-    assert named in node.progress_msg
+def test_an_unknown_key_or_a_wrong_type_in_specify_is_logged_and_ignored(bench, caplog, given, named):
+    bench.load(primitive(Speak, "speak", execute=tell("Text")))
+    with caplog.at_level("ERROR"):
+        task = bench.run(bench.node("speak", **given))
+    assert named in caplog.text
+    assert "hello" in messages(task)
 
 
-def test_a_blackboard_value_of_another_type_is_a_failure_that_names_it(bench):
-    bench.load(primitive(Note, "note"))
-    node = bench.node("note")
-    assert bench.run(node, Text=5).state is State.Failure
-    assert "parameter 'Text' takes the value of 'Text'" in node.progress_msg
-
-
-def test_an_element_of_another_class_does_not_fit(bench):
+def test_an_element_of_another_class_is_taken_where_no_implementation_declares_its_class(bench):
     bench.load(primitive(describe("Hold", [OBJECT]), "hold"))
     node = bench.node("hold", Object=bench.tray)
-    assert bench.run(node).state is State.Failure
-    assert f"parameter 'Object' is {bench.tray!r}, expected a skiros:Product" in node.progress_msg
+    assert bench.run(node).state is State.Success
+    bench.load(primitive(describe("Hold", [("Object", Element("skiros:LargeBox"), REQUIRED)]), "hold_box"))
+    assert [bench.run(bench.node("Hold", Object=e)).root.children[0].label for e in (bench.tray, bench.product)] == [
+        "hold_box",
+        "hold",
+    ]
 
 
 @pytest.mark.parametrize("any_type", [Element(), Element(""), Element])
@@ -298,17 +296,6 @@ def test_when_there_is_no_element_of_the_type_the_message_says_so(bench):
     node = bench.node("watch")
     bench.run(node)
     assert "no skiros:DepthCamera in the scene for parameter 'Camera'" in node.progress_msg
-
-
-def test_inferred_values_are_not_left_on_the_blackboard(bench):
-    ask = describe("Ask", [("Container", Element("skiros:Container"), OPTIONAL)])
-    bench.load(
-        primitive(Take, "take"),
-        primitive(ask, "ask", execute=lambda s: s.success(str(s.params.isSpecified("Container")))),
-    )
-    task = bench.run(bench.node("take", Object=bench.product), bench.node("ask"))
-    assert task.state is State.Success
-    assert task.root.children[1].progress_msg == "False"
 
 
 def test_inferred_values_are_found_anew_when_the_skill_starts_again(bench):
@@ -415,7 +402,7 @@ def test_expand_on_start_expands_at_each_start(bench, anew, expansions):
     assert len(count) == expansions
 
 
-def test_a_compound_s_own_execute_runs_after_its_children_and_may_keep_their_state(bench):
+def test_a_compound_s_own_execute_runs_when_its_children_have_ended_and_may_keep_their_state(bench):
     seen = []
 
     class Watching(SkillBase):
@@ -430,7 +417,7 @@ def test_a_compound_s_own_execute_runs_after_its_children_and_may_keep_their_sta
 
     bench.load(primitive(Work, "work", execute=running_for(2)), Watching)
     assert bench.run(bench.node("watching")).state is State.Success
-    assert len(seen) == 2
+    assert len(seen) == 1
 
 
 def test_a_description_may_be_narrowed_by_an_implementation(bench):

@@ -4,6 +4,7 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_skill.core.processors import (
+    Loop,
     NoFail,
     NoProcessor,
     ParallelFf,
@@ -79,6 +80,14 @@ def run(processor, *states):
         (RetryOnFail(0), ["F"], "F", [1]),
         (RetryOnFail(2), ["F"], "RRF", [3]),
         (RetryOnFail(), ["FFFFS"], "RRRRS", [5]),
+        (RetryOnFail(1, Selector()), ["F", "FS"], "RS", [2, 2]),
+        (RetryOnFail(1, ParallelFf()), ["S", "FS"], "RS", [2, 2]),
+        # from the first child again after a success
+        (Loop(1), ["S", "S"], "S", [1, 1]),
+        (Loop(3), ["S", "RSSS"], "RRRS", [3, 4]),
+        (Loop(2, ParallelFf()), ["S", "S"], "RS", [2, 2]),
+        (Loop(), ["SSF"], "RRF", [3]),
+        (NoFail(Loop()), ["SF"], "RS", [2]),
         (NoProcessor(), ["F"], "S", [0]),
     ],
 )

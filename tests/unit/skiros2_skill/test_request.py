@@ -27,7 +27,7 @@ def test_a_request_becomes_nodes_with_its_values_fixed(skills):
     task = skills.run(
         *nodes(skills, request("Note", "note", Text="a"), request("skiros:Hold", "", Object=skills.product))
     )
-    assert [n.label for n in task.nodes()] == ["root", "note", "hold"]
+    assert [n.label for n in task.nodes()] == ["task_0", "note", "hold"]
     assert task.root.children[1].params.getParamValue("Object").id == skills.product.id
 
 

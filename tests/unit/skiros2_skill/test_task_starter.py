@@ -15,7 +15,7 @@ from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.progress import param_messages, wire_code, wire_text
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter
 from skiros2_world_model.core.world_model_abstract_interface import WmException
-from unit.skiros2_skill.skills import Note, primitive
+from unit.skiros2_skill.skills import OBJECT, Note, describe, primitive
 
 
 @pytest.fixture
@@ -101,3 +101,65 @@ def test_any_text_can_be_sent(text):
 
 def test_codes_are_kept_within_their_type():
     assert [wire_code(code) for code in (-100_000, -404, 7, 100_000)] == [-32768, -404, 7, 32767]
+
+
+# -- parameters as people write them -----------------------------------------------------------------------------------
+
+
+def written(stype, *params):
+    return msgs.ResourceDescription(stype, "", [msgs.Param(p if isinstance(p, str) else json.dumps(p)) for p in params])
+
+
+@pytest.fixture
+def given(starter, ticker):
+    """The values of a parameter with which a skill runs that is asked for so."""
+
+    def run(stype, key, values):
+        task = starter.make("tests", [written(stype, {"key": key, "values": values})])
+        ticker.start(task.id)
+        assert task.ended.wait(10)
+        return task.root.children[0].params[key].values
+
+    return run
+
+
+@pytest.mark.parametrize("values", ["a", ["a"]])
+def test_a_text_needs_no_type(given, values):
+    assert given("Note", "Text", values) == ["a"]
+
+
+def test_an_element_is_given_by_its_id_or_label(given, bench):
+    bench.load(primitive(describe("Hold", [OBJECT]), "hold"))
+    product = bench.other_product
+    for values in (product.id, product.label, [product.id], {"id": product.id}, {"label": product.label}):
+        (value,) = given("Hold", "Object", values)
+        assert value.id == product.id
+
+
+def test_a_whole_number_is_taken_where_a_real_one_is_declared(given, bench):
+    bench.load(primitive(describe("Turn", [("Angle", float, ParamTypes.Required)]), "turn"))
+    assert given("Turn", "Angle", [2]) == [2.0]
+
+
+def test_all_problems_of_a_request_are_reported_at_once(starter, bench, ticker):
+    bench.load(primitive(describe("Hold", [OBJECT, ("Times", int, ParamTypes.Required)]), "hold"))
+    skills = [
+        written(
+            "Hold", {"key": "Object", "values": "prodct"}, {"key": "Tmes", "values": 1}, "no json", {"key": "Times"}
+        ),
+        written("Nte", {"key": "Text", "values": "a"}),
+        written("Note", {"key": "Text", "values": 7}),
+    ]
+    with pytest.raises(TaskRefused) as refused:
+        starter.make("tests", skills)
+    for part in (
+        "parameter 'Object': no element has the id or label 'prodct'; near: product",
+        "has no parameter 'Tmes'",
+        "params[2]: parameter is not JSON",
+        "params[3]: parameter 'Times' has no \"values\"",
+        "required parameter 'Times' (int) is not set",
+        "no skill of type skiros:Nte; near: skiros:Note",
+        "parameter Text: expected a value of type str, got int 7",
+    ):
+        assert part in str(refused.value)
+    assert ticker.tasks() == []

@@ -193,7 +193,7 @@ def test_a_command_is_checked_as_in_a_manager(skill_bench):
     with pytest.raises(Refused, match="required parameter 'Text'"):
         skill_bench.command("Note")
     with pytest.raises(UnknownName, match="no parameter 'Txt'"):
-        skill_bench.command("Note", Txt="x")
+        skill_bench.command("Note", Text="x", Txt="x")
     assert skill_bench.command("Note", Text="x").run().state is State.Success
 
 
@@ -360,7 +360,9 @@ def test_what_was_injected_is_taken_back():
 
 def test_a_world_model_that_refuses_changes_fails_the_skill_that_makes_one(skill_bench):
     def paint(skill):
-        skill.params["Object"].value.setProperty("skiros:Weight", 2.0)
+        product = skill.params["Object"].value
+        product.setProperty("skiros:Weight", 2.0)
+        skill.params["Object"].value = product
         return skill.success()
 
     skill_bench.add("skiros:Product", "bolt", Weight=1.0)

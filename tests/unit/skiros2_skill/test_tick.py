@@ -298,7 +298,7 @@ def test_with_an_empty_label_the_first_that_fits_is_taken(bench):
 
     def chosen(product):
         node = SkillWrapper("Lift", "", bench.library)
-        node.specifyParam("Object", product)
+        node.specifyParamDefault("Object", product)
         assert bench.run(node).state is State.Success
         return node.label
 
@@ -309,8 +309,8 @@ def test_with_an_empty_label_the_first_that_fits_is_taken(bench):
 def test_when_none_fits_each_says_why(bench):
     bench.load(primitive(Take, "take_left"), primitive(Take, "take_right"))
     node = SkillWrapper("Take", "", bench.library)
-    node.specifyParam("Object", bench.product)
-    node.specifyParam("Container", bench.other_tray)
+    node.specifyParamDefault("Object", bench.product)
+    node.specifyParamDefault("Container", bench.other_tray)
     bench.run(node)
     assert "take_left: Pre-condition failed" in node.progress_msg
     assert "take_right: Pre-condition failed" in node.progress_msg
@@ -337,9 +337,11 @@ def test_the_same_skill_may_run_several_times_at_once(bench):
 # -- elements ----------------------------------------------------------------------------------------------------------
 
 
-def test_an_element_that_a_skill_changes_is_written_back(bench):
+def test_an_element_that_a_skill_changes_and_assigns_is_written(bench):
     def execute(self):
-        self.params["Object"].value.setProperty("skiros:Weight", 4.0)
+        product = self.params["Object"].value
+        product.setProperty("skiros:Weight", 4.0)
+        self.params["Object"].value = product
         return self.success()
 
     bench.load(primitive(describe("Weigh", [OBJECT]), "weigh", execute=execute))
@@ -353,7 +355,9 @@ def test_only_what_a_skill_changed_is_written(bench):
         other = self.wmi.get_element(self.params["Object"].value.id)
         other.setProperty("skiros:CadModel", "theirs")
         self.wmi.update_element(other)
-        self.params["Object"].value.setProperty("skiros:Weight", 4.0)
+        product = self.params["Object"].value
+        product.setProperty("skiros:Weight", 4.0)
+        self.params["Object"].value = product
         return self.success()
 
     bench.load(primitive(describe("Weigh", [OBJECT]), "weigh", execute=execute))
@@ -363,15 +367,17 @@ def test_only_what_a_skill_changed_is_written(bench):
     assert after.getProperty("skiros:CadModel").value == "theirs"
 
 
-def test_an_abstract_element_that_got_data_is_added(bench):
+def test_an_abstract_element_that_got_data_is_not_added(bench):
     def execute(self):
-        self.params["Found"].value.setProperty("skiros:Weight", 1.0)
+        found = self.params["Found"].value
+        found.setProperty("skiros:Weight", 1.0)
+        self.params["Found"].value = found
         return self.success()
 
     look = describe("Look", [("Found", Element("skiros:Starter"), OPTIONAL)])
     bench.load(primitive(look, "look", execute=execute))
     assert bench.run(bench.node("look")).state is State.Success
-    assert len(bench.wmi.resolve_elements(Element("skiros:Starter"))) == 1
+    assert not bench.wmi.resolve_elements(Element("skiros:Starter"))
 
 
 def test_elements_are_read_anew_before_every_execute(bench):
@@ -391,19 +397,23 @@ def test_elements_are_read_anew_before_every_execute(bench):
     assert seen == [None, 9.0]
 
 
-def test_an_element_that_is_deleted_while_a_skill_runs_leaves_its_parameter_unset(bench):
+def test_a_skill_whose_element_is_removed_while_it_runs_fails_and_names_the_element(bench):
     seen = []
 
     def execute(self):
-        seen.append(self.params.isSpecified("Object"))
+        seen.append(self.params["Object"].value.id)
         return self.step()
 
     bench.load(primitive(describe("Watch", [OBJECT]), "watch", execute=execute))
-    task = bench.task(bench.node("watch", Object=bench.product))
+    node = bench.node("watch", Object=bench.product)
+    task = bench.task(node)
     task.tick()
-    bench.wmi.remove_element(bench.product)
-    task.tick()
-    assert seen == [True, False]
+    eid = bench.product.id
+    bench.wmi.remove_element(eid)
+    assert task.tick() is State.Failure
+    assert seen == [eid]
+    assert f"element {eid} was removed by test at " in node.progress_msg
+    assert node.progress_msg.endswith("while watch was running with it")
 
 
 def test_a_given_element_that_does_not_exist_is_an_error_not_a_wish(bench):
@@ -592,6 +602,6 @@ def test_progress_of_a_task_names_only_its_own_nodes(bench):
     other = bench.task(bench.node("note", Text="x"))
     one.tick()
     other.tick()
-    assert [p.label for p in one.progress()] == ["root", "speak"]
-    assert [p.label for p in other.progress()] == ["root", "note"]
+    assert [p.label for p in one.progress()] == ["task_0", "speak"]
+    assert [p.label for p in other.progress()] == ["task_0", "note"]
     assert one.progress()[1].parent_id == one.id

@@ -201,3 +201,64 @@ def test_a_skill_may_give_commands_from_its_own_hooks(ticker, skills):
     other = started(one, skills, skills.node("endless"))
     started(one, skills, skills.node("ender"))
     assert other.ended.wait(5)
+
+
+# -- an answer comes when what it promises is so -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def gate(skills):
+    """A skill that is in `execute` when `entered` is released, and leaves it when `open` is."""
+
+    class Gate:
+        entered, open = threading.Semaphore(0), threading.Semaphore(0)
+        ticks = 0
+
+        def __call__(self, skill):
+            self.ticks += 1
+            self.entered.release()
+            assert self.open.acquire(timeout=30)
+            return skill.step("")
+
+    gate = Gate()
+    skills.load(primitive(Work, "gate", execute=gate))
+    return gate
+
+
+def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(ticker, skills, gate):
+    one = ticker()
+    task = started(one, skills, skills.node("gate"), ticks=1)
+    assert gate.entered.acquire(timeout=5)
+    assert not one.wait_for_rest([task.id], 0.05)
+    gate.open.release()
+    assert one.wait_for_rest([task.id], 10)
+    assert task.paused
+    one.start(task.id)  # is not refused
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    assert not one.wait_for_rest([task.id], 0.05)
+    gate.open.release()
+    assert one.wait_for_rest([task.id], 10)
+
+
+def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(ticker, skills, gate):
+    one = ticker()
+    task = started(one, skills, skills.node("gate"))
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    one.start(task.id, ticks=1)
+    gate.open.release(2)
+    assert one.wait_for_rest([task.id], 10)
+    assert gate.ticks == 2
+
+
+def test_a_task_that_was_preempted_is_not_resumed(ticker, skills, gate):
+    one = ticker()
+    task = started(one, skills, skills.node("gate"))
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    one.preempt(task.id)
+    with pytest.raises(Refused, match="was preempted"):
+        one.start(task.id)
+    gate.open.release()
+    assert task.ended.wait(5)

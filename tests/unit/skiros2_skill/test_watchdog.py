@@ -5,6 +5,7 @@ import threading
 import pytest
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.explanation import PREEMPT
 from skiros2_skill.core.skill import ParallelFf, Skill
 from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
@@ -169,7 +170,7 @@ def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(ti
     stuck.released.set()
     assert stuck.returned.wait(5)
     one.stop()
-    assert task.root.params["Text"].value == "before"
+    assert task.root.params["Text"].value == "hello"  # the default, from the start
 
 
 def test_devices_of_a_skill_left_behind_are_free(ticker, bench, stuck):
@@ -277,3 +278,81 @@ def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(ticker, ben
     assert calls == ["onPreempt"]
     assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Idle"
     assert not bench.library.by_label("weld").busy
+
+
+# -- preempted while a hook is being called --------------------------------------------------------------------------
+
+
+def preempted_in(ticker, bench, stuck, **hooks):
+    """A task that was preempted while `execute` is being called, which returns then."""
+    bench.load(primitive(Work, "stuck", execute=stuck, **hooks), primitive(Work, "next"))
+    one = ticker()
+    task = started(one, bench, bench.node("stuck"), bench.node("next"))
+    assert stuck.reached.wait(5)
+    one.preempt(task.id)
+    stuck.released.set()
+    assert task.ended.wait(10)
+    return task
+
+
+def test_a_preempted_task_has_failed_whatever_the_running_execute_still_answers(ticker, bench, stuck):
+    task = preempted_in(ticker, bench, stuck)
+    assert (task.state, task.root.progress_code, task.root.progress_msg) == (State.Failure, -1, "Preempted")
+    assert task.cause().stage == PREEMPT
+
+
+def test_no_skill_starts_after_its_task_was_preempted(ticker, bench, stuck):
+    task = preempted_in(ticker, bench, stuck)
+    assert [node.state for node in task.root.children] == [State.Success, State.Idle]
+
+
+def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(ticker, bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck))
+    one = ticker()
+    task = started(one, bench, bench.node("stuck"))
+    assert stuck.reached.wait(5)
+    one.preempt(task.id)
+    stuck.released.set()
+    assert task.ended.wait(10)
+    assert (task.state, task.root.progress_msg) == (State.Failure, "Preempted")
+
+
+def test_a_hook_has_less_time_than_a_skill_that_is_running_after_its_preemption(bench, stuck):
+    bench.load(primitive(Work, "stuck", execute=stuck))
+    one = Ticker(rate=200, preempt_timeout=60, hook_timeout=0.2)
+    try:
+        task = started(one, bench, bench.node("stuck"))
+        assert stuck.reached.wait(5)
+        one.preempt(task.id)
+        assert task.ended.wait(10)
+        assert "execute has not returned" in task.root.progress_msg
+    finally:
+        stuck.released.set()
+        one.stop(timeout=0.5)
+
+
+def test_a_skill_that_is_running_after_its_preemption_has_more_time_than_a_hook(bench):
+    begun, ended = threading.Event(), threading.Event()
+    ticks = []
+
+    def ends(self):
+        ticks.append(1)
+        begun.set()
+        return self.success("") if len(ticks) > 100 and ended.is_set() else self.step("")
+
+    def on_preempt(self):
+        ended.set()
+        ticks.clear()
+        return State.Running
+
+    bench.load(primitive(Work, "brakes", execute=ends, onPreempt=on_preempt))
+    one = Ticker(rate=200, preempt_timeout=60, hook_timeout=0.1)
+    try:
+        task = started(one, bench, bench.node("brakes"))
+        assert begun.wait(5)
+        one.preempt(task.id)
+        assert task.ended.wait(20)
+        assert (task.state, task.root.progress_msg) == (State.Failure, "Preempted")
+        assert len(ticks) == 101
+    finally:
+        one.stop(timeout=0.5)

@@ -15,6 +15,7 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.aau_spatial_reasoner import AauSpatialReasoner
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
 SCENE = "skiros:Scene-0"
@@ -42,7 +43,7 @@ class Poses(RuleBasedStateMachine):
         self.wm = LocalWorldModel("tester", model)
         self.reasoner = AauSpatialReasoner()
         reasoners.add(self.reasoner)
-        self.reasoner.init(self.wm)
+        self.reasoner.init(ReasonerWorldModel(model))
         model.add_reasoner(self.reasoner)
 
     def teardown(self) -> None:

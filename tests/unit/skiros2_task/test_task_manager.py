@@ -42,7 +42,7 @@ class Handle:
 
 
 def test_a_goal_may_come_while_another_ends() -> None:
-    manager = TaskManager(NoPlan())  # type: ignore[arg-type]
+    manager = TaskManager(NoPlan(), lambda call: None)  # type: ignore[arg-type]
     lock = threading.RLock()
     first, second = Handle(lock), Handle(lock)
 

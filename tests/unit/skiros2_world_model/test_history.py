@@ -60,7 +60,7 @@ def test_the_last_change_of_an_element_a_property_and_a_relation(mary: LocalWorl
 
 def test_an_element_that_is_gone_has_a_history(mary: LocalWorldModel, paul: LocalWorldModel) -> None:
     tray = box(mary, Weight=1.0)
-    paul.remove_element(tray)
+    paul.remove_element(tray.id)
     [made, removed] = mary.history(tray.id)
     assert (made.author, made.before, [e.id for e in made.after]) == ("mary", [], [tray.id])
     assert (removed.author, [e.id for e in removed.before], removed.after) == ("paul", [tray.id], [])
@@ -79,7 +79,7 @@ def test_a_request_is_one_entry_with_all_that_it_changed(mary: LocalWorldModel) 
 def test_a_load_is_told_with_its_file_and_what_is_other(mary: LocalWorldModel) -> None:
     kept, removed = box(mary, Weight=1.0), box(mary)
     mary.save("cell.ttl")
-    mary.remove_element(removed)
+    mary.remove_element(removed.id)
     added = box(mary)
     number = mary.model.number
     mary.load("cell.ttl")

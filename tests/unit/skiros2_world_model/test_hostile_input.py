@@ -40,7 +40,7 @@ def stored_everywhere(wm: LocalWorldModel, name: str) -> bool:
 
     before = content()
     rows = wm.query_ontology("SELECT ?s ?t { ?s a ?t . FILTER(?t != owl:NamedIndividual) }", context="scene")
-    assert set(rows) == {" ".join(element) for element in before[0]}
+    assert set(rows) == {f"{eid} {etype} " for eid, etype in before[0]}
     wm.save("all.ttl")
     wm.load("all.ttl")
     assert content() == before

@@ -129,7 +129,7 @@ def test_a_number_is_not_given_again_after_a_restart(lives: Lives) -> None:
     wm = lives.start()
     one = box()
     wm.add_element(one)
-    wm.remove_element(one)
+    wm.remove_element(one.id)
     lives.kill()
     other = box()
     lives.start().add_element(other)

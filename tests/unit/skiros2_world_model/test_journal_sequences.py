@@ -96,8 +96,9 @@ def ask(model: WorldModel, kind: str, what: Any, where: Any) -> None:
 def content(model: WorldModel) -> dict[str, Any]:
     found: dict[str, Any] = {
         name: (context.file, sorted(map(str, context.extras))) for name, context in model._contexts.items()
+        if context.scene or context.extras
     }
-    for name in model.contexts():
+    for name in found.copy():
         for node in model.scene(name):
             values = {key: (p.dataType(), repr(p.values)) for key, p in node.properties.items()}
             found[f"{name} {node.id}"] = node.type, node.label, values, node.made

@@ -16,7 +16,8 @@ from skiros2_world_model.core.world_model import WorldModel
 
 def graph(model, context="scene"):
     """The triples that SPARQL sees."""
-    return set(model.query("SELECT ?s ?p ?o { ?s ?p ?o }", context, cut_prefix=False))
+    rows = model.query("SELECT ?s ?p ?o { ?s ?p ?o }", context, cut_prefix=False)
+    return {row.removesuffix(" ") for row in rows}
 
 
 def graph_of_the_text(model, tmp_path):

@@ -23,7 +23,7 @@ def wm() -> LocalWorldModel:
 def add(wm: Any, cls: str, inside: str = ROOT) -> str:
     element = Element(cls)
     element.addRelation(inside, "skiros:contain", "-1")
-    return str(wm.add_element(element))
+    return str(wm.add_element(element).id)
 
 
 def test_it_begins_as_the_scene_is(wm: LocalWorldModel) -> None:

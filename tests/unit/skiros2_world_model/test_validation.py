@@ -127,6 +127,43 @@ def test_an_element_is_in_one_place(validate):
     }
 
 
+@pytest.mark.parametrize(
+    ("shelf", "cup", "told_of"),
+    [
+        ("skiros:PublishTf true", f"skiros:PublishTf true ; {POSE}", ["skiros:LargeBox-3"]),
+        ("skiros:PublishTf false", POSE, ["skiros:LargeBox-3"]),
+        ("skiros:PublishTf false", f'skiros:BaseFrameId "skiros:LargeBox-2" ; {POSE}', ["skiros:LargeBox-3"]),
+        ("skiros:PublishTf true", f'skiros:BaseFrameId "camera" ; {POSE}', []),
+        ("skiros:PublishTf true", f"skiros:PublishTf false ; {POSE}", []),
+        ("skiros:PublishTf true", "skiros:PublishTf true", []),
+        (f"skiros:PublishTf false ; {POSE}", POSE, []),
+        ('skiros:FrameId "base_link"', POSE, []),
+        ('skiros:LinkedToFrameId "gripper"', POSE, []),
+    ],
+)
+def test_a_published_frame_in_one_that_nobody_publishes_is_reported(validate, shelf, cup, told_of):
+    named = 'a skiros:LargeBox ; skiros:DiscreteReasoner "AauSpatialReasoner"'
+    report = validate(
+        f"""skiros:Scene-0 a skiros:Scene ; skiros:contain skiros:LargeBox-2 .
+        skiros:LargeBox-2 {named} ; {shelf} ; skiros:contain skiros:LargeBox-3 .
+        skiros:LargeBox-3 {named} ; {cup} ."""
+    )
+    found = [f for f in report.findings if f.property == "skiros:PublishTf"]
+    assert [f.element for f in found] == told_of
+    assert all("skiros:LargeBox-2" in f.text and f.severity == WARNING for f in found)
+
+
+def test_a_frame_in_a_hidden_one_in_one_that_nobody_publishes_is_reported(validate):
+    named = 'a skiros:LargeBox ; skiros:DiscreteReasoner "AauSpatialReasoner"'
+    report = validate(
+        f"""skiros:Scene-0 a skiros:Scene ; skiros:contain skiros:LargeBox-2 .
+        skiros:LargeBox-2 {named} ; skiros:contain skiros:LargeBox-3 .
+        skiros:LargeBox-3 {named} ; skiros:PublishTf false ; {POSE} ; skiros:contain skiros:LargeBox-4 .
+        skiros:LargeBox-4 {named} ; {POSE} ."""
+    )
+    assert [f.element for f in report.findings if f.property == "skiros:PublishTf"] == ["skiros:LargeBox-4"]
+
+
 # -- the shapes of the package ------------------------------------------------------------------------------------
 
 
@@ -266,7 +303,7 @@ def test_the_present_scene_is_validated(wm, caplog):
     box = Element("skiros:LargeBox", "tray")
     box.setProperty("skiros:SizeX", -2.0)
     with caplog.at_level(logging.WARNING):
-        eid = wm.add_element(box)
+        eid = wm.add_element(box).id
         report = wm.validate()
     assert report.origin == "context scene"
     assert (VIOLATION, eid, "skiros:SizeX", "a size is a finite number from 0 on, not -2.0") in told(report)

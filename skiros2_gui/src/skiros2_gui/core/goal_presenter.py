@@ -66,6 +66,11 @@ class GoalPresenter:
         self.on_goal()
         self.look()
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether there is a goal and no mistake is known in it."""
+        return bool(self.text.strip()) and self.mistake is None
+
     def suggestions(self, cursor: int) -> Suggestions:
         """What may be written at the cursor: so many signs are before it."""
         return suggest(self.text, cursor, self._vocabulary)
@@ -135,8 +140,7 @@ class GoalPresenter:
     @property
     def can_plan(self) -> bool:
         """Whether there is a goal that can be read, and a world model to plan with."""
-        is_goal = bool(self.text.strip()) and self.mistake is None
-        return is_goal and not self.is_busy and self._window.system.world is not None
+        return self.is_complete and not self.is_busy and self._window.system.world is not None
 
     @property
     def has_task_manager(self) -> bool:
@@ -211,7 +215,7 @@ class GoalPresenter:
                 return
             self.doing = _CANCELLING
             self.on_goal()
-            self._window.jobs.run(planner.cancel, what="cancelling the goal")
+            self._window.jobs.run(planner.cancel, what="cancelling the goal", urgent=True)
 
     def _told(self, event: AchieveTold) -> None:
         if self.course is not None and event.goal == self.course.goal and not self.course.is_over:

@@ -71,6 +71,7 @@ class Jobs:
         *,
         what: str = "",
         lane: str = "",
+        urgent: bool = False,
     ) -> None:
         """Has a call carried out in a worker thread.
 
@@ -79,12 +80,16 @@ class Jobs:
         :param failed: likewise with the error that it raised; None: the window's error bar shows it.
         :param what: in words, for the busy sign and before an error: "loading the scene". "" shows no busy sign.
         :param lane: calls of one lane are carried out one after the other, in the order in which they came.
+        :param urgent: the call begins at once in a thread of its own, in no lane, however many calls are under way.
         """
         if self._is_closed:
             return
-        job = _Job(call, done, failed, what, lane)
+        job = _Job(call, done, failed, what, "" if urgent else lane)
         self._under_way.append(job)
-        self._begin(job)
+        if urgent:
+            threading.Thread(target=self._work_at_once, args=(job,), name="urgent window job", daemon=True).start()
+        else:
+            self._begin(job)
         self._tell_busy()
 
     def post(self, call: Callable[[], None]) -> None:
@@ -146,17 +151,21 @@ class Jobs:
                 if self._is_closed:
                     return
                 job = self._ready.popleft()
-            self._carry_out(job)
-            with self._lock:
-                if self._is_closed:
-                    return
-                self._ended.append(job)
-                waiting = self._lanes.get(job.lane)
-                if waiting:
-                    self._put(waiting.popleft())
-                elif waiting is not None:
-                    del self._lanes[job.lane]
-            self._wake()
+            self._work_at_once(job)
+
+    def _work_at_once(self, job: _Job) -> None:
+        """Carries out one call in this thread, and gives the next one of its lane to a worker."""
+        self._carry_out(job)
+        with self._lock:
+            if self._is_closed:
+                return
+            self._ended.append(job)
+            waiting = self._lanes.get(job.lane)
+            if waiting:
+                self._put(waiting.popleft())
+            elif waiting is not None:
+                del self._lanes[job.lane]
+        self._wake()
 
     @staticmethod
     def _carry_out(job: _Job) -> None:

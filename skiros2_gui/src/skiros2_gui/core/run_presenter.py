@@ -105,7 +105,13 @@ class RunPresenter:
         if manager is None:
             self._window.problems.tell(what, f"{run.robot} is not there")
             return
-        self._window.jobs.run(lambda: manager.command(action, run.task_id), what=what, lane=run.robot)
+        # In no lane with the inspections: stopping waits for nothing, the other commands only for each other.
+        self._window.jobs.run(
+            lambda: manager.command(action, run.task_id),
+            what=what,
+            lane=f"{run.robot}: commands",
+            urgent=action == STOP,
+        )
 
     def toggle(self) -> None:
         """Pauses the task that is shown, or goes on with it."""

@@ -29,7 +29,8 @@ def _is_skill(kind: str) -> bool:
 
 def key_of(node: Any) -> Key:
     """Of the `SkillProgress` of a node what makes the shape."""
-    return (node.id, node.parent_id, node.type, node.label, node.processor)
+    label = node.label if node.type != ":Skill" else ""  # a group's is its processor's symbol, which is shown by itself
+    return (node.id, node.parent_id, node.type, label, node.processor)
 
 
 def keys_of(nodes: Sequence[Any]) -> list[Key]:

@@ -57,6 +57,7 @@ class SkillsPresenter:
         self.trial: Trial | None = None
         self.refused: Refused | None = None
         self.is_starting = False
+        self._stops = False  # what is being started is to be stopped
         self._offered: dict[str, list[Skill]] = {}
         self._offers: dict[tuple[str, str, str], Offer] = {}
         self._forms: dict[tuple[str, str, str], Form] = {}
@@ -230,7 +231,7 @@ class SkillsPresenter:
         manager = self._window.system.managers[offer.manager]
         step = form.step()
         action = "tick_once" if ticks_once else "start"
-        self.is_starting, self.refused = True, None
+        self.is_starting, self._stops, self.refused = True, False, None
         since = self.running.now()
         self.on_trial()
         self._window.jobs.run(
@@ -238,7 +239,6 @@ class SkillsPresenter:
             lambda came: self._started(form, came, since),
             lambda error: self._started(form, Refused(in_words(error)), since),
             what=f"starting {offer.name} of {offer.manager}",
-            lane=offer.manager,
         )
 
     def _started(self, form: Form, came: int | Refused, since: float) -> None:
@@ -248,6 +248,8 @@ class SkillsPresenter:
             self.uses[offer.use] = min(self.uses.get(offer.use, 0) + 1, _MOST_USES)
             self.running.started(offer.manager, came, offer.name, since)
             self._window.tell(TaskStarted(offer.manager, came))
+            if self._stops:
+                self.running.stop((offer.manager, came))
         elif form is self.form:
             self.refused = came
         else:
@@ -255,7 +257,11 @@ class SkillsPresenter:
         self.on_trial()
 
     def toggle(self) -> None:
-        """Stops what was started last, of the chosen skill's robot; when that has ended, starts the chosen skill."""
+        """Stops what was started last, of the chosen skill's robot; when that has ended, starts the chosen skill. A
+        start that is under way is stopped when the task's id is known."""
+        if self.is_starting:
+            self._stops = True
+            return
         manager = self.form.offer.manager if self.form is not None else ""
         last = self.running.last_of(manager)
         if last is not None and not last.is_over:

@@ -124,6 +124,7 @@ class SkillsRunning:
             lambda found: self._found(key[0], *found),
             what=what,
             lane=f"{key[0]}: commands",
+            urgent=action == "preempt",
         )
 
     def _commanded(self, manager: Manager, action: str, task: int) -> tuple[list[Sequence[Any]], float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.names import local_name
+from skiros2_skill.core.history import one_line
 
 #: States on the wire.
 SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
@@ -146,5 +147,5 @@ def _message(nodes: Sequence[Any], state: str) -> str:
         if last is not None:
             name = last.label or local_name(last.type)
             text = f"{name}: {last.progress_message}" if last.progress_message else name
-    line = next((line for line in text.strip().splitlines()[::-1] if line.strip()), "")
-    return "" if state == "paused" and line == "paused" else line.strip()
+    line = one_line(text)
+    return "" if state == "paused" and line == "paused" else line

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import GIVEN, INFERENCE, PARAMETER, PRE, START, Explanation, Origin
+from skiros2_common.core.explanation import GIVEN, INFERENCE, PRE, START, Explanation, Origin
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.skills_catalogue import Offer
@@ -19,9 +20,10 @@ from skiros2_skill.command_line.description import KINDS, Parameter, Skill
 from skiros2_skill.core.emptiness import candidates_of, told
 from skiros2_skill.core.failures import PRE_FAILED
 from skiros2_skill.core.inference import infer, inferable
+from skiros2_skill.core.manager_names import runs_on
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import as_condition
-from skiros2_task.core.skill_model import MANAGER_PROPERTY, SkillCondition, read_skill
+from skiros2_task.core.skill_model import SkillCondition, read_skill
 
 _KINDS = dict(zip(KINDS, (ParamTypes.Required, ParamTypes.Optional, ParamTypes.Inferred), strict=True))
 _TYPES: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool, "list": list, "dict": dict}
@@ -80,9 +82,7 @@ def try_start(offer: Offer, given: Mapping[str, Sequence[Any]], classes: Sequenc
 
 def _robot(manager: str, wm: Any) -> tuple[Element | None, dict[str, str]]:
     """The robot of a manager, and the ids of its skills by type and label; None before it is in the scene."""
-    wanted = Element("cora:Robot")
-    wanted.setProperty(MANAGER_PROPERTY, manager)
-    robot = next(iter(wm.resolve_elements(wanted)), None)
+    robot = next((e for e in wm.resolve_elements(Element("cora:Robot")) if runs_on(e, manager)), None)
     relations = robot.getRelations("-1", "skiros:hasSkill", "") if robot is not None else []
     skills = [wm.find_element(relation["dst"]) for relation in relations]
     return robot, {f"{skill.type}-{skill.label}": skill.id for skill in skills if skill is not None}
@@ -100,9 +100,6 @@ def _try(
     if robot is not None and params.hasParam(ROBOT_KEY) and not given.get(ROBOT_KEY):
         params.specify(ROBOT_KEY, robot)
     conditions, unchecked = _pre_conditions(registered.get(skill.name, ""), wm)
-    wrong = _wrong_class(skill, params, wm)
-    if wrong:
-        return Trial(refusal=_refusal(skill, PARAMETER, wrong, params))
     unset = [param.key for param in inferable(params)]
     search = infer(params, conditions, wm) if unset else None
     if search is not None:
@@ -116,13 +113,13 @@ def _try(
         refusal = _refusal(skill, PRE, "; ".join(map(str, findings)), params)
         refusal.findings = findings
         return Trial(refusal=refusal)
-    found = {key: params[key].value for key in (*unset, ROBOT_KEY) if params.isSpecified(key)}
+    found = {key: params[key].value for key in (*unset, ROBOT_KEY) if params.is_bound(key)}
     values = {key: ElementChoice(e.id, e.label, e.type) for key, e in found.items()}
     return Trial(skill.label, values, None, tuple(unchecked))
 
 
 def _refusal(skill: Skill, stage: str, text: str, params: ParamHandler) -> Explanation:
-    given = [Origin(p.key, ", ".join(map(repr, p.values)), GIVEN) for p in params.values() if p.isSpecified()]
+    given = [Origin(p.key, ", ".join(map(repr, p.values)), GIVEN) for p in params.values() if p.is_bound()]
     return Explanation(stage, skill.type, skill.label, -1, PRE_FAILED, text, params=given)
 
 
@@ -143,18 +140,6 @@ def _param(declared: Parameter, given: Sequence[Any], wm: Any) -> Param:
     if ids:
         param.assign([wm.get_element(eid) for eid in ids])
     return param
-
-
-def _wrong_class(skill: Skill, params: ParamHandler, wm: Any) -> str:
-    """Which parameter holds an element of a class that it does not allow, in words; "" when none does."""
-    for key, declared in skill.parameters.items():
-        if not declared.is_element or declared.type == "element":
-            continue
-        for element in params[key].values:
-            fits = element.isAbstract() or element.type == declared.type or wm.is_subclass(element.type, declared.type)
-            if not fits:
-                return f"{key} is {element.label or element.id}, a {element.type}; expected a {declared.type}"
-    return ""
 
 
 def _pre_conditions(skill: str, wm: Any) -> tuple[list[Any], list[str]]:
@@ -180,4 +165,4 @@ def _is_readable(read: SkillCondition, wm: Any) -> bool:
         return all(_is_readable(part, wm) for part in read.parts)
     if read.kind != "ConditionRelation":
         return True
-    return wm.knows(read.name) or wm.get_reasoner(read.name) is not None
+    return wm.knows(read.name) or reasoners.find_written(read.name) is not None

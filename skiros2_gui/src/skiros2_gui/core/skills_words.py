@@ -35,7 +35,8 @@ def verdict(skills: SkillsPresenter) -> Verdict:
         return Verdict(WAITING, f"Starting {form.offer.name}…")
     if skills.refused is not None:
         why = skills.refused.explanation
-        return Verdict(REFUSED, f"Refused: {_without_author(skills.refused.text)}", tuple(_lines(why)) if why else ())
+        first, *more = _without_author(skills.refused.text).strip().splitlines() or [""]
+        return Verdict(REFUSED, f"Refused: {first}", tuple(_lines(why)) if why else tuple(more))
     if not skills.is_offered:
         return Verdict(REFUSED, f"{form.offer.manager} does not offer {form.offer.name} now.")
     if form.errors:

@@ -82,7 +82,7 @@ class SceneMirror:
         self._moving: set[str] = set()  # what is still to be put in its place, while a change is followed
         elements = list(elements)
         for element in elements:
-            made = Provenance(max(element.version, 0), element.getLastUpdate())
+            made = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
             self.scene.put(Node(element.id, element.type, element.label, element._props, made))
         for element in elements:
             for relation in element._rels:

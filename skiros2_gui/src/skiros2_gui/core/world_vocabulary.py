@@ -225,7 +225,7 @@ def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
 
     :raises WmException: it does not answer.
     """
-    rows = (row.split(" ") for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
+    rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
     triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
     told = (row.partition(" ") for row in world.query_ontology(_COMMENT_QUERY, True, ONTOLOGY))
-    return Vocabulary(triples, {name: text for name, _, text in told})
+    return Vocabulary(triples, {name: text.removesuffix(" ") for name, _, text in told})

@@ -22,9 +22,10 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.core.health import clock
 from skiros2_gui.core.problems import Problems
 from skiros2_gui.qt.theme import tint
+from skiros2_skill.core.history import one_line
 
-#: So many characters of a text stand in the line; the rest is in the tooltip and in the list.
-MOST_SHOWN = 400
+#: So many characters of the first line of a text are shown, and of the whole text in the tooltip; the list has all.
+MOST_SHOWN, MOST_IN_TIP = 400, 4000
 
 
 class ErrorBar(QFrame):
@@ -78,9 +79,12 @@ class ErrorBar(QFrame):
         newest = self._problems.newest
         self.setVisible(newest is not None)
         if newest is not None:
-            line = newest.line
-            self.text.setText(line if len(line) <= MOST_SHOWN else f"{line[:MOST_SHOWN]}…")
-            self.text.setToolTip(f"At {clock(newest.stamp)}")
+            whole = newest.line.strip()
+            line = one_line(whole)
+            shown = line if len(line) <= MOST_SHOWN else f"{line[:MOST_SHOWN]}…"
+            self.text.setText(shown)
+            more = f"\n{whole[:MOST_IN_TIP]}" if shown != whole else ""
+            self.text.setToolTip(f"At {clock(newest.stamp)}{more}")
 
 
 class ErrorHistory(QDialog):

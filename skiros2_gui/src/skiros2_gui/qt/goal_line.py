@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from python_qt_binding.QtCore import QModelIndex, Qt
+import re
+
+from python_qt_binding.QtCore import QEvent, QModelIndex, QRect, Qt
 from python_qt_binding.QtGui import QKeyEvent, QStandardItem, QStandardItemModel
-from python_qt_binding.QtWidgets import QCompleter, QLineEdit, QWidget
+from python_qt_binding.QtWidgets import QCompleter, QLabel, QLineEdit, QWidget
 
 from skiros2_gui.core.goal_presenter import GoalPresenter
 from skiros2_gui.core.goal_words import WORD, Word
 
 _TEXT = Qt.UserRole
+_REST_OF_WORD = re.compile(r'^[^\s(),";]+')
 
 
 class GoalLine(QLineEdit):
-    """Tells the presenter what is written. Ctrl+space suggests words also where nothing is typed."""
+    """Tells the presenter what is written. Ctrl+space suggests words also where nothing is typed.
 
-    def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
+    Tab and Enter insert the suggested word. In a goal that is complete Enter does so only for a word that was chosen
+    with the arrow keys; else it looks for a plan.
+
+    :param below: a label below the line, which the suggestions do not cover.
+    """
+
+    def __init__(self, goals: GoalPresenter, below: QLabel, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._goals = goals
+        self._below = below
         self._start = 0
         self._words: dict[str, str] = {}
         self.setObjectName("goalLine")
@@ -35,7 +45,12 @@ class GoalLine(QLineEdit):
         self._completer.setMaxVisibleItems(12)
         self._completer.activated[QModelIndex].connect(self._insert)
         self.textChanged.connect(goals.write)
-        self.textEdited.connect(lambda _: self.suggest())
+        self.textEdited.connect(self._edited)
+        self.cursorPositionChanged.connect(lambda *_: self._completer.popup().isVisible() and self.suggest())
+
+    def _edited(self, text: str) -> None:
+        self._goals.write(text)  # `textEdited` comes before `textChanged`
+        self.suggest()
 
     def suggest(self, even_if_empty: bool = False) -> None:
         """Shows the words that may be written at the cursor."""
@@ -50,23 +65,49 @@ class GoalLine(QLineEdit):
         self._model.clear()
         for word in words:
             self._model.appendRow(_item(word))
+        self._completer.complete(self._area())
+        popup.setCurrentIndex(self._model.index(0, 0))
+
+    def keep_clear(self) -> None:
+        """Moves the suggestions, if they are shown, so that they do not cover the label below."""
+        if self._completer.popup().isVisible():
+            self._completer.complete(self._area())
+
+    def _area(self) -> QRect:
+        """The cursor and all below it down to the end of the label; the suggestions are shown under it."""
+        popup = self._completer.popup()
         width = popup.sizeHintForColumn(0) + popup.verticalScrollBar().sizeHint().width() + 12
         area = self.cursorRect()
         area.setWidth(min(max(width, 160), max(self.width(), 160)))
-        self._completer.complete(area)
-        popup.setCurrentIndex(self._model.index(0, 0))
+        label = max(self._below.heightForWidth(self._below.width()), self.fontMetrics().lineSpacing())
+        area.setBottom(self.height() + label + self.fontMetrics().lineSpacing() // 2)
+        return area
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Tab and self._completer.popup().isVisible():
+            self._insert(self._completer.popup().currentIndex())
+            return True
+        return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
+        popup = self._completer.popup()
         if event.key() == Qt.Key_Space and event.modifiers() == Qt.ControlModifier:
             self.suggest(even_if_empty=True)
-            return
-        super().keyPressEvent(event)
+        elif event.key() not in (Qt.Key_Return, Qt.Key_Enter) or not popup.isVisible():
+            super().keyPressEvent(event)
+        elif self._goals.is_complete and popup.currentIndex().row() == 0:
+            popup.hide()
+            super().keyPressEvent(event)
+            event.accept()
+        else:
+            event.ignore()  # so the completer takes it
 
     def _insert(self, index: QModelIndex) -> None:
-        """A suggested word takes the place of what is typed of it."""
+        """A suggested word takes the place of what is typed of it, also after the cursor."""
         word = str(index.data(_TEXT))
+        self._completer.popup().hide()
         text, cursor = self.text(), self.cursorPosition()
-        after = text[cursor:]
+        after = text[cursor:] if self._start == cursor else _REST_OF_WORD.sub("", text[cursor:], count=1)
         gap = "" if word == "(" or after.startswith((" ", ")")) else " "
         self.setText(f"{text[: self._start]}{word}{gap}{after}")
         self.setCursorPosition(self._start + len(word) + len(gap))

@@ -40,7 +40,12 @@ class GoalBar(QWidget):
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._goals = goals
-        self.line = GoalLine(goals)
+        self.mistake = QLabel()
+        self.mistake.setObjectName("goalMistake")
+        self.mistake.setTextFormat(Qt.PlainText)
+        self.mistake.setWordWrap(True)
+        self.mistake.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
+        self.line = GoalLine(goals, self.mistake)
         self.line.returnPressed.connect(goals.make_plan)
         self.earlier = QToolButton()
         self.earlier.setText("Earlier ▾")
@@ -69,11 +74,6 @@ class GoalBar(QWidget):
         row.addWidget(self.line, 1)
         for button in (self.earlier, self.plan, self.achieve, self.cancel):
             row.addWidget(button)
-        self.mistake = QLabel()
-        self.mistake.setObjectName("goalMistake")
-        self.mistake.setTextFormat(Qt.PlainText)
-        self.mistake.setWordWrap(True)
-        self.mistake.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addLayout(row)
@@ -91,6 +91,7 @@ class GoalBar(QWidget):
             is_unfinished = mistake.position(goals.text) >= len(goals.text.rstrip())
             self.mistake.setText(f"… {mistake.reason}" if is_unfinished else f"⚠ {place}: {mistake.reason}")
             colour_words(self.mistake, "idle" if is_unfinished else "failure")
+        self.line.keep_clear()
         self.plan.setEnabled(goals.can_plan)
         self.achieve.setEnabled(goals.can_achieve)
         self.achieve.setToolTip(

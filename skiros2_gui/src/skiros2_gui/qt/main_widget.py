@@ -41,6 +41,7 @@ from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import System
 from skiros2_gui.core.window import Window
 from skiros2_gui.qt.bridge import Bridge
+from skiros2_gui.qt.entry import SPACE_TOGGLES, Entry
 from skiros2_gui.qt.error_bar import ErrorBar
 from skiros2_gui.qt.mishaps import Mishaps
 from skiros2_gui.qt.run_tab import RunTab
@@ -97,6 +98,7 @@ class MainWidget(QWidget):
         column.addWidget(self.tabs, 1)
         column.addWidget(self.error_bar)
         column.addWidget(self.status)
+        self._entry = Entry()
         QApplication.instance().installEventFilter(self)
         self._is_closed = False
         self._is_dark: bool | None = None
@@ -169,13 +171,16 @@ class MainWidget(QWidget):
             self.status.set_dark(dark)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The space bar starts and stops, where the focus is not in something that takes it itself."""
+        """The space bar starts and stops, where the focus is not in something that takes it itself and that the user
+        has entered."""
         if event.type() == QEvent.KeyPress and event.key() == Qt.Key_Space and event.modifiers() == Qt.NoModifier:
             focus = QApplication.focusWidget()
             is_here = focus is not None and self.isAncestorOf(focus)
-            if is_here and watched is focus and not event.isAutoRepeat() and not _takes_space(focus):
-                self.tab.toggle()
+            if is_here and watched is focus and not (_takes_space(focus) and self._entry.is_entered):
+                if not event.isAutoRepeat():
+                    self.tab.toggle()
                 return True
+        self._entry.note(watched, event)
         return super().eventFilter(watched, event)
 
 
@@ -215,6 +220,8 @@ def _spare_collector(event: WorldChanged) -> None:
 
 
 def _takes_space(focus: QWidget) -> bool:
+    if focus.property(SPACE_TOGGLES):
+        return False
     if isinstance(focus, QAbstractItemView):
         return focus.state() == QAbstractItemView.EditingState
     return isinstance(focus, _EDITORS)

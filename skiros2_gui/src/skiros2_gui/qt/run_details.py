@@ -52,7 +52,8 @@ class NodeDetails(QTextBrowser):
         parts = [f"<h3 style='margin-bottom:4px'>{escape(node.title)}</h3>", self._table(node.facts, node.state)]
         if node.why:
             parts.append("<h4>Why it failed</h4>")
-            parts += [f"<p style='margin:0 0 3px 0'>{_spaced(line)}</p>" for line in node.why]
+            lines = [_spaced(line) for line in node.why]
+            parts += [f"<p style='margin:0 0 3px 0'>{line}</p>" for line in (f"<b>{lines[0]}</b>", *lines[1:])]
         if node.conditions:
             parts.append("<h4>Conditions</h4>")
             parts.append(self._conditions(node.conditions))
@@ -70,7 +71,8 @@ class NodeDetails(QTextBrowser):
     def _table(self, facts: list[tuple[str, str]], state: int) -> str:
         rows = []
         for name, value in facts:
-            shown = escape(value).replace("\n", "<br>")
+            first, *more = value.split("\n")
+            shown = "<br>".join([f"<b>{escape(first)}</b>" if more else escape(first), *map(_spaced, more)])
             if name == "state":
                 shown = f"<b style='color:{self._colour(look_of(state))}'>{shown}</b>"
             rows.append(f"<tr><td style='color:{self._faint()}'>{escape(name)}&nbsp;&nbsp;</td><td>{shown}</td></tr>")
@@ -131,4 +133,4 @@ def _with_links(text: str, elements: list[str]) -> str:
 def _spaced(line: str) -> str:
     """With the spaces that it begins with."""
     text = line.lstrip(" ")
-    return "&nbsp;" * (2 * (len(line) - len(text) - 2)) + escape(text)
+    return "&nbsp;" * (2 * max(0, len(line) - len(text) - 2)) + escape(text)

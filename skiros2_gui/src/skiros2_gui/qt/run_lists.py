@@ -14,6 +14,7 @@ from skiros2_gui.core.run_node import clock_text, duration_text
 from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.states import look_of
 from skiros2_gui.qt.theme import signal_colour
+from skiros2_skill.core.history import one_line
 
 
 class _Rows(QAbstractListModel):
@@ -30,9 +31,11 @@ class _Rows(QAbstractListModel):
     def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
         if not index.isValid() or index.row() >= len(self.rows):
             return None
-        text, state, _ = self.rows[index.row()]
-        if role in (Qt.DisplayRole, Qt.ToolTipRole):
+        text, state, row = self.rows[index.row()]
+        if role == Qt.DisplayRole:
             return text
+        if role == Qt.ToolTipRole:
+            return row.message or text if isinstance(row, LogLine) else text
         if role == Qt.ForegroundRole:
             return signal_colour(look_of(state).signal, self._widget)
         return None
@@ -122,5 +125,5 @@ class TimeList(_List):
 
 def _line(line: LogLine) -> str:
     look = look_of(line.state)
-    said = " ".join(line.message.split())
+    said = one_line(line.message)
     return f"{clock_text(line.time)}  {look.symbol} {line.name}" + (f": {said}" if said else f" {look.word}")

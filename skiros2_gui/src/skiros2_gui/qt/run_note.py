@@ -8,8 +8,9 @@ from python_qt_binding.QtWidgets import QLabel, QWidget
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import FAILURE
 from skiros2_gui.qt.theme import is_dark, tint
+from skiros2_skill.core.history import one_line
 
-#: So many characters are shown; the tooltip has more.
+#: So many characters of the first line are shown; the tooltip has more.
 _LONGEST, _LONGEST_TIP = 240, 2000
 
 
@@ -29,14 +30,15 @@ class TaskNote(QLabel):
 
     def show_task(self, frame: Frame | None) -> None:
         """Shows what the root of a tree says while it is held back, or after it has failed."""
-        said = " ".join(frame.message(0).split()) if frame is not None and len(frame.shape) else ""
+        whole = frame.message(0).strip() if frame is not None and len(frame.shape) else ""
+        said = one_line(whole)
         self._has_failed = bool(said) and frame is not None and frame.state(0) == FAILURE
         if frame is not None and frame.has_ended and not self._has_failed:
             said = ""
         text = said if len(said) <= _LONGEST else f"{said[: _LONGEST - 1]}…"
         if text != self.text():
             self.setText(text)
-            self.setToolTip(said[:_LONGEST_TIP] if text != said else "")
+            self.setToolTip(whole[:_LONGEST_TIP] if text != whole else "")
         self._dress()
         self.setVisible(bool(text))
 

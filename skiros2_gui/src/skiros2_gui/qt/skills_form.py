@@ -20,6 +20,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.core.skills_fields import Field, Way
 from skiros2_gui.core.skills_presenter import SkillsPresenter
 from skiros2_gui.core.skills_words import READY, REFUSED, verdict
+from skiros2_gui.qt.entry import SPACE_TOGGLES
 from skiros2_gui.qt.skills_editors import FieldEditor, editor_of
 from skiros2_gui.qt.state_colours import colour_words
 
@@ -113,6 +114,8 @@ class SkillForm(QWidget):
         self.step.setObjectName("startPausedButton")
         self.step.setToolTip("Starts the skill, ticks it once and pauses it")
         self.step.clicked.connect(lambda: self._skills.start(ticks_once=True))
+        for button in (self.start, self.step):
+            button.setProperty(SPACE_TOGGLES, True)
         row = QHBoxLayout()
         row.addWidget(self.start, 1)
         row.addWidget(self.step)
@@ -150,8 +153,8 @@ class SkillForm(QWidget):
         text = "\n".join(said.details)
         if self.details.toPlainText() != text:
             self.details.setPlainText(text)
-        self.start.setEnabled(skills.can_start)
-        self.step.setEnabled(skills.can_start)
+        for button in (self.start, self.step):  # while a start is under way too: a disabled button loses the focus
+            button.setEnabled(skills.can_start or skills.is_starting)
         if skills.form is None:
             return
         trial = skills.trial

@@ -8,6 +8,7 @@ from typing import Any
 from python_qt_binding.QtCore import QByteArray, Qt, QTimer
 from python_qt_binding.QtWidgets import QSplitter, QTabWidget, QVBoxLayout, QWidget
 
+from skiros2_gui.core.events import TaskStarted
 from skiros2_gui.core.goal_presenter import GoalPresenter
 from skiros2_gui.core.skills_presenter import SkillsPresenter
 from skiros2_gui.core.system import MANAGER
@@ -58,6 +59,7 @@ class SkillsTab(QWidget):
         column.setContentsMargins(6, 6, 6, 6)
         column.addWidget(self.down)
         self._was_busy = False
+        window.subscribe(TaskStarted, lambda _: self.below.setCurrentWidget(self.tasks))
         self._show_goal()
         self._looking = QTimer(self)
         self._looking.setInterval(_LOOK)
@@ -96,7 +98,7 @@ class SkillsTab(QWidget):
                 splitter.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
 
     def find(self) -> None:
-        self.tree.search.setFocus()
+        self.tree.search.setFocus(Qt.ShortcutFocusReason)
         self.tree.search.selectAll()
 
     def toggle(self) -> None:

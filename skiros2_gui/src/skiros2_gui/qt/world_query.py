@@ -141,5 +141,5 @@ class QueryPanel(QWidget):
         text = self.examples.itemData(row)
         if text:
             self.box.setPlainText(text)
-            self.box.setFocus()
+            self.box.setFocus(Qt.ShortcutFocusReason)
         self.examples.setCurrentIndex(0)

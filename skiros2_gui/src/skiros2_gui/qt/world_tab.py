@@ -147,7 +147,7 @@ class WorldTab(QWidget):
             self._file = settings["file"]
 
     def find(self) -> None:
-        self.finder.line.setFocus()
+        self.finder.line.setFocus(Qt.ShortcutFocusReason)
         self.finder.line.selectAll()
 
     def toggle(self) -> None:
@@ -239,7 +239,7 @@ class WorldTab(QWidget):
 
     def _edit_label(self) -> None:
         self.pages.setCurrentWidget(self.element)
-        self.element.label_edit.setFocus()
+        self.element.label_edit.setFocus(Qt.ShortcutFocusReason)
         self.element.label_edit.selectAll()
 
     def change_class(self) -> None:
@@ -303,4 +303,3 @@ def _tool(text: str, name: str, tip: str, clicked: Any) -> QToolButton:
     button.setToolTip(tip)
     button.clicked.connect(lambda: clicked())
     return button
-

@@ -33,6 +33,7 @@ class AtOnce(Jobs):
         *,
         what: str = "",
         lane: str = "",
+        urgent: bool = False,
     ) -> None:
         if self.held:
             self._waiting.append(lambda: self._now(call, done, failed, what))

@@ -81,7 +81,7 @@ class move_arm_joints(DriverAction):
     def onDone(self, status: int, msg: Any) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: there")
-        return self.failed(_reason(_JOINT_CODES, msg, self.get_result_msg()), status)
+        return self.failed(_reason(_JOINT_CODES, msg, self.status_text()), status)
 
 
 class tuck_arm(move_arm_joints):
@@ -109,7 +109,7 @@ class _ToolMotion(DriverAction):
     def onDone(self, status: int, msg: Any) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: done")
-        return self.failed(_reason(_CARTESIAN_CODES, msg, self.get_result_msg()), status)
+        return self.failed(_reason(_CARTESIAN_CODES, msg, self.status_text()), status)
 
 
 class move_tool_to_object(_ToolMotion):

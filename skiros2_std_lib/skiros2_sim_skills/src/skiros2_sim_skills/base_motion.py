@@ -44,7 +44,7 @@ class move_base(DriverAction):
     def onDone(self, status: int, msg: Any) -> State:
         if status == GoalStatus.SUCCEEDED:
             return self.success(f"{self.doing()}: there")
-        return self.failed(self.get_result_msg(), status)
+        return self.failed(self.status_text(), status)
 
 
 def stamped(frame: str, pose: Pose) -> PoseStamped:

@@ -80,7 +80,7 @@ class open_gripper(_GripperMotion):
     def onDone(self, status: int, msg: Any) -> State:
         if status == GoalStatus.SUCCEEDED and not msg.stalled:
             return self.success(f"{self.doing()}: {msg.position * 1000:.0f} mm")
-        stuck = "the fingers are stuck" if getattr(msg, "stalled", False) else self.get_result_msg()
+        stuck = "the fingers are stuck" if getattr(msg, "stalled", False) else self.status_text()
         return self.failed(stuck, status)
 
 
@@ -99,7 +99,7 @@ class close_gripper(_GripperMotion):
 
     def onDone(self, status: int, msg: Any) -> State:
         if not self.ended_well(status, msg):
-            return self.failed(self.get_result_msg(), status)
+            return self.failed(self.status_text(), status)
         wrong = misfit(self.element("Object"), msg.position)
         if wrong:
             return self.fail(wrong, NOT_HELD)
@@ -121,7 +121,7 @@ class check_grasp(_GripperMotion):
 
     def onDone(self, status: int, msg: Any) -> State:
         if not self.ended_well(status, msg):
-            return self.failed(self.get_result_msg(), status)
+            return self.failed(self.status_text(), status)
         thing = self.element("Object")
         wrong = misfit(thing, msg.position)
         if not wrong:
@@ -168,7 +168,7 @@ class watch_grasp(_GripperMotion):
     def onDone(self, status: int, msg: Any) -> State:
         assert self._held is not None
         if not self.ended_well(status, msg):
-            return self.failed(self.get_result_msg(), status)
+            return self.failed(self.status_text(), status)
         wrong = misfit(self._held, msg.position)
         if wrong:
             return self.fail(lost(self.wmi, self.element("Gripper"), self._held, wrong), NOT_HELD)

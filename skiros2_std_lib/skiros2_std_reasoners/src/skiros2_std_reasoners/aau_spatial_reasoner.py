@@ -27,8 +27,6 @@ RATE = 25.0
 #: What follows or moves is written in this part of the time at most: with many such elements, less often.
 _FOLLOWING = 0.05
 
-_NAME = "AauSpatialReasoner"
-
 
 class AauSpatialReasoner(DiscreteReasoner):
     """Owns poses and tf. Its codes: `:Position`, `:Orientation`, `:OrientationEuler`, `:Pose`, `:Size`, and as messages
@@ -40,7 +38,8 @@ class AauSpatialReasoner(DiscreteReasoner):
 
     def __init__(self) -> None:
         self._transforms = Transforms(lambda name: self._keeper.moving(name))
-        self._keeper = PoseKeeper(_NAME, self._transforms, _now)
+        self._keeper = PoseKeeper(self.__class__.__name__, self._transforms, _now)
+        self._publisher: FramePublisher | None = None
 
     def init(self, wmi: Any) -> None:
         super().init(wmi)
@@ -51,19 +50,37 @@ class AauSpatialReasoner(DiscreteReasoner):
     def parse(self, element: Element, action: str) -> bool | None:
         """Gives a new element its frame, and an element with another parent the pose in that one's frame.
 
+        Elements that do not name this reasoner are ignored.
+
         :param action: `add`, `update` or `remove`.
         """
         self._keeper.parse(element, action)
         return None
 
+    def execute(self) -> None:
+        """Reads the frames of the scene, and starts `run`."""
+        try:
+            self._keeper.read_scene()
+        except SkirosError as error:
+            log.error("poses of the scene could not be completed: %s", error)
+        super().execute()
+
     def run(self) -> None:
         """Publishes the frames, and writes what follows or moves, until it is asked to end."""
-        publisher = FramePublisher(self._keeper.tracker, self._transforms, _now)
+        if self._publisher is None:  # kept while the reasoner stops for a load, so that listeners stay connected
+            self._publisher = FramePublisher(self._keeper.tracker, self._transforms, _now)
         self._transforms.listen()
         self._wmi.add_listener(self._keeper.on_change)
+        try:
+            self._publish(self._publisher)
+        finally:
+            self._wmi.remove_listener(self._keeper.on_change)
+
+    def _publish(self, publisher: FramePublisher) -> None:
         period, refusal = 1.0 / RATE, ""
         next_time = next_follow = time.monotonic()
-        while not self._stop_event.wait(max(0.0, next_time - time.monotonic())) and not rospy.is_shutdown():
+        while not self.stopRequested and not rospy.is_shutdown():
+            time.sleep(max(0.0, next_time - time.monotonic()))
             begin = time.monotonic()
             next_time = max(next_time + period, begin)
             try:
@@ -82,8 +99,6 @@ class AauSpatialReasoner(DiscreteReasoner):
             except rospy.ROSException:
                 if not rospy.core.is_shutdown_requested():
                     raise
-        self._wmi.remove_listener(self._keeper.on_change)
-        publisher.close()
 
     # -- transforms --------------------------------------------------------------------------------------------
 
@@ -179,10 +194,11 @@ class AauSpatialReasoner(DiscreteReasoner):
     # -- relations ---------------------------------------------------------------------------------------------
 
     def computeRelations(self, sub: Element, obj: Element, with_metrics: bool = False) -> list[Any]:
-        """How the box of `obj` lies to that of `sub`, along the axes of the frame of `sub`.
+        """How the box of `sub` lies to that of `obj`, along the axes of the frame of `sub`.
 
-        One of Allen's relations on each axis and `:eqA` or `:pA`; `:unknownT` alone when no transform is known. With
-        metrics, pairs with the distance or distances (m, rad). A size that is missing counts as 0.
+        One of Allen's relations on each axis and `:eqA` or `:pA`; `:unknownT` alone when `obj` has no position, or no
+        transform is known. With metrics, pairs with the distance or a list of distances (m, rad). A missing size counts
+        as 0, a missing orientation as no rotation.
         """
         sizes = [[v or 0.0 for v in space.numbers(e, space.SIZE)] for e in (sub, obj)]
         found = relations_between(self._relative(sub, obj), *sizes)
@@ -191,28 +207,31 @@ class AauSpatialReasoner(DiscreteReasoner):
     # -- shared ------------------------------------------------------------------------------------------------
 
     def _relative(self, sub: Element, obj: Element) -> Pose | None:
-        """Where `obj` is in the frame of `sub`."""
-        own, other = space.pose_of(sub), space.pose_of(obj)
-        if other is None:
-            return None
-        own_base, other_base = (
-            space.text(sub, space.BASE_FRAME),
+        """The pose of `obj` in the frame of `sub`."""
+        own, other = space.placement_of(sub), space.placement_of(obj)
+        frame, base, own_base = (
+            space.text(sub, space.FRAME),
             space.text(obj, space.BASE_FRAME),
+            space.text(sub, space.BASE_FRAME),
         )
-        if other_base and other_base == (space.text(sub, space.FRAME) or sub.id):
+        if other is None or base == frame:
             return other
-        if own is None:
+        if not base:
             return None
-        if own_base != other_base:
-            between = self._transforms.find(own_base, other_base) if own_base and other_base else None
-            if between is None:
-                return None
-            other = composed(between, other)
-        return composed(inverted(own), other)
+        frame = frame or sub.id
+        if base == frame:
+            return other
+        if own is not None and own_base == base:
+            return composed(inverted(own), other)
+        between = self._transforms.find(frame, base) if frame else None
+        if between is None and own is not None and own_base:  # not every frame of an element is published
+            to_base = self._transforms.find(own_base, base)
+            between = composed(inverted(own), to_base) if to_base is not None else None
+        return composed(between, other) if between is not None else None
 
     def _code(self, code: str) -> Code:
         if code not in CODES:
-            raise UnknownName(f"{_NAME} has no code {code!r}; it has: {', '.join(CODES)}")
+            raise UnknownName(f"{self.__class__.__name__} has no code {code!r}; it has: {', '.join(CODES)}")
         return CODES[code]
 
 

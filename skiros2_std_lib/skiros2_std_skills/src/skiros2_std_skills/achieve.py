@@ -10,6 +10,7 @@ from actionlib_msgs.msg import GoalStatus
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_msgs.msg import AchieveAction, AchieveGoal
+from skiros2_skill.core.manager_names import manager_of
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 
@@ -38,7 +39,7 @@ class achieve(PrimitiveActionClient):
 
     def buildGoal(self) -> Any:
         return AchieveGoal(
-            author=str(self.params["Robot"].value.value_of("skiros:SkillMgr")),
+            author=manager_of(self.params["Robot"].value),
             goals=self.params["Goal"].value,
             priority=self.params["Priority"].value,
             max_replans=self.params["MaxReplans"].value,
@@ -48,5 +49,5 @@ class achieve(PrimitiveActionClient):
         return self.step(f"{msg.phase}: {msg.message}")
 
     def onDone(self, status: int, msg: Any) -> State:
-        text = msg.message if msg is not None else self.get_result_msg()
+        text = msg.message if msg is not None else self.status_text()
         return self.success(text) if status == GoalStatus.SUCCEEDED else self.fail(text, status)

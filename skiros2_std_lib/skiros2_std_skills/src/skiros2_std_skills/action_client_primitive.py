@@ -17,6 +17,9 @@ __all__ = ["PrimitiveActionClient"]
 #: How long an action server may take to appear, or be silent, before it counts as missing (s of wall time).
 SERVER_TIMEOUT = 5.0
 
+#: How long the connections to a server that is heard of may take (s of wall time).
+_CONNECTION_TIMEOUT = 10.0
+
 
 class PrimitiveActionClient(ClientPrimitive):
     """Sends a goal to an action server and follows it. Override `buildClient` and `buildGoal`, and where needed
@@ -50,8 +53,8 @@ class PrimitiveActionClient(ClientPrimitive):
         return super().buildClient()
 
     def buildGoal(self) -> Any:
-        """To override: the goal message, from the parameters. Called at each start."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define buildGoal")
+        """To override: the goal message, from the parameters. Called at each start. None: there is none, it fails."""
+        return None
 
     def onFeedback(self, msg: Any) -> State:
         """To override: called with each feedback message, by the thread that ticks. Returns a state."""
@@ -63,16 +66,27 @@ class PrimitiveActionClient(ClientPrimitive):
         Returns `success(...)` or `fail(...)`, or `restart(...)` to go on.
         """
         if status == GoalStatus.SUCCEEDED:
-            return self.success(self.get_result_msg())
-        return self.fail(self.get_result_msg(), status)
+            return self.success(self.status_text())
+        return self.fail(self.status_text(), status)
 
     # -- hooks of the skill ------------------------------------------------------------------------------------
 
     def onStart(self) -> bool:
-        super().onStart()
+        if not super().onStart():
+            return False
         self._goal = self.buildGoal()
         self._watch = ServerWatch(self.client)
-        return True
+        if self._goal is None:
+            self.fail(f"{self.__class__.__name__}.buildGoal gave no goal", NO_SERVER)
+        return self._goal is not None
+
+    def onPreempt(self) -> State:
+        """Cancels all goals of the server, where one was sent."""
+        if self._goal is None and self.client is not None:
+            self.client.cancel_all_goals()
+            self.client.stop_tracking_goal()
+        self._goal = None
+        return self.success("Stopped")
 
     def execute(self) -> State:
         if self._watch is None:  # an onStart of a subclass has sent the goal
@@ -111,7 +125,11 @@ class PrimitiveActionClient(ClientPrimitive):
         self._watch = ServerWatch(self.client)
         return self.step(text)
 
-    def get_result_msg(self) -> str:
+    def get_result_msg(self) -> Any:
+        """The result message of the client; None before there is one."""
+        return self.client.get_result()
+
+    def status_text(self) -> str:
         """How the goal ended: the server's text, or the name of the status."""
         text = self.client.get_goal_status_text()
         status = self.client.get_state()
@@ -148,8 +166,8 @@ class PrimitiveActionClient(ClientPrimitive):
             goal, self._goal = self._goal, None
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
             return self.step("Goal sent")
-        if watch.silence() > SERVER_TIMEOUT:
-            return self.fail(f"There is no action server {watch.name}", NO_SERVER)
+        if watch.silence() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
+            return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
         return self.step(f"Waiting for the action server {watch.name}")
 
     def _ended_untold(self) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive import PrimitiveBase
 
 #: Progress codes: there is no server; it does not answer; the skill was stopped; the server's answer was lost.
@@ -33,8 +32,8 @@ class ClientPrimitive(PrimitiveBase, ABC):
         """To override: `self.setDescription(Description(), "label")`."""
 
     def buildClient(self) -> Any:
-        """To override: the client."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define buildClient")
+        """To override: the client. None: there is none yet, and a start fails."""
+        return None
 
     def onInit(self) -> bool:
         if not self.build_client_onstart:
@@ -45,11 +44,10 @@ class ClientPrimitive(PrimitiveBase, ABC):
         if self.build_client_onstart:
             self._close_client()
             self.client = self.buildClient()
+        if self.client is None:
+            self.fail(f"{self.__class__.__name__}.buildClient gave no client", NO_SERVER)
+            return False
         return True
-
-    def onPreempt(self) -> State:
-        self._give_up()
-        return self.fail("Stopped, what the server answers is dropped", STOPPED)
 
     # -- for the two kinds of clients --------------------------------------------------------------------------
 

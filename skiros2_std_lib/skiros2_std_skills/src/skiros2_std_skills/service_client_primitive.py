@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_std_skills.client_primitive import NO_ANSWER, NO_SERVER, ClientPrimitive
+from skiros2_std_skills.client_primitive import NO_ANSWER, NO_SERVER, STOPPED, ClientPrimitive
 
 __all__ = ["PrimitiveServiceClient"]
 
@@ -67,9 +67,14 @@ class PrimitiveServiceClient(ClientPrimitive):
         return self.success("Done")
 
     def onStart(self) -> bool:
-        super().onStart()
+        if not super().onStart():
+            return False
         self._call = _Call(self.client, self.buildRequest(), self.wake)
         return True
+
+    def onPreempt(self) -> State:
+        self._give_up()
+        return self.fail("Stopped, what the server answers is dropped", STOPPED)
 
     def execute(self) -> State:
         call = self._call

@@ -8,9 +8,11 @@ import actionlib
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.names import same_node
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
+from skiros2_skill.core.manager_names import manager_of
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.utils import deserialize_skill
@@ -94,11 +96,12 @@ class task_plan(SkillBase):
         :raises WrongValue: it is one for another robot.
         """
         manager = self._manager()
-        if step.manager and step.manager != manager:
+        if step.manager and not same_node(step.manager, manager):
             raise WrongValue(f"{step.name} is for {step.manager}, this is {manager}")
-        values = {key: list(param.values) for key, param in step.ph.items() if param.values}
-        self.addChild(self.skill(step.type, step.name, specify=values))
+        node = self.skill(step.type, step.name)
+        node.specifyParamsDefault(step.ph)
+        self.addChild(node)
 
     def _manager(self) -> str:
         """The name of the manager that runs this skill."""
-        return str(self.params["Robot"].value.value_of("skiros:SkillMgr"))
+        return manager_of(self.params["Robot"].value)

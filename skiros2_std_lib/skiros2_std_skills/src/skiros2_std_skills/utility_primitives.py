@@ -185,6 +185,27 @@ class wm_move_and_transform_object(PrimitiveBase):
             return self.fail(str(error), -1)
 
 
+class Forget(SkillDescription):
+    """Takes a value off the blackboard: the next skill with that key infers it again."""
+
+    def createDescription(self) -> None:
+        self.addParam(
+            "Value", Element("sumo:Object"), ParamTypes.Optional, description="To be remapped to the key to forget"
+        )
+        self.setAvailableForPlanning(False)
+
+
+class forget(PrimitiveBase):
+    """Unsets its parameter."""
+
+    def createDescription(self) -> None:
+        self.setDescription(Forget(), self.__class__.__name__)
+
+    def execute(self) -> State:
+        self.params["Value"].unset()
+        return self.success()
+
+
 class Counter(SkillDescription):
     """Counts ticks."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -12,6 +13,8 @@ from skiros2_common.core.errors import Refused
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.property import is_bool
 from skiros2_common.core.skill_description import ParamOptions, SkillDescription
+
+log = logging.getLogger(__name__)
 
 __all__ = ["ParamOptions", "SkillCore", "SkillDescription", "State", "as_state"]
 
@@ -26,6 +29,8 @@ class SkillCore(SkillDescription):
     All hooks are called by the thread that ticks the task, one at a time. `getState`, `hasState`, `waitState`
     and the progress properties may be read by any thread.
     """
+
+    _declares_itself = False
 
     #: What `wake` calls; set by the executor while the skill runs in a task.
     _waker: Callable[[], None] = staticmethod(lambda: None)
@@ -65,6 +70,9 @@ class SkillCore(SkillDescription):
         return self._state == state
 
     def _setState(self, state: State) -> None:
+        if state.__class__ is not State:
+            log.error("%s: expected a State, got %r", self.printState(), state)
+            state = as_state(state, State.Failure)
         self._state = state
         if self._waiting:  # rarely; one that comes now finds the new state
             with self._state_change:
@@ -150,17 +158,9 @@ class SkillCore(SkillDescription):
 
     def setDescription(self, description: SkillDescription, label: str = "") -> None:  # type: ignore[override]
         """Takes over what a description declares; the label, by default the class name, names the implementation."""
-        description.createDescription()
         description.generateDefParams()
-        description.generateDefConditions()
-        SkillDescription.setDescription(
-            self,
-            description.type,
-            description.params,
-            description.pre_conditions,
-            description.hold_conditions,
-            description.post_conditions,
-        )
+        description.generateDefConditions()  # of what was added to it since
+        SkillDescription.setDescription(self, *description.getDescription())
         self._options = {key: list(options) for key, options in description.options.items()}
         self._available_for_planning = description.available_for_planning
         self._duration = description.duration
@@ -204,23 +204,25 @@ class SkillCore(SkillDescription):
     def hasPostCond(self) -> bool:
         return bool(self._post_conditions)
 
-    def checkPreCond(self, verbose: bool = False) -> bool:
-        """Whether all pre-conditions hold; one that does not is reported as progress, with code -1."""
-        return self._check(self._pre_conditions, "Pre-condition failed", -1)
+    def checkPreCond(self, verbose: bool = False) -> list[str]:
+        """The keys of the pre-conditions that do not hold; these are reported as progress, with code -1."""
+        return self._check(self._pre_conditions, "Pre-condition failed", -1, verbose)
 
-    def checkHoldCond(self, verbose: bool = False) -> bool:
-        """Whether all hold-conditions hold; one that does not is reported as progress, with code -2."""
-        return self._check(self._hold_conditions, "Hold-condition failed", -2)
+    def checkHoldCond(self, verbose: bool = False) -> list[str]:
+        """The keys of the hold-conditions that do not hold; these are reported as progress, with code -2."""
+        return self._check(self._hold_conditions, "Hold-condition failed", -2, verbose)
 
-    def checkPostCond(self, verbose: bool = False) -> bool:
-        """Whether all post-conditions hold; one that does not is reported as progress, with code -3."""
-        return self._check(self._post_conditions, "Post-condition failed", -3)
+    def checkPostCond(self, verbose: bool = False) -> list[str]:
+        """The keys of the post-conditions that do not hold; these are reported as progress, with code -2."""
+        return self._check(self._post_conditions, "Post-condition failed", -2, verbose)
 
-    def _check(self, some: Sequence[Any], what: str, code: int) -> bool:
+    def _check(self, some: Sequence[Any], what: str, code: int, verbose: bool) -> list[str]:
         failed = [c for c in some if not c.evaluate(self._params, self._wmi)]
         if failed:
             self._setProgress(f"{what}: " + "; ".join(c.getDescription() for c in failed), code)
-        return not failed
+            if verbose:
+                log.info("%s: %s", self.printState(), self._progress_msg)
+        return list(dict.fromkeys(key for c in failed for key in c.getKeys()))
 
     # -- parameters --------------------------------------------------------------------------------------------
 
@@ -248,8 +250,8 @@ class SkillCore(SkillDescription):
     def hasChildren(self) -> bool:
         return bool(self._children)
 
-    def start(self, params: ParamHandler | None = None) -> bool:
-        """Starts the skill: takes the parameters and calls `onStart`. False when the skill refuses.
+    def start(self, params: ParamHandler | None = None) -> State:
+        """Starts the skill: takes the parameters and calls `onStart`. Returns the state, Failure when it refuses.
 
         :raises Refused: the skill runs already.
         """
@@ -258,11 +260,8 @@ class SkillCore(SkillDescription):
         if params is not None:
             self.specifyParams(params, False)
         self._start_progress()
-        if self.onStart() is False:
-            self._setState(State.Failure)
-            return False
-        self._setState(State.Running)
-        return True
+        self._setState(State.Failure if self.onStart() is False else State.Running)
+        return self._state
 
     def preempt(self) -> State:
         """Ends a running skill: `onPreempt` tells the state it ends with. Returns the state."""
@@ -270,11 +269,12 @@ class SkillCore(SkillDescription):
             self._setState(as_state(self.onPreempt(), State.Failure))
         return self._state
 
-    def reset(self) -> None:
-        """Makes the skill ready to start again."""
+    def reset(self) -> State:
+        """Makes the skill ready to start again. Returns the state."""
         self.onReset()
         self._start_progress()
         self._setState(State.Idle)
+        return self._state
 
     def onReset(self) -> None:
         """To override: called when the skill is made ready to start again."""
@@ -304,8 +304,8 @@ class SkillCore(SkillDescription):
     # -- printing ----------------------------------------------------------------------------------------------
 
     def printState(self, verbose: bool = False) -> str:
-        """`type-label(state)`; with `verbose` the parameters too."""
-        text = f"{self._type}-{self._label}({self._state.name})"
+        """`type-label(State.X)`; with `verbose` the parameters too."""
+        text = f"{self._type}-{self._label}({self._state})"
         return f"{text}[{self._params.printState().strip()}]" if verbose else text
 
     def printProgress(self) -> str:

@@ -25,6 +25,9 @@ class ConditionBase:
     #: Where it was added to a skill; None: not known.
     place: Place | None = None
 
+    #: Whether it is for planners alone, and not checked.
+    only_exported = False
+
     #: Whether the fact may change without a change of the world model or of a parameter.
     volatile = False
 
@@ -32,12 +35,27 @@ class ConditionBase:
         self._label = clabel
         self._subject_key = subj
         self._desired_state = desired_state
+        self._given_description = ""
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
         self._undo: list[Callable[[], None]] = []
+
+    def __eq__(self, other: object) -> bool:
+        return self.isEqual(other)
+
+    __hash__ = object.__hash__  # remaps change what is equal, so a set or dict keeps equal conditions apart
 
     @property
     def label(self) -> str:
         return self._label
+
+    @property
+    def _description(self) -> str:
+        # The text of `getDescription` without the label; libraries read it, and their own conditions assign it.
+        return self._given_description or f"{'' if self._desired_state else 'not '}{self.fact()}"
+
+    @_description.setter
+    def _description(self, text: str) -> None:
+        self._given_description = text
 
     @property
     def desired_state(self) -> bool:
@@ -51,7 +69,7 @@ class ConditionBase:
 
     def fact(self) -> str:
         """The fact in words, with what the parameters were at the last evaluation."""
-        raise NotImplementedError(f"{self.__class__.__name__} has to define fact")
+        return f"{self.__class__.__name__}({', '.join(self.getKeys())})"
 
     def _signature(self) -> tuple[Any, ...]:
         """All that makes two conditions of this class speak of the same fact."""
@@ -65,9 +83,13 @@ class ConditionBase:
             self._remember(key, ph)
         return self.holds(ph, wmi) == self._desired_state
 
+    def suits_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+        """Whether inference may set the parameters to what they are: as `evaluate`, where a condition says no more."""
+        return self.evaluate(ph, wmi)
+
     def getDescription(self) -> str:
         """The condition with the elements that it was checked on last."""
-        return f"[{self._label}] {'' if self._desired_state else 'not '}{self.fact()}"
+        return f"[{self._label}] {self._description}"
 
     # -- why it does not hold ----------------------------------------------------------------------------------
 
@@ -178,7 +200,7 @@ class ConditionBase:
             return repr(value) if value.id else f"any {value!r}".rstrip("-")
         return f"{key} (unset)" if value is None else str(value)
 
-    def _value(self, key: str, ph: ParamHandler) -> Any:
+    def _param_value(self, key: str, ph: ParamHandler) -> Any:
         """The parameter's value.
 
         :raises UnknownName: the skill has no such parameter.
@@ -189,34 +211,36 @@ class ConditionBase:
         return param.value
 
     def _element(self, key: str, ph: ParamHandler, wmi: Any) -> Element | None:
-        """The element in a parameter as the world model has it now; the abstract one, or None, where there is none.
+        """The element in a parameter; None when the parameter is unset or the world model has the element no more.
+
+        Changes that are not written count: an element without any is as the world model has it now.
 
         :raises UnknownName: the skill has no such parameter.
         :raises WrongType: the parameter holds something else.
         """
         value = self._given(key, ph)
-        if value is None or value.isAbstract():
+        if value is None or value.isAbstract() or not finds(wmi) or _is_changed(value):
             return value
-        found: Element | None = wmi.find_element(value.id)
+        found: Element | None = wmi.refreshed(value) if hasattr(wmi, "refreshed") else wmi.find_element(value.id)
         return found
 
     def _given(self, key: str, ph: ParamHandler) -> Element | None:
         """The element in a parameter as it was read; raises as `_element`."""
-        value = self._value(key, ph)
+        value = self._param_value(key, ph)
         if value is not None and not isinstance(value, Element):
             raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
         return value
 
     def _lacking(self, key: str, ph: ParamHandler, wmi: Any) -> str:
         """Why a parameter holds no element of the scene, in words; "" when it holds one."""
-        value = self._value(key, ph)
+        value = self._param_value(key, ph)
         if value is None:
             return f"parameter {key!r} is unset"
         if not isinstance(value, Element):
             return f"parameter {key!r} is {value!r}"
         if value.isAbstract():
             return f"parameter {key!r} is {self._name(key)}"
-        return "" if wmi.find_element(value.id) is not None else f"{value!r} is not in the scene"
+        return "" if is_there(value, wmi) else f"{value!r} is not in the scene"
 
     def _others(
         self,
@@ -249,10 +273,28 @@ class ConditionBase:
 
     def _last(self, key: str, name: str, ph: ParamHandler, wmi: Any) -> list[Change]:
         """The last change of a property or relation of the element in a parameter; who made it is asked later."""
-        value = self._value(key, ph)
+        value = self._param_value(key, ph)
         if not isinstance(value, Element) or value.isAbstract():
             return []
-        return [Change(value.id, name if wmi.find_element(value.id) is not None else "")]
+        return [Change(value.id, name if is_there(value, wmi) else "")]
+
+
+def finds(wmi: Any) -> bool:
+    """Whether a world model tells what an element is now; those of libraries and tests need not."""
+    return hasattr(type(wmi), "find_element")
+
+
+def is_there(element: Element, wmi: Any) -> bool:
+    """Whether an element has an id, and the world model, if it tells, has the element."""
+    return bool(element.id) and (not finds(wmi) or wmi.find_element(element.id) is not None)
+
+
+def _is_changed(element: Element) -> bool:
+    """Whether an element was made or changed here."""
+    if not element.touched:
+        return False
+    changes = element.changes()
+    return changes is None or bool(changes)
 
 
 def some(elements: Iterable[Element], why: str = "") -> list[Near]:

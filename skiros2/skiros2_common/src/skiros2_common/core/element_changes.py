@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
+from skiros2_common.core.element_relations import RelationDict
 from skiros2_common.core.property import Property
-
-#: A relation as libraries read it: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
-RelationDict = dict[str, Any]
 
 
 @dataclass

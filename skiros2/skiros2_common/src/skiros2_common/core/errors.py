@@ -8,6 +8,7 @@
     │   └── Conflict                           a request on something that has been changed meanwhile
     ├── TimedOut            also TimeoutError  no answer within the time given
     ├── ConfigurationError  also ValueError    a mistake in parameters or files that no restart mends
+    │   └── MissingPackage  also ImportError   a Python package that is not there, or cannot be imported
     ├── WmException                            what the world model answers (skiros2_world_model)
     │   └── WmConflict                         likewise, when it is a conflict
     └── BagError                               a recorded run that cannot be read (skiros2_bags)
@@ -56,6 +57,10 @@ class TimedOut(SkirosError, TimeoutError):
 
 class ConfigurationError(SkirosError, ValueError):
     """A mistake in launch parameters, files or names, which no restart mends."""
+
+
+class MissingPackage(ConfigurationError, ImportError):
+    """A Python package that is not there, or cannot be imported."""
 
 
 #: What code of libraries may raise without ending the thread or the node that calls it; `sys.exit()` is an exception.

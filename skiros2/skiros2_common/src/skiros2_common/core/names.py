@@ -5,7 +5,10 @@ A name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 DEFAULT_PREFIX = "skiros"
 
@@ -29,9 +32,49 @@ def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
     return name
 
 
+@lru_cache(maxsize=10_000)
+def spellings(name: str) -> tuple[str, ...]:
+    """The ways in which a name may be written, its full form first: `skiros:contain`, `contain`, `:contain`."""
+    full = full_name(name)
+    prefix, colon, local = full.partition(":")
+    return (full, local, f":{local}") if colon and prefix == DEFAULT_PREFIX else (full,)
+
+
+def same_node(one: str, other: str) -> bool:
+    """Whether two names are of one ROS node. One without leading slash is the last part of a name, or all of it.
+
+    Scenes name skill managers in both forms.
+    """
+    if one.startswith("/") == other.startswith("/"):
+        return one == other
+    full, last = (one, other) if one.startswith("/") else (other, one)
+    return bool(last) and full.endswith(f"/{last}")
+
+
+def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
+    """The known names that are most like a name, in any case of letters, the nearest first; [] where none is near."""
+    folded = {k.casefold(): k for k in reversed([*known])}
+    return [folded[n] for n in difflib.get_close_matches(name.casefold(), folded, count)]
+
+
 def local_name(name: str) -> str:
     """The part after the prefix: `skiros:contain` gives `contain`."""
     return name.rpartition(":")[2]
+
+
+def is_of_class(name: str, wanted: str, wmi: Any) -> bool:
+    """Whether a class is the wanted one (see `ANY_TYPE`) or a subclass of it.
+
+    :param wmi: the world model, asked when the names differ; None: it is none.
+    """
+    name, wanted = full_name(name), full_name(wanted)
+    if name == wanted or wanted in ANY_TYPE:
+        return True
+    if wmi is None:
+        return False
+    if hasattr(type(wmi), "is_subclass"):  # quicker; a world model of a library has only what the contract lists
+        return bool(wmi.is_subclass(name, wanted))
+    return name in map(full_name, wmi.get_sub_classes(wanted, True))
 
 
 def id_number(eid: str) -> int:

@@ -14,7 +14,7 @@ class ConditionOr(ConditionBase):
     """True when one of its parts holds."""
 
     def __init__(self, desired_state: bool) -> None:
-        super().__init__("Or", "", desired_state)
+        super().__init__("or", "", desired_state)
         self._conditions: list[Any] = []
 
     @property
@@ -79,6 +79,7 @@ class ConditionOr(ConditionBase):
 
     def toElement(self) -> Element:
         element = super().toElement()
+        element.removeProperty("skiros:hasSubject")
         for condition in self._conditions:
             element.addRelation("-1", "skiros:hasCondition", condition.toElement())
         return element

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import time as time_module
-from collections.abc import Container, ItemsView, Iterator, KeysView, ValuesView
+from collections.abc import ItemsView, Iterator, KeysView, ValuesView
 from copy import deepcopy
+from datetime import datetime
 from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.mutations import mutations
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import nearest
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 
@@ -22,23 +23,45 @@ ParamTypes = Enum("ParamTypes", "Required Optional Inferred")
 #: How parameter types are written on the wire and in the world model.
 PARAM_TYPE_CODES = {ParamTypes.Required: 0, ParamTypes.Optional: 1, ParamTypes.Inferred: 2}
 
-_NOBODY: tuple[None, str] = (None, "")
+_KINDS = {code: kind for kind, code in PARAM_TYPE_CODES.items()}
 
 
 class Param(Property):
     """A parameter: a property with a description, a type, and the default that it was declared with.
 
     :param value: a default, a Python type (no default), a list of one type, or an abstract `Element`.
+    :param param_type: one of `ParamTypes`, or its code on the wire.
     """
+
+    __slots__ = (
+        "_default", "_description", "_last_update", "_param_type", "assigned", "given_by", "is_inferred", "lent"
+    )  # fmt: skip
 
     def __init__(self, key: str, description: str, value: Any, param_type: Any) -> None:
         super().__init__(key, value)
         self._description = description
-        self._param_type = param_type
+        self._param_type: Any = _KINDS.get(param_type, param_type) if isinstance(param_type, int) else param_type
         self._default: list[Any] = list(self._values)
-        self._last_update = 0.0
-        #: For the parameters of a running tree: values that a node below has put here, and its label.
-        self.given_by: tuple[list[Any] | None, str] = _NOBODY
+        self._last_update = time_module.time()
+        #: Whether a setter was called since this was last set to False.
+        self.assigned = False
+        #: On a blackboard: the label of the node that has put the values there, and whether it has inferred them.
+        self.given_by = ""
+        self.is_inferred = False
+        #: What the list of values held when it was last looked at; None while nobody has it who may change it.
+        self.lent: list[Any] | None = None
+
+    @property
+    def values(self) -> list[Any]:
+        """All values: the list itself, no copy."""
+        if self.lent is None:
+            self.lent = list(self._values)
+            mutations.note()
+        return self._values
+
+    @values.setter
+    def values(self, value: Any) -> None:
+        self.setValues(value)
 
     @property
     def default(self) -> Any:
@@ -51,67 +74,113 @@ class Param(Property):
         return self._default
 
     @property
-    def last_update(self) -> float:
-        """When the values were last set (s since the epoch; 0.0: never)."""
-        return self._last_update
+    def last_update(self) -> datetime:
+        """When a setter was last called; before, when the parameter was made. Local time."""
+        return datetime.fromtimestamp(self._last_update)
 
     def hasChanges(self, time: Any, tolerance: float = 1) -> bool:
-        """Whether the parameter was set since `time` (s since the epoch, or a ROS time).
+        """Whether a setter was called since `time` (a datetime, seconds since the epoch, or a ROS time).
 
-        :param tolerance: ns by which a change has to be later to count.
+        :param tolerance: µs by which a call has to be later to count.
         """
-        since = time.to_sec() if hasattr(time, "to_sec") else float(time)
-        return self._last_update > since + tolerance * 1e-9
+        if isinstance(time, datetime):
+            since = time.timestamp()
+        else:
+            since = time.to_sec() if hasattr(time, "to_sec") else float(time)
+        return self._last_update - since > tolerance * 1e-6
 
-    def _set(self, values: list[Any]) -> None:
-        super()._set(values)
+    def _note(self) -> None:
+        self.assigned = True
         self._last_update = time_module.time()
 
-    def isSpecified(self) -> bool:
-        """Whether there is a value; an abstract element is none."""
+    def _set(self, values: list[Any]) -> None:
+        self._values = values
+        self._note()
+        mutations.note()
+
+    def setValue(self, value: Any, index: int = 0) -> None:
+        super().setValue(value, index)
+        self._note()
+
+    def setValues(self, value: Any) -> None:
+        super().setValues(value)
+        self._note()
+        if self._values is value:
+            self.lent = list(value)  # the caller has it
+
+    def removeValue(self, value: Any) -> None:
+        super().removeValue(value)
+        self._note()
+
+    def is_bound(self) -> bool:
+        """Whether there is a value that is not an abstract element."""
         return bool(self._values) and not _is_abstract(self._values[0])
 
     def hasSpecifiedDefault(self) -> bool:
+        """Whether there is a default; an abstract element is one."""
+        return bool(self._default)
+
+    def has_bound_default(self) -> bool:
         """Whether there is a default that is not an abstract element."""
         return bool(self._default) and not _is_abstract(self._default[0])
 
     def getDefaultValue(self, index: int = 0) -> Any:
-        """The default at `index`, or None."""
-        return self._default[index] if 0 <= index < len(self._default) else None
+        """The default at `index`, or None when there is no default at all.
+
+        :raises IndexError: there are defaults, but none at that index.
+        """
+        return self._default[index] if self._default else None
 
     def getDefaultValues(self) -> list[Any]:
         return self._default
 
+    def keeps_default(self, values: list[Any]) -> bool:
+        """Whether the parameter keeps its default when values are offered: it has one, which is neither an abstract
+        element nor elements with the ids of those that are offered."""
+        default = self._default
+        if not default or _is_abstract(default[0]):
+            return False
+        return not (isinstance(default[0], Element) and [e.id for e in default] == [_id_of(v) for v in values])
+
     def hasDefaultValues(self) -> bool:
-        return bool(self._default)
+        """Whether each value is the default at its place; an element with that id, class and label is."""
+        return len(self._values) <= len(self._default) and all(map(_is_same, self._values, self._default))
 
     def makeDefault(self, values: Any) -> None:
-        """Sets the values and makes them the default.
-
-        :raises WrongType: a value is of another type.
-        """
-        self.assign(values)
+        """Sets the values, and makes a copy of the list the default. Values of another type are refused with a logged
+        error, and the present ones become the default."""
+        self.setValues(values)
         self._default = list(self._values)
 
     def setDefault(self) -> None:
-        """Sets the values back to the default."""
+        """Sets the values to a copy of the default."""
         self._set(self._new_default())
 
     def _new_default(self) -> list[Any]:
         # The skill may change what it gets: an abstract element, a dict. What was declared stays as it is.
         return [_own(v) for v in self._default]
 
-    def at_default(self, is_set: bool = True) -> Param:
-        """A copy that is set to the default, or unset."""
-        copy = Param.__new__(Param)  # in the place of `clone`, since each start of a skill makes some
+    def clone(self) -> Param:
+        """A copy with a value list of its own (the values themselves are shared)."""
+        return self._copy(list(self._values))
+
+    def at_default(self) -> Param:
+        """A copy that is set to the default."""
+        return self._copy(self._new_default())
+
+    def _copy(self, values: list[Any]) -> Param:
+        copy = Param.__new__(Param)  # in the place of __init__, since each start of a skill makes some
         copy._key = self._key
         copy._data_type = self._data_type
-        copy._values = self._new_default() if is_set else []
+        copy._values = values
         copy._description = self._description
         copy._param_type = self._param_type
         copy._default = self._default
-        copy._last_update = time_module.time()
-        copy.given_by = _NOBODY
+        copy._last_update = self._last_update
+        copy.assigned = False
+        copy.given_by = ""
+        copy.is_inferred = False
+        copy.lent = None
         return copy
 
     @property
@@ -128,7 +197,7 @@ class Param(Property):
     @property
     def is_element(self) -> bool:
         """Whether the values are elements."""
-        return issubclass(self._data_type, Element)
+        return self._data_type is Element or issubclass(self._data_type, Element)
 
     @property
     def element_type(self) -> str:
@@ -139,33 +208,44 @@ class Param(Property):
         return ""
 
     def toElement(self) -> Element:
-        """The parameter as an element of the world model (type `skiros:Parameter`)."""
+        """The parameter as an element of the world model (type `skiros:Parameter`).
+
+        `skiros:DataType` has the class of an element parameter as its value; of others the data type, without a value.
+        """
         element = Element("skiros:Parameter", self.key)
         element.setProperty("rdfs:comment", self._description)
         element.setProperty("skiros:ParameterType", PARAM_TYPE_CODES[self._param_type])
-        # A class has its prefix, which tells it from a type of Python.
-        datatype = full_name(self.element_type) if self.is_element else self._data_type.__name__
-        element.setProperty("skiros:DataType", datatype)
         if self.is_element:
+            element.setProperty("skiros:DataType", self.element_type)
             for value in self._values:
                 if not value.isAbstract():
                     element.addRelation("-1", "skiros:hasValue", value.id)
             return element
-        if self._default and _is_plain(self._data_type):
+        element.setProperty("skiros:DataType", self._data_type)
+        if self._default:
             element.setProperty("skiros:Default", list(self._default))
-        if self._values and _is_plain(self._data_type):
+        if self._values:
             element.setProperty("skiros:Value", list(self._values))
         return element
 
 
 class ParamHandler:
-    """The parameters of one skill, by key, in the order they were declared."""
+    """The parameters of one skill, by key, in the order they were declared.
 
-    def __init__(self, params: dict[str, Param] | None = None) -> None:
+    :param is_strict: `handler[key]` of an unknown key raises, as in the hooks of a running skill; else it is logged.
+    """
+
+    def __init__(self, params: dict[str, Param] | None = None, is_strict: bool = False) -> None:
         self._params: dict[str, Param] = params if params is not None else {}
+        self._is_strict = is_strict
 
     def __getitem__(self, key: str) -> Any:
         # Any, so that an author's `self.params["Speed"].value` passes a type check.
+        param = self._params.get(key)
+        if param is not None:
+            return param
+        if self._is_strict:
+            raise self.unknown(key)
         return self.getParam(key)
 
     def __contains__(self, key: object) -> bool:
@@ -187,72 +267,70 @@ class ParamHandler:
         return self._params.items()
 
     def reset(self, copy: dict[str, Param] | ParamHandler) -> None:
-        """Takes a copy of these parameters in the place of its own."""
-        source = copy._params if isinstance(copy, ParamHandler) else copy
-        self._params = {key: param.clone() for key, param in source.items()}  # type: ignore[misc]
+        """Takes these parameters, the dict itself, in the place of its own."""
+        self._params = copy._params if isinstance(copy, ParamHandler) else copy
 
     def getCopy(self) -> dict[str, Param]:
-        """A copy of the parameters by key."""
-        return {key: param.clone() for key, param in self._params.items()}  # type: ignore[misc]
-
-    def at_defaults(self, but: Container[str] = ()) -> ParamHandler:
-        """A copy in which each parameter is set to its default.
-
-        :param but: those that are unset instead, for they are to be set to something else.
-        """
-        return ParamHandler({key: param.at_default(key not in but) for key, param in self._params.items()})
+        """Copies of the parameters by key; the values are shared."""
+        return {key: param.clone() for key, param in self._params.items()}
 
     def getParamMap(self) -> dict[str, Param]:
         """The parameters by key, not a copy."""
         return self._params
 
-    def merge(self, other: ParamHandler) -> None:
-        """Takes over the parameters of `other`; one that `other` has unset is dropped."""
+    def merge(self, other: ParamHandler) -> dict[str, Param]:
+        """Copies of the parameters with the values that `other` has for them, and the other parameters of `other`.
+
+        A parameter that is unset in `other` is left out. Values of another type are refused with a logged error.
+        """
+        merged = self.getCopy()
         for key, param in other._params.items():
-            if param.values:
-                self._params[key] = param.clone()  # type: ignore[assignment]
+            if not param._values:
+                merged.pop(key, None)
+            elif key in merged:
+                merged[key].setValues(param.values)
             else:
-                self._params.pop(key, None)
+                merged[key] = param
+        return merged
 
     def remap(self, initial_key: str, target_key: str) -> None:
-        """Renames a key, which keeps its place.
-
-        :raises UnknownName: there is no such key.
-        """
-        if initial_key not in self._params:
-            raise self._unknown(initial_key)
-        renamed = self._params[initial_key].clone()
-        renamed._key = target_key
-        self._params = {
-            (target_key if key == initial_key else key): (renamed if key == initial_key else param)  # type: ignore[misc]
-            for key, param in self._params.items()
-            if key == initial_key or key != target_key
-        }
+        """Moves a parameter to another key, in the place of one that is there. Nothing when there is no such key."""
+        moved = self._params.get(initial_key)
+        if moved is None or initial_key == target_key:
+            return
+        self._params.pop(target_key, None)
+        moved._key = target_key
+        self._params = {param._key: param for param in self._params.values()}
 
     def specifyParams(self, other: ParamHandler, keep_default: bool = False) -> None:
-        """Takes the values that `other` has for the keys of this one.
+        """Takes the values that `other` has for the keys of this one; one that is unset there is unset.
 
-        :param keep_default: a parameter with a default that is not an abstract element keeps its value.
-        :raises WrongType: a value is of another type.
+        Values of another type are refused with a logged error.
+
+        :param keep_default: a parameter with a default keeps its value, unless the default is an abstract element or
+            elements with the same ids.
         """
         for key, param in self._params.items():
-            if keep_default and param.hasSpecifiedDefault():
-                continue
-            if key in other._params and other._params[key].values:
-                param.assign(list(other._params[key].values))
+            given = other._params.get(key)
+            if given is not None and not (keep_default and param.keeps_default(given._values)):
+                param.setValues(given.values)
 
     def specifyParamsDefault(self, other: ParamHandler) -> None:
-        """Takes the values that `other` has for the keys of this one, and makes them the defaults."""
+        """Takes the values that `other` has for the keys of this one, also none, and makes them the defaults."""
         for key, param in self._params.items():
-            if key in other._params and other._params[key].values:
-                param.makeDefault(list(other._params[key].values))
+            if key in other._params:
+                param.makeDefault(other._params[key].values)
 
     def hasParam(self, key: str) -> bool:
         return key in self._params
 
-    def setDefault(self, key: str | None = None) -> None:
-        """Sets one parameter, or all, back to the default."""
-        for param in self._params.values() if key is None else [self._get(key)]:
+    def setDefault(self, key: str | list[str] | None = None) -> None:
+        """Sets one parameter, some, or all back to the default.
+
+        :raises UnknownName: there is no such key.
+        """
+        keys = list(self._params) if key is None else [key] if isinstance(key, str) else key
+        for param in [self._get(k) for k in keys]:
             param.setDefault()
 
     def addParam(self, key: str, value: Any, param_type: Any, description: str = "") -> None:
@@ -264,69 +342,84 @@ class ParamHandler:
         """The parameter, or None, with a logged error, when there is none of that key."""
         param = self._params.get(key)
         if param is None:
-            log.error("%s", self._unknown(key))
+            log.error("%s", self.unknown(key))
         return param
 
     def specifyDefault(self, key: str, values: Any) -> None:
-        """Sets a parameter and makes the values its default.
-
-        :raises UnknownName: there is no such key.
-        :raises WrongType: a value is of another type.
-        """
-        self._get(key).makeDefault(values)
+        """Sets a parameter and makes the values its default. An unknown key is logged."""
+        param = self.getParam(key)
+        if param is not None:
+            param.makeDefault(values)
 
     def specify(self, key: str, values: Any) -> None:
-        """Sets a parameter.
-
-        :raises UnknownName: there is no such key.
-        :raises WrongType: a value is of another type.
-        """
-        self._get(key).assign(values)
+        """Sets a parameter; None unsets it. An unknown key, or values of another type, are logged."""
+        param = self.getParam(key)
+        if param is not None:
+            param.setValues(values)
 
     def isSpecified(self, key: str) -> bool:
-        """Whether the parameter is there and has a value that is not an abstract element."""
+        """Whether the parameter has a value; an abstract element is one.
+
+        :raises UnknownName: there is no such key.
+        """
+        return self._get(key).isSpecified()
+
+    def is_bound(self, key: str) -> bool:
+        """Whether there is such a parameter, with a value that is not an abstract element."""
         param = self._params.get(key)
-        return param is not None and param.isSpecified()
+        return param is not None and param.is_bound()
 
     def getParamValue(self, key: str) -> Any:
-        """The first value, or None.
+        """The first value, or None; an unknown key is logged."""
+        param = self.getParam(key)
+        return param.value if param is not None else None
 
-        :raises UnknownName: there is no such key.
-        """
-        return self._get(key).value
+    def getParamValues(self, key: str) -> Any:
+        """All values, the list itself; None for an unknown key, which is logged."""
+        param = self.getParam(key)
+        return param.values if param is not None else None
 
-    def getParamValues(self, key: str) -> list[Any]:
-        """All values.
-
-        :raises UnknownName: there is no such key.
-        """
-        return self._get(key).values
-
-    def getElementParams(self) -> list[Param]:
-        """The parameters whose values are elements."""
-        return [param for param in self._params.values() if param.is_element]
+    def getElementParams(self) -> dict[str, Param]:
+        """The parameters whose present value is an element, by key."""
+        return {key: param for key, param in self._params.items() if isinstance(param.value, Element)}
 
     def getParamMapFiltered(self, type_filter: Any) -> dict[str, Param]:
-        """The parameters of one type, or several."""
+        """The parameters of one type, or several, by key."""
         wanted = type_filter if isinstance(type_filter, (list, tuple, set)) else [type_filter]
         return {key: param for key, param in self._params.items() if param.paramType in wanted}
 
     def printState(self) -> str:
-        """`key:[values] ` of each parameter."""
-        return "".join(f"{param.printState()} " for param in self._params.values())
+        """`key:[values] ` of each parameter; of one with an element `key: id-label `."""
+        return "".join(
+            f"{key}: {param.value.printState()} " if isinstance(param.value, Element) else f"{param.printState()} "
+            for key, param in self._params.items()
+        )
 
     def _get(self, key: str) -> Param:
         param = self._params.get(key)
         if param is None:
-            raise self._unknown(key)
+            raise self.unknown(key)
         return param
 
-    def _unknown(self, key: str) -> UnknownName:
-        return UnknownName(f"no parameter {key!r}; there are: {', '.join(self._params) or 'none'}")
+    def unknown(self, key: str) -> UnknownName:
+        """The error for a key that no parameter has; it names the nearest ones."""
+        near = nearest(str(key), self._params)
+        known = f"near: {', '.join(near)}" if near else f"there are: {', '.join(self._params) or 'none'}"
+        return UnknownName(f"no parameter {key!r}; {known}")
 
 
 def _is_abstract(value: Any) -> bool:
     return isinstance(value, Element) and value.isAbstract()
+
+
+def _id_of(value: Any) -> str | None:
+    return value.id if isinstance(value, Element) else None
+
+
+def _is_same(value: Any, default: Any) -> bool:
+    if isinstance(value, Element) and isinstance(default, Element):
+        return (value.id, value.type, value.label) == (default.id, default.type, default.label)
+    return value is default or bool(value == default)
 
 
 def _own(value: Any) -> Any:
@@ -334,7 +427,3 @@ def _own(value: Any) -> Any:
     if isinstance(value, Element):
         return value.view()
     return deepcopy(value) if isinstance(value, (dict, list, set)) else value
-
-
-def _is_plain(datatype: type) -> bool:
-    return datatype in (str, int, float, bool)

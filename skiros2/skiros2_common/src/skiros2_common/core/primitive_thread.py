@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import traceback
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.raised import report
 
 
 class PrimitiveThreadBase(PrimitiveBase):
@@ -76,8 +76,8 @@ class PrimitiveThreadBase(PrimitiveBase):
                 raise TypeError(f"{self._label}.run returned {state!r}, expected success(...) or fail(...)")
             message, code = getattr(self._running, "report", ("", 0))
             outcome = (state, message, code)
-        except FOREIGN_ERRORS:
-            outcome = (State.Failure, traceback.format_exc(), -405)
+        except FOREIGN_ERRORS as error:
+            outcome = (State.Failure, report(error, type(self).__module__), -405)
         finally:
             self._outcome = outcome
             self.wake()

@@ -5,17 +5,21 @@ from __future__ import annotations
 import logging
 import numbers
 import reprlib
-from collections.abc import Sequence
+from ast import literal_eval
+from operator import is_
 from sys import intern
 from typing import Any
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.mutations import mutations
 
 log = logging.getLogger(__name__)
 
 _TRUE_TEXTS = ("true", "1")
 _FALSE_TEXTS = ("false", "0")
+
+#: Characters of the values that `printState` shows.
+MOST_PRINTED = 500
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = _shown.maxlong = 200
@@ -69,8 +73,10 @@ def from_text(text: str, datatype: type) -> Any:
             return False
         raise WrongValue(f"expected True or False, got {shown(text)}")
     try:
+        if datatype is dict:
+            return dict(literal_eval(text))
         return datatype(text)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, SyntaxError) as error:
         raise WrongValue(f"{shown(text)} is no {datatype.__name__}") from error
 
 
@@ -94,10 +100,12 @@ def same_value(one: Any, other: Any) -> bool:
 class Property:
     """A key with a list of values, all of the type that the first one, or a given Python type, fixed.
 
-    The setters refuse a value of another type: they log an error and change nothing. `assign` raises instead.
+    The list is handed out, not copied: what is done to it in place is done to the property. Setters refuse a value of
+    another type: they log an error and change nothing. `assign` raises instead.
 
     :param key: the name, such as `skiros:PositionX`.
     :param value: a Python type (no value yet), one value, or a list of values of one type.
+    :raises WrongValue: the list holds values of several types.
     """
 
     __slots__ = ("_data_type", "_key", "_values")
@@ -114,7 +122,10 @@ class Property:
                 self._data_type = value[0]
             else:
                 self._data_type = type(value[0])
-                self._values = self._checked(value)
+                try:
+                    self._values = list(self._checked(value))
+                except WrongType as error:
+                    raise WrongValue(f"{error}: the values of a list are of one type") from None
         elif value is None:
             self._data_type = str
         else:
@@ -127,9 +138,6 @@ class Property:
         clone._key = self._key
         clone._data_type = self._data_type
         clone._values = list(self._values)
-        more = getattr(self, "__dict__", None)  # what a subclass has beside
-        if more:
-            clone.__dict__.update(more)
         return clone
 
     def isSpecified(self) -> bool:
@@ -155,7 +163,7 @@ class Property:
 
     @property
     def values(self) -> list[Any]:
-        """All values."""
+        """All values: the list itself, no copy."""
         return self._values
 
     @values.setter
@@ -171,102 +179,111 @@ class Property:
         return self._data_type
 
     def dataTypeIs(self, vtype: Any) -> bool:
-        """Whether the values are of that type (a type, or a value of it)."""
-        wanted = vtype if isinstance(vtype, type) else type(vtype)
-        return issubclass(self._data_type, wanted)
+        """Whether the data type is just that type, or, given a value, whether the value is of the data type."""
+        return self._data_type is vtype if isinstance(vtype, type) else isinstance(vtype, self._data_type)
 
     def unset(self) -> None:
-        """Removes all values."""
+        """Removes all values: the property gets a new, empty list."""
         self._set([])
 
     def assign(self, value: Any) -> None:
-        """Sets all values, from a list or one value; None removes all.
+        """Sets all values, from a list, a tuple or one value; None removes all.
 
         :raises WrongType: a value is of another type; nothing has changed then.
         """
-        self._set([] if value is None else self._checked(self._as_list(value)))
+        self._set([] if value is None else list(self._checked(self._as_list(value))))
 
     def setValue(self, value: Any, index: int = 0) -> None:
-        """Sets the value at `index`; the index after the last one adds it. None removes all values."""
+        """Sets the value at `index`, in the same list. A negative index counts from the end; one after the last value
+        adds it. None is refused with a logged error."""
+        values = self._values
         if value is None:
-            self.unset()
-            return
-        if not 0 <= index <= len(self._values):
-            log.error("%s: no value at index %s, there are %s", self._key, index, len(self._values))
-            return
-        checked = self._checked_or_log([value])
-        if checked:
-            self._set([*self._values[:index], checked[0], *self._values[index + 1 :]])
+            log.error("%s: None is no value; unset() removes the values", self._key)
+        elif index < -len(values):
+            log.error("%s: no value at index %s, there are %s", self._key, index, len(values))
+        else:
+            checked = self._checked_or_log([value])
+            if checked and index < len(values):
+                values[index] = checked[0]
+            elif checked:
+                values.append(checked[0])
+        mutations.note()
 
     def setValueFromStr(self, value: str, index: int = 0) -> None:
-        """Sets the value at `index` from its text. An unusable text is refused with a logged error."""
-        try:
-            self.setValue(from_text(value, self._data_type), index)
-        except WrongValue as error:
-            log.error("%s: %s", self._key, error)
+        """Sets the value at `index` from its text, that of a dict from a literal of Python.
 
-    def setValuesFromStr(self, values: Sequence[str]) -> None:
-        """Sets all values from their texts. With an unusable one nothing changes, and an error is logged."""
-        try:
-            self.setValues([from_text(v, self._data_type) for v in values])
-        except WrongValue as error:
-            log.error("%s: %s", self._key, error)
+        :raises WrongValue: the text is no such value.
+        """
+        self.setValue(from_text(value, self._data_type), index)
+
+    def setValuesFromStr(self, values: str) -> None:
+        """Sets all values from one text, in which `;` separates them; "" removes all.
+
+        :raises WrongValue: a text is no such value; nothing has changed then.
+        """
+        found = [from_text(item, self._data_type) for item in values.split(";")] if values else []
+        self.unset()
+        for index, item in enumerate(found):
+            self.setValue(item, index)
 
     def setValues(self, value: Any) -> None:
-        """Sets all values, from a list or one value; None removes all."""
+        """Sets all values: takes a list itself, no copy, or one value; None removes all.
+
+        A tuple, or values of another type, are refused with a logged error.
+        """
         if value is None:
-            self.unset()
+            self._set([])
             return
-        checked = self._checked_or_log(self._as_list(value))
+        is_one_list = self._data_type is list and isinstance(value, list) and not all(type(v) is list for v in value)
+        checked = self._checked_or_log(value if isinstance(value, list) and not is_one_list else [value])
         if checked is not None:
             self._set(checked)
 
     def removeValue(self, value: Any) -> None:
-        """Removes the first such value.
-
-        :raises WrongValue: there is none.
-        """
+        """Removes the first such value from the list, if there is one."""
         index = self.find(value)
-        if index < 0:
-            raise WrongValue(f"{self._key}: no value {value!r} among {self._values!r}")
-        self._set([*self._values[:index], *self._values[index + 1 :]])
+        if index >= 0:
+            del self._values[index]
+        mutations.note()
 
     def find(self, value: Any) -> int:
         """The index of the first such value, or -1."""
         return self._values.index(value) if value in self._values else -1
 
     def addValue(self, value: Any) -> None:
-        """Adds a value at the end."""
+        """Adds a value at the end of the list."""
         self.setValue(value, len(self._values))
 
     def getValue(self, index: int = 0) -> Any:
-        """The value at `index`, or None when there is no value at all.
+        """The value at `index` (negative: from the end), or None when there is no value at all.
 
-        :raises UnknownName: there are values, but none at that index.
+        :raises IndexError: there are values, but none at that index.
         """
         if not self._values:
             return None
-        if not 0 <= index < len(self._values):
-            raise UnknownName(f"{self._key}: no value at index {index}, there are {len(self._values)}")
-        return self._values[index]
+        try:
+            return self._values[index]
+        except IndexError:
+            raise IndexError(f"{self._key}: no value at index {index}, there are {len(self._values)}") from None
 
     def getValues(self) -> list[Any]:
-        """All values."""
-        return self._values
+        """All values: the list itself, no copy."""
+        return self.values
 
-    def getValuesStr(self) -> list[str]:
-        """All values as texts, as `setValuesFromStr` takes them."""
-        return [str(v) for v in self._values]
+    def getValuesStr(self) -> str:
+        """All values as one text, as `setValuesFromStr` takes it."""
+        return ";".join(str(v) for v in self._values)
 
     def printState(self) -> str:
-        """`key:[values]`."""
-        return f"{self._key}:{self._values}"
+        """`key:[values]`, of which at most 500 characters."""
+        text = str(self._values)
+        return f"{self._key}:{text}" if len(text) <= MOST_PRINTED else f"{self._key}:{text[:MOST_PRINTED]} ...]"
 
     def __repr__(self) -> str:
         return self.printState()
 
     def _set(self, values: list[Any]) -> None:
-        """Every change of the values ends here. The list is a new one each time, which shows that it has changed."""
+        """Takes another list as the values."""
         self._values = values
         mutations.note()
 
@@ -277,16 +294,21 @@ class Property:
             return [value]
         return list(value)
 
-    def _checked(self, values: Sequence[Any]) -> list[Any]:
+    def _checked(self, values: list[Any]) -> list[Any]:
+        """The values as values of the data type: the list itself where nothing has to be converted."""
+        datatype = self._data_type
+        if len(values) == 1 and type(values[0]) is datatype:
+            return values
         try:
-            if len(values) == 1:
-                return [as_type(values[0], self._data_type)]  # in less memory than a comprehension makes
-            return [as_type(v, self._data_type) for v in values]
+            converted = [as_type(v, datatype) for v in values]
         except WrongType as error:
             raise WrongType(f"{self._key}: {error}") from None
+        return values if all(map(is_, converted, values)) else converted
 
-    def _checked_or_log(self, values: Sequence[Any]) -> list[Any] | None:
+    def _checked_or_log(self, values: list[Any]) -> list[Any] | None:
         try:
+            if self._data_type is int and bool in map(type, values):  # a bool is an int of Python
+                values = [int(v) if type(v) is bool else v for v in values]
             return self._checked(values)
         except WrongType as error:
             log.error("%s. It stays %s.", error, self._values)

@@ -15,7 +15,7 @@ from skiros2_common.core.property import same_value
 from skiros2_common.core.world_element import Element
 
 #: The operators of `ConditionProperty`.
-OPERATORS: dict[str, Callable[[float, float], bool]] = {
+OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
     ">": lambda a, b: a > b,
     "<": lambda a, b: a < b,
     ">=": lambda a, b: a >= b,
@@ -28,29 +28,35 @@ class _OfProperty(ConditionBase):
 
     def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
         super().__init__(clabel, subj, desired_state)
-        self._property = full_name(olabel)
+        self._owl_label = olabel
 
     @property
     def property(self) -> str:
-        return self._property
+        """The property's name in full."""
+        return full_name(self._owl_label)
+
+    def suits(self, element: Element) -> bool:
+        """Whether the desired state holds of an element as it is given here."""
+        return self.is_of(element) == self._desired_state
 
     def is_of(self, element: Element) -> bool:
         """Whether the fact holds of an element as it is given here."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define is_of")
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
+        lacking = self._lacking(self._subject_key, ph, wmi)
         element = self._element(self._subject_key, ph, wmi)
-        if element is None or element.isAbstract():
-            return self._lacking(self._subject_key, ph, wmi)
-        return f"{self._name(self._subject_key)}: {self._property} is {self._told(element)}"
+        if lacking or element is None:
+            return lacking
+        return f"{self._name(self._subject_key)}: {self.property} is {self._told(element)}"
 
     def _told(self, element: Element) -> str:
         """The values of the property."""
-        values = element.getProperty(self._property).values if element.hasProperty(self._property) else []
+        values = element.getProperty(self.property).values if element.hasProperty(self.property) else []
         return ", ".join(map(repr, values)) or "missing"
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        return self._last(self._subject_key, self._property, ph, wmi)
+        return self._last(self._subject_key, self.property, ph, wmi)
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -62,12 +68,18 @@ class _OfProperty(ConditionBase):
         if not self._apply(element):
             return False
         wmi.update_element_properties(element)
-        self._undo.append(lambda: _restore_property(before, self._property, wmi))
+        self._undo.append(lambda: _restore_property(before, self.property, wmi))
         return self.evaluate(ph, wmi)
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
-        element = self._value(self._subject_key, ph)
-        return isinstance(element, Element) and self._apply(element)
+        element = self._param_value(self._subject_key, ph)
+        if not isinstance(element, Element):
+            return False
+        return self._describe(element) if element.isAbstract() else self._apply(element)
+
+    def _describe(self, element: Element) -> bool:
+        """Puts what the condition wants on an abstract element. False where that is not possible."""
+        raise NotImplementedError(f"{self.__class__.__name__} has to define _describe")
 
     def _apply(self, element: Element) -> bool:
         """Changes the element so that the desired state holds. False where that is not possible."""
@@ -75,7 +87,7 @@ class _OfProperty(ConditionBase):
 
     def toElement(self) -> Element:
         element = super().toElement()
-        element.setProperty("skiros:appliedOnType", self._property)
+        element.setProperty("skiros:appliedOnType", self.property)
         return element
 
 
@@ -92,25 +104,39 @@ class ConditionProperty(_OfProperty):
         if operator != "=" and operator not in OPERATORS:
             raise UnknownName(f"condition {clabel!r}: operator {operator!r}, expected one of = {' '.join(OPERATORS)}")
         self._operator = operator
-        self._desired_value = value
+        self._value = value
 
     @property
     def value(self) -> Any:
         """The value that the property is compared with."""
-        return self._desired_value
+        return self._value
 
     @property
     def is_value(self) -> bool:
         """Whether the property has to have a value, a text, number or bool: these an index finds."""
-        is_plain = isinstance(self._desired_value, (str, int, float)) and self._desired_value != ""
+        is_plain = isinstance(self._value, (str, int, float)) and self._value != ""
         return is_plain and self._operator == "=" and self._desired_state
 
     def said_of(self, key: str, ph: ParamHandler) -> str:
         has = "with" if self._desired_state else "without"
-        return f"{has} {self._property} {self._operator} {self._desired_value!r}"
+        return f"{has} {self.property} {self._operator} {self._value!r}"
 
     def _signature(self) -> tuple[Any, ...]:
-        return (self._subject_key, self._property, self._operator, self._desired_value)
+        return (self._subject_key, self.property, self._operator, self._value)
+
+    def evaluate(self, ph: ParamHandler, wmi: Any) -> bool:
+        self._remember(self._subject_key, ph)
+        if self.holds(ph, wmi) != self._desired_state:
+            return False
+        if self._desired_state or self._operator == "=":
+            return True
+        element = self._element(self._subject_key, ph, wmi)  # a missing value is neither more nor less
+        return element is not None and element.value_of(self.property) is not None
+
+    def suits(self, element: Element) -> bool:
+        if self._operator != "=" and element.value_of(self.property) is None:
+            return False
+        return super().suits(element)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
@@ -118,41 +144,53 @@ class ConditionProperty(_OfProperty):
 
     def is_of(self, element: Element) -> bool:
         if self._operator == "=":
-            return element.hasProperty(self._property, self._desired_value)
-        value = element.value_of(self._property)
+            return element.hasProperty(self.property, self._value)
+        value = element.value_of(self.property)
+        compared = OPERATORS[self._operator]
         try:
-            return OPERATORS[self._operator](float(value), float(self._desired_value))
+            return bool(compared(float(value), float(self._value)))
         except (TypeError, ValueError):
-            return False  # missing, or no number
+            is_text = isinstance(value, str) and isinstance(self._value, str)
+            return is_text and bool(compared(value, self._value))
 
     def fact(self) -> str:
-        return f"{self._name(self._subject_key)} {self._property} {self._operator} {self._desired_value}"
+        return f"{self._name(self._subject_key)} {self.property} {self._operator} {self._value}"
 
     def expected(self) -> str:
         compared = "" if self._operator == "=" else f"{self._operator} "
-        return f"{'' if self._desired_state else 'not '}{compared}{self._desired_value!r}"
+        return f"{'' if self._desired_state else 'not '}{compared}{self._value!r}"
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        having = (self._property, self._desired_value) if self.is_value else None
+        having = (self.property, self._value) if self.is_value else None
         others = self._others(self._subject_key, ph, wmi, having)
         fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
+        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
             return False  # no single value follows from it
         if self._desired_state:
-            element.setProperty(self._property, self._desired_value, force_convertion=True)
-        elif same_value(self._desired_value, True) or same_value(self._desired_value, False):
-            element.setProperty(self._property, not same_value(self._desired_value, True), force_convertion=True)
-        elif element.hasProperty(self._property, self._desired_value):
-            element.removeProperty(self._property)
+            element.setProperty(self.property, self._value, force_convertion=True)
+        elif same_value(self._value, True) or same_value(self._value, False):
+            element.setProperty(self.property, not same_value(self._value, True), force_convertion=True)
+        elif element.hasProperty(self.property, self._value):
+            element.removeProperty(self.property)
+        return True
+
+    def _describe(self, element: Element) -> bool:
+        value = self._value
+        if not self._desired_state:
+            if not isinstance(value, bool):
+                return False
+            value = not value
+        if not element.hasProperty(self.property, value):
+            element.appendProperty(self._owl_label, value)
         return True
 
     def toElement(self) -> Element:
         element = super().toElement()
         element.setProperty("skiros:operator", self._operator)
-        element.setProperty("skiros:desiredValue", self._desired_value)
+        element.setProperty("skiros:desiredValue", self._value)
         return element
 
 
@@ -160,7 +198,7 @@ class ConditionHasProperty(_OfProperty):
     """True when a property has a value; for a parameter without an element, true when it is optional."""
 
     def _signature(self) -> tuple[Any, ...]:
-        return (self._subject_key, self._property)
+        return (self._subject_key, self.property)
 
     def evaluate(self, ph: ParamHandler, wmi: Any) -> bool:
         self._remember(self._subject_key, ph)
@@ -175,27 +213,32 @@ class ConditionHasProperty(_OfProperty):
         return element is not None and self.is_of(element)
 
     def is_of(self, element: Element) -> bool:
-        return element.hasProperty(self._property, not_none=True)
+        return element.hasProperty(self.property, not_none=True)
 
     def fact(self) -> str:
-        return f"{self._name(self._subject_key)} has a value of {self._property}"
+        return f"{self._name(self._subject_key)} has a value of {self.property}"
 
     def expected(self) -> str:
         return f"{'a' if self._desired_state else 'no'} value"
 
     def said_of(self, key: str, ph: ParamHandler) -> str:
-        return f"with {self.expected()} of {self._property}"
+        return f"with {self.expected()} of {self.property}"
 
     def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
         others = self._others(self._subject_key, ph, wmi)
         fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self._property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
+        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
         if not self._desired_state:
-            element.removeProperty(self._property)
+            element.removeProperty(self.property)
             return True
-        return element.hasProperty(self._property, not_none=True)  # no value follows from it
+        return element.hasProperty(self.property, not_none=True)  # no value follows from it
+
+    def _describe(self, element: Element) -> bool:
+        if self._desired_state and not element.hasProperty(self.property):
+            element.setProperty(self._owl_label, str)
+        return self._desired_state
 
 
 def _restore_property(before: Element, key: str, wmi: Any) -> None:

@@ -20,8 +20,18 @@ DEVICE_STATE = "skiros:StateProperty"
 DEVICE_IDLE = "Idle"
 
 
+#: The types of values that a program or a planner can give.
+_PLAIN_TYPES = (str, int, float, bool)
+
+
 class SkillDescription:
-    """The name of a skill, its parameters and its conditions. Subclasses declare them in `createDescription`."""
+    """The name of a skill, its parameters and its conditions. Subclasses declare them in `createDescription`.
+
+    An object of a subclass has them from its construction on, with `Robot` and the conditions that follow from options.
+    """
+
+    #: Whether the constructor declares everything; the implementations of skills do so when they are loaded.
+    _declares_itself = True
 
     def __init__(self) -> None:
         self._type = full_name(self.__class__.__name__)
@@ -31,10 +41,15 @@ class SkillDescription:
         self._pre_conditions: list[Any] = []
         self._hold_conditions: list[Any] = []
         self._post_conditions: list[Any] = []
+        self._exported_conditions: list[Any] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
         self._duration: float | None = None
         self._places: dict[str, Place | None] = {}  # where each parameter was declared
         self._wmi: Any = None
+        if self._declares_itself and type(self) is not SkillDescription:
+            self.createDescription()
+            self.generateDefParams()
+            self.generateDefConditions()
 
     # -- reading -----------------------------------------------------------------------------------------------
 
@@ -98,16 +113,10 @@ class SkillDescription:
             raise WrongValue(f"the duration of {self._type} is {seconds!r}, expected seconds")
         self._duration = float(seconds)
 
-    def getDescription(self) -> SkillDescription:
-        """A copy of the description alone."""
-        copy = SkillDescription()
-        SkillDescription.setDescription(
-            copy, self._type, self._params, self._pre_conditions, self._hold_conditions, self._post_conditions
-        )
-        copy._options = {key: list(options) for key, options in self._options.items()}
-        copy._available_for_planning = self._available_for_planning
-        copy._duration = self._duration
-        return copy
+    def getDescription(self) -> tuple[str, ParamHandler, list[Any], list[Any], list[Any]]:
+        """The type, the parameters, and the pre-, hold- and post-conditions, as `setDescription` takes them."""
+        post = [*self._post_conditions, *self._exported_conditions]
+        return self._type, self._params, self._pre_conditions, self._hold_conditions, post
 
     def setDescription(self, typein: str, paramsin: ParamHandler, prein: Any, holdin: Any, postin: Any) -> None:
         """Takes copies of the parameters and conditions of another skill."""
@@ -115,7 +124,8 @@ class SkillDescription:
         self._params = ParamHandler(paramsin.getCopy())
         self._pre_conditions = [c.copy() for c in prein]
         self._hold_conditions = [c.copy() for c in holdin]
-        self._post_conditions = [c.copy() for c in postin]
+        self._post_conditions = [c.copy() for c in postin if not getattr(c, "only_exported", False)]
+        self._exported_conditions = [c.copy() for c in postin if getattr(c, "only_exported", False)]
 
     def place_of(self, key: str) -> Place | None:
         """The file and line in which a parameter was declared."""
@@ -155,20 +165,26 @@ class SkillDescription:
             self._params.addParam("Robot", Element("sumo:Agent"), ParamTypes.Inferred, "The robot that runs the skill")
 
     def generateDefConditions(self) -> None:
-        """Adds the conditions that follow from the parameters' options, where they are not there yet."""
+        """Adds the conditions that follow from the parameters' kinds and options, where they are not there yet."""
         for key, options in self._options.items():
             for option in options:
                 self._add_option_conditions(key, option)
+        for key, param in self._params.items():
+            if param.is_element and param.paramTypeIs(ParamTypes.Optional):
+                made = self.getGenerateCond(f"Has{key}", key, True)
+                made.only_exported = True
+                if not any(c.isEqual(made) for c in self._post_conditions):
+                    _add_new(self._exported_conditions, made)
 
     def _add_option_conditions(self, key: str, option: Any) -> None:
         if option == ParamOptions.Consume:
-            _add_new(self._post_conditions, self.getGenerateCond(f"{key}Consumed", key, False))
+            _add_new(self._post_conditions, self.getGenerateCond(f"Consume{key}", key, False))
         elif option == ParamOptions.Unspecify:
-            _add_new(self._post_conditions, self.getIsSpecifiedCond(f"{key}Unset", key, False))
+            _add_new(self._post_conditions, self.getIsSpecifiedCond(f"Unset{key}", key, False))
         elif option == ParamOptions.Lock:
             idle = self.getPropCond(f"{key}Idle", DEVICE_STATE, key, "=", DEVICE_IDLE, True)
-            busy = self.getPropCond(f"{key}Locked", DEVICE_STATE, key, "=", DEVICE_IDLE, False)
-            freed = self.getPropCond(f"{key}Freed", DEVICE_STATE, key, "=", DEVICE_IDLE, True)
+            busy = self.getPropCond(f"{key}Busy", DEVICE_STATE, key, "=", DEVICE_IDLE, False)
+            freed = self.getPropCond(f"{key}Idle", DEVICE_STATE, key, "=", DEVICE_IDLE, True)
             _add_new(self._pre_conditions, idle)
             _add_new(self._hold_conditions, busy)
             _add_new(self._post_conditions, freed)
@@ -177,8 +193,8 @@ class SkillDescription:
             _add_new(self._pre_conditions, self.getOnTypeCond(f"{key}OfType", key, wanted))
 
     def getOutputParams(self) -> dict[str, Param]:
-        """The parameters with the option Output, by key."""
-        return {k: p for k, p in self._params.items() if ParamOptions.Output in self._options.get(k, ())}
+        """The Optional parameters, by key."""
+        return self._params.getParamMapFiltered(ParamTypes.Optional)
 
     def addPreCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold when the skill starts."""
@@ -237,9 +253,9 @@ class SkillDescription:
 
     # -- other forms -------------------------------------------------------------------------------------------
 
-    def getModifiedParams(self) -> list[str]:
+    def getModifiedParams(self) -> set[str]:
         """The keys of the parameters that post-conditions speak of: what the skill changes."""
-        return list(dict.fromkeys(key for c in self._post_conditions for key in c.getKeys()))
+        return {key for c in self._post_conditions for key in c.getKeys()}
 
     def printInfo(self, verbose: bool = False) -> str:
         """`type-label` with the parameters; with `verbose` the conditions too."""
@@ -252,17 +268,23 @@ class SkillDescription:
         return "\n".join(f"{kind}: {c.getDescription()}" for kind, some in kinds for c in some)
 
     def toElement(self) -> Element:
-        """The skill as an element of the world model, with its parameters and conditions as children."""
+        """The skill as an element of the world model, with its conditions and element parameters as children.
+
+        Of other parameters only the keys of those that need a value are exported.
+        """
         element = Element(self._type, self._label)
         element.setProperty("skiros:AvailableForPlanning", self._available_for_planning)
         if self._duration is not None:
             element.setProperty("skiros:Duration", self._duration)
         for param in self._params.values():
-            element.addRelation("-1", "skiros:hasParam", param.toElement())
+            if param.is_element:
+                element.addRelation("-1", "skiros:hasParam", param.toElement())
+            elif not param.values and param.paramTypeIs(ParamTypes.Required) and param.dataType() in _PLAIN_TYPES:
+                element.appendProperty("skiros:MissingParameter", param.key)
         for relation, some in (
             ("skiros:hasPreCondition", self._pre_conditions),
             ("skiros:hasHoldCondition", self._hold_conditions),
-            ("skiros:hasPostCondition", self._post_conditions),
+            ("skiros:hasPostCondition", [*self._post_conditions, *self._exported_conditions]),
         ):
             for condition in some:
                 element.addRelation("-1", relation, condition.toElement())

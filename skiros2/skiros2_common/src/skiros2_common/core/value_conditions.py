@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase, some
+from skiros2_common.core.condition import ConditionBase, is_there, some
 from skiros2_common.core.explanation import Change, Near
-from skiros2_common.core.names import full_name
+from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
@@ -16,10 +16,8 @@ class ConditionIsSpecified(ConditionBase):
     """True when a parameter holds an element of the scene."""
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        element = self._value(self._subject_key, ph)
-        if isinstance(element, Element):
-            return not element.isAbstract() and wmi.find_element(element.id) is not None
-        return element is not None
+        element = self._param_value(self._subject_key, ph)
+        return bool(element.id) if isinstance(element, Element) else element is not None
 
     def fact(self) -> str:
         return f"{self._subject_key} is specified ({self._name(self._subject_key)})"
@@ -51,7 +49,7 @@ class ConditionIsSpecified(ConditionBase):
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
         if self._desired_state:
-            return ph.isSpecified(self._subject_key)
+            return ph.is_bound(self._subject_key)
         param = ph.getParam(self._subject_key)
         if param is None:
             return False
@@ -60,7 +58,14 @@ class ConditionIsSpecified(ConditionBase):
 
 
 class ConditionGenerate(ConditionIsSpecified):
-    """As `ConditionIsSpecified`; as an effect the skill makes the element (true) or removes it (false)."""
+    """As `ConditionIsSpecified`; as an effect the skill makes the element (true) or removes it (false).
+
+    An element that the world model has no more counts as removed.
+    """
+
+    def holds(self, ph: ParamHandler, wmi: Any) -> bool:
+        element = self._param_value(self._subject_key, ph)
+        return is_there(element, wmi) if isinstance(element, Element) else element is not None
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -77,7 +82,7 @@ class ConditionGenerate(ConditionIsSpecified):
             self._undo.append(lambda: wmi.remove_element(made))
         else:
             branch = wmi.get_branch(param.value.id)
-            wmi.remove_element(branch[0])
+            wmi.remove_element(branch[0].id)
             gone = [e for e in branch if not wmi.is_scene_element(e.id)]  # what something else holds has stayed
             self._undo.append(lambda: wmi.add_elements([_as_new(e) for e in gone]))
         self._undo.append(lambda: param.assign(before))
@@ -92,33 +97,34 @@ class ConditionOnType(ConditionBase):
 
     def __init__(self, clabel: str, subj: str, value: str) -> None:
         super().__init__(clabel, subj, True)
-        self._type = full_name(value)
+        self._value = value
 
     @property
     def wanted_type(self) -> str:
-        return self._type
+        """The class's name in full."""
+        return full_name(self._value)
 
     def _signature(self) -> tuple[Any, ...]:
-        return (self._subject_key, self._type)
+        return (self._subject_key, self.wanted_type)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
         return element is not None and self._covers(element, wmi)
 
     def _covers(self, element: Element, wmi: Any) -> bool:
-        return bool(element.type == self._type or wmi.is_subclass(element.type, self._type))
+        return is_of_class(element.type, self._value, wmi)
 
     def hasConflict(self, other: Any) -> bool:
         return False  # a value may be of both classes
 
     def fact(self) -> str:
-        return f"{self._name(self._subject_key)} is a {self._type}"
+        return f"{self._name(self._subject_key)} is a {self.wanted_type}"
 
     def expected(self) -> str:
-        return f"a {self._type}"
+        return f"a {self.wanted_type}"
 
     def said_of(self, key: str, ph: ParamHandler) -> str:
-        return f"of class {self._type}"
+        return f"of class {self.wanted_type}"
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(self._subject_key, ph, wmi)
@@ -132,8 +138,16 @@ class ConditionOnType(ConditionBase):
 
     def toElement(self) -> Element:
         element = super().toElement()
-        element.setProperty("skiros:appliedOnType", self._type)
+        element.removeProperty("skiros:desiredState")
+        element.setProperty("skiros:desiredValue", self.wanted_type)
         return element
+
+    def setDesiredState(self, ph: ParamHandler) -> bool:
+        element = self._param_value(self._subject_key, ph)
+        if not isinstance(element, Element) or not element.isAbstract():
+            return False
+        element.type = self._value
+        return True
 
 
 class ConditionFunction(ConditionBase):
@@ -163,7 +177,7 @@ class ConditionFunction(ConditionBase):
         self._keys = [target_key if key == initial_key else key for key in self._keys]
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        return bool(self._function(*(self._value(key, ph) for key in self._keys)))
+        return bool(self._function(*(self._param_value(key, ph) for key in self._keys)))
 
     def fact(self) -> str:
         name = getattr(self._function, "__name__", "function")

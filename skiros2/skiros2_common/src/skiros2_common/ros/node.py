@@ -11,6 +11,7 @@ from collections.abc import Callable
 import rosgraph
 import rospy
 
+from skiros2_common.command_line.launch_refusal import repeat_after_roslaunch
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.ros.ending import ended_beside_main
 from skiros2_common.ros.inbound import greet_in_threads
@@ -38,8 +39,8 @@ class RosoutHandler(logging.Handler):
             rosout.handle(logging.makeLogRecord({**record.__dict__, **told, **text}))
 
     def filter(self, record: logging.LogRecord) -> bool:
-        # rospy's own records reach rosout by themselves.
-        return not record.name.startswith(("ros", "topics", "xmlrpc"))
+        # rospy's own records, and those of `skiros2_common.tools.logger`, reach rosout by themselves.
+        return not record.name.startswith(("ros", "topics", "xmlrpc")) and not getattr(record, "is_shown", False)
 
 
 def bridge_logging(verbose: bool = False) -> None:
@@ -87,6 +88,8 @@ def _die(line: str, status: int) -> None:
     rospy.signal_shutdown(line)
     sys.stderr.write(line + "\n")
     sys.stderr.flush()
+    if status == EXIT_CONFIGURATION:
+        repeat_after_roslaunch(line)
     os._exit(status)
 
 

@@ -9,6 +9,9 @@ from actionlib import CommState
 
 from skiros2_common.ros.listeners import Listeners
 
+#: Time after which the other listeners of an action's goals are not waited for any more (s).
+_LISTENERS_TIMEOUT = 5.0
+
 
 class ServerWatch:
     """Watches the server of one action client, from its creation on.
@@ -19,7 +22,7 @@ class ServerWatch:
     def __init__(self, client: Any) -> None:
         self._client = getattr(client, "action_client", client)
         self._heard: Any = self._client.last_status_msg
-        self._heard_at = time.monotonic()
+        self._heard_at = self._made_at = time.monotonic()
         self._overdue: dict[int, float] = {}  # since when (s), by the state in which an answer is waited for
         self._listeners: Listeners | None = None
 
@@ -43,7 +46,13 @@ class ServerWatch:
         )
         if is_connected and self._listeners is None:
             self._listeners = Listeners(client.pub_goal)
-        return is_connected and self._listeners is not None and self._listeners.are_connected()
+        if not is_connected or self._listeners is None:
+            return False
+        return self.age() > _LISTENERS_TIMEOUT or self._listeners.are_connected()
+
+    def age(self) -> float:
+        """Time since the creation (s of wall time)."""
+        return time.monotonic() - self._made_at
 
     def silence(self) -> float:
         """For how long the server has said nothing, as seen by the calls of this method (s of wall time).

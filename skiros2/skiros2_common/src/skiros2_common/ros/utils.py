@@ -7,15 +7,19 @@ that is none of the built-in ones or of a registered class is refused: nothing n
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from skiros2_common.core.errors import UnknownName, WrongType, WrongValue
+from skiros2_common.core.element_relations import is_fact
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
 from skiros2_common.core.property import Property, as_type, shown
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_msgs import msg as msgs
+
+log = logging.getLogger(__name__)
 
 _BUILTIN_TYPES: dict[str, type] = {t.__name__: t for t in (str, int, float, bool, list, dict)}
 _PARAM_TYPES = {code: param_type for param_type, code in PARAM_TYPE_CODES.items()}
@@ -26,21 +30,21 @@ _decoders: dict[str, Callable[[Any], Any]] = {}
 
 
 def json_loads_byteified(json_text: str) -> Any:
-    """The value that a JSON text holds.
-
-    :raises ValueError: it is no JSON, or nested too deeply to be read.
-    """
-    return read_json(json_text)
+    """The value that a JSON text holds; None when it is no JSON, or nested too deeply to be read."""
+    try:
+        return read_json(json_text)
+    except (TypeError, ValueError):
+        return None
 
 
 class ParamsEncoder(json.JSONEncoder):
-    """Encodes parameters, properties, elements and values of registered classes."""
+    """Encodes parameters, properties, elements and values of registered classes, others as "NotSerializable"."""
 
     def default(self, obj: Any) -> Any:
         for cls in type(obj).__mro__:
             if cls in _encoders:
                 return _encoders[cls](self, obj)
-        return super().default(obj)
+        return "NotSerializable"
 
 
 def registerDecoder(name: str, func: Callable[[Any], Any]) -> None:
@@ -58,15 +62,27 @@ def registerCtype(name: str, class_type: type) -> None:
     _types[name] = class_type
 
 
-def registerClass(name: str, class_type: type, encoder: Callable[..., Any], decoder: Callable[[Any], Any]) -> None:
+def registerClass(
+    name: str,
+    class_type: type,
+    encoder: Callable[..., Any] | None = None,
+    decoder: Callable[[Any], Any] | None = None,
+) -> None:
     """Gives a Python class a wire name, so that values of it may travel in parameters.
+
+    A name or class that is registered already is reported and stays as it is.
 
     :param encoder: `encoder(json_encoder, value)` gives a value that JSON can hold.
     :param decoder: `decoder(json_value)` gives the value back.
     """
+    if name in _types or class_type in _types.values():
+        log.warning("class %s is not registered as %r: one of them is registered already", class_type.__name__, name)
+        return
     registerCtype(name, class_type)
-    registerEncoder(class_type, encoder)
-    registerDecoder(name, decoder)
+    if encoder is not None:
+        registerEncoder(class_type, encoder)
+    if decoder is not None:
+        registerDecoder(name, decoder)
 
 
 def getStrFromType(obj: Any) -> str:
@@ -82,7 +98,19 @@ def getStrFromType(obj: Any) -> str:
     raise UnknownName(f"type {wanted.__module__}.{wanted.__name__} has no wire name; see registerClass")
 
 
-def getTypeFromStr(name: str) -> type:
+def getTypeFromStr(name: str) -> Any:
+    """A new value of the type with that wire name: `"int"` gives 0.
+
+    :raises UnknownName: no type has it, or a value of it cannot be made without arguments.
+    """
+    datatype = type_named(name)
+    try:
+        return datatype()
+    except TypeError as error:
+        raise UnknownName(f"a value of type {name!r} cannot be made without arguments: {error}") from None
+
+
+def type_named(name: str) -> type:
     """The type with that wire name.
 
     :raises UnknownName: no type has it.
@@ -115,8 +143,9 @@ def decodeParam(p: Any) -> Param:
     if code not in _PARAM_TYPES:
         raise WrongValue(f"parameter {key!r}: specType {code}, expected 0 (required), 1 (optional) or 2 (inferred)")
     name = _part(p, "type", str, f"parameter {key!r}")
-    param = Param(key, str(p.get("description", "")), getTypeFromStr(name), _PARAM_TYPES[code])
-    param.makeDefault(_decoded_values(name, _part(p, "values", list, f"parameter {key!r}")))
+    param = Param(key, str(p.get("description", "")), type_named(name), _PARAM_TYPES[code])
+    param.assign(_decoded_values(name, _part(p, "values", list, f"parameter {key!r}")))
+    param.makeDefault(param.values)
     return param
 
 
@@ -134,7 +163,7 @@ def decodeProperty(p: Any) -> Property:
     p = _loaded(p, "property")
     key = _part(p, "key", str, "property")
     name = _part(p, "type", str, f"property {key!r}")
-    prop = Property(key, getTypeFromStr(name))
+    prop = Property(key, type_named(name))
     prop.assign(_decoded_values(name, _part(p, "values", list, f"property {key!r}")))
     return prop
 
@@ -145,9 +174,9 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
         "id": obj.id,
         "label": obj.label,
         "type": obj.type,
-        "last_update": obj.getLastUpdate(),
+        "last_update": 0.0,
         "properties": {key: encodeProperty(encoder, prop) for key, prop in obj._props.items()},
-        "relations": list(obj._rels),
+        "relations": [_full_relation(r) for r in obj._rels],
     }
 
 
@@ -213,19 +242,28 @@ def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
 def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
     """Properties by key, from `Property` messages.
 
-    :raises WrongValue: a value is no JSON list.
+    :raises WrongValue: values are no JSON list.
     :raises UnknownName: a type name is unknown.
     :raises WrongType: a value is not of the type that the message names.
+
+    Of several errors a `WrongValue` has all texts.
     """
     properties: dict[str, Property] = {}
+    errors: list[SkirosError] = []
     for message in msg:
-        prop = Property(message.key, getTypeFromStr(message.dataType))
         try:
+            prop = Property(message.key, type_named(message.dataType))
             values = json_loads_byteified(message.dataValue)
-        except ValueError as error:
-            raise WrongValue(f"property {message.key!r}: {shown(message.dataValue)} is no JSON list: {error}") from None
-        prop.assign(_decoded_values(message.dataType, values if isinstance(values, list) else [values]))
-        properties[message.key] = prop
+            if not isinstance(values, list):
+                raise WrongValue(f"{shown(message.dataValue)} is no JSON list")
+            prop.assign(_decoded_values(message.dataType, values))
+            properties[message.key] = prop
+        except SkirosError as error:
+            errors.append(type(error)(f"property {message.key!r}: {error}"))
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        raise WrongValue("; ".join(map(str, errors)))
     return properties
 
 
@@ -236,7 +274,7 @@ def element2msg(element: Element) -> Any:
         element.type,
         element.label,
         serializePropertyMap(element._props),
-        [relation2msg(r) for r in element._rels if r["state"] and not r["abstract"]],
+        [relation2msg(r) for r in element._rels if is_fact(r)],
     )
 
 
@@ -254,6 +292,10 @@ def msg2element(msg: Any) -> Element:
         raise WrongValue(f"element {element!r}: {error}") from None
     element._rels = [msg2relation(r) for r in msg.relations]
     return element
+
+
+def _full_relation(r: RelationDict) -> RelationDict:
+    return {**makeRelation("", "", ""), **r}
 
 
 def relation2msg(r: RelationDict) -> Any:
@@ -287,7 +329,7 @@ def makeStatementMsg(subj: str, pred: str, obj: str, value: bool) -> Any:
 def _loaded(value: Any, what: str) -> dict[str, Any]:
     if isinstance(value, (str, bytes)):
         try:
-            value = json_loads_byteified(value)
+            value = read_json(value)
         except ValueError as error:
             raise WrongValue(f"{what} is not JSON: {error} in {shown(value)}") from None
     if not isinstance(value, dict):

@@ -1,20 +1,34 @@
 """The logging functions that skill libraries call, on top of Python's `logging`.
 
-Each takes a short origin and a text, or a text alone. In a ROS node the records reach rosout.
+Each takes a short origin and a text, or a text alone. Messages are shown on stdout in every process, coloured by level;
+in a ROS node they reach rosout too. `Log` remembers the last messages, which `has*`, `count*Msg` and `msg*` tell.
 """
 
 from __future__ import annotations
 
 import logging
-from typing import Any
+import sys
+from collections import Counter, deque
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, TypeVar
 
-ALWAYS, OK, TRACE = 60, 22, 5
-ERROR, WARN, INFO, DEBUG = logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG
+_T = TypeVar("_T")
 
-for _number, _name in ((ALWAYS, "ALWAYS"), (OK, "OK"), (TRACE, "TRACE")):
-    logging.addLevelName(_number, _name)
 
-_logger = logging.getLogger("skiros2")
+class logMode(IntEnum):
+    """The levels: messages up to the set one are shown."""
+
+    ALWAYS = -1
+    ERROR = 0
+    WARN = 1
+    OK = 2
+    INFO = 3
+    DEBUG = 4
+    TRACE = 5
+
+
+ALWAYS, ERROR, WARN, OK, INFO, DEBUG, TRACE = logMode
 
 
 class logColor:
@@ -24,74 +38,305 @@ class logColor:
     GREEN = "\033[92m"
     YELLOW = "\033[93m"
     BLUE = "\033[94m"
+    MAGENTA = "\033[95m"
     BOLD = "\033[1m"
     UNDERLINE = "\033[4m"
     ENDC = "\033[0m"
 
 
-def setLevel(mode: int) -> None:
-    """Records below this level are dropped."""
-    _logger.setLevel(int(mode))
+#: The levels of Python's `logging` that stand for the modes.
+_NUMBERS = {
+    ALWAYS: 60,
+    ERROR: logging.ERROR,
+    WARN: logging.WARNING,
+    OK: 22,
+    INFO: logging.INFO,
+    DEBUG: logging.DEBUG,
+    TRACE: 5,
+}
+_COLOURS = {
+    _NUMBERS[ALWAYS]: logColor.BOLD,
+    _NUMBERS[ERROR]: logColor.RED,
+    _NUMBERS[WARN]: logColor.YELLOW,
+    _NUMBERS[OK]: logColor.GREEN,
+    _NUMBERS[INFO]: "",
+    _NUMBERS[DEBUG]: logColor.BLUE,
+    _NUMBERS[TRACE]: logColor.MAGENTA,
+}
+for _mode in (ALWAYS, OK, TRACE):
+    logging.addLevelName(_NUMBERS[_mode], _mode.name)
+
+#: The width of the origin in a line.
+_ORIGIN = 20
+#: The number of messages that a `Log` remembers.
+_REMEMBERED = 1000
+#: Levels that rosout knows.
+_ROSOUT = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
 
 
-def getLevel() -> int:
-    return _logger.getEffectiveLevel()
+class _Shown(logging.Handler):
+    """Writes records to stdout and, in a ROS node, to what `rosout` has beside the screen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_on = True
+        self.has_colours = True
+
+    def emit(self, record: logging.LogRecord) -> None:
+        record.is_shown = True  # nothing else sends it to rosout
+        if not self.is_on:
+            return
+        colour = _COLOURS.get(record.levelno, "") if self.has_colours else ""
+        text = self.format(record)
+        try:
+            sys.stdout.write(f"{colour}{text}{logColor.ENDC}\n" if colour else f"{text}\n")
+            sys.stdout.flush()
+        except (OSError, ValueError):
+            self.handleError(record)
+        _to_rosout(record)
 
 
-def _log(level: int, msg: Any, desc: Any) -> None:
-    if desc is None:
-        _logger.log(level, "%s", msg)
-    else:
-        _logger.log(level, "%s: %s", msg, desc)
+def _to_rosout(record: logging.LogRecord) -> None:
+    rospy = sys.modules.get("rospy")  # one that is not imported has no node
+    if rospy is None or not rospy.core.is_initialized():
+        return
+    number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno
+    level = next((known for known in _ROSOUT if number >= known), logging.DEBUG)
+    told = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
+    copy = logging.makeLogRecord({**record.__dict__, **told})
+    for handler in logging.getLogger("rosout").handlers:
+        if not type(handler).__name__.endswith("StreamHandler"):
+            handler.handle(copy)
 
 
-def always(msg: Any, desc: Any = None) -> None:
-    _log(ALWAYS, msg, desc)
+_shown = _Shown()
 
 
-def error(msg: Any, desc: Any = None) -> None:
-    _log(ERROR, msg, desc)
+class Log:
+    """Logs messages and remembers the last ones.
+
+    :param name: of the Python logger.
+    """
+
+    def __init__(self, name: str = "skiros2") -> None:
+        self._logger = logging.getLogger(name)
+        if _shown not in self._logger.handlers:
+            self._logger.addHandler(_shown)
+            self._logger.setLevel(_NUMBERS[TRACE])
+        self._messages: deque[tuple[logMode, str]] = deque(maxlen=_REMEMBERED)
+        self._counts: Counter[logMode] = Counter()
+        self._indent = 0
+
+    def log(self, mode: int, msg: Any, desc: Any = None) -> None:
+        """Logs a message, when its level is no higher than the set one."""
+        mode = logMode(mode)
+        if not self._logger.isEnabledFor(_NUMBERS[mode]):
+            return
+        text = "  " * self._indent + (str(msg) if desc is None else f"{msg!s:<{_ORIGIN}} {desc}")
+        self._messages.append((mode, text))
+        self._counts[mode] += 1
+        self._logger.log(_NUMBERS[mode], "%s", text, stacklevel=3)
+
+    def always(self, msg: Any, desc: Any = None) -> None:
+        self.log(ALWAYS, msg, desc)
+
+    def error(self, msg: Any, desc: Any = None) -> None:
+        self.log(ERROR, msg, desc)
+
+    def warn(self, msg: Any, desc: Any = None) -> None:
+        self.log(WARN, msg, desc)
+
+    def ok(self, msg: Any, desc: Any = None) -> None:
+        self.log(OK, msg, desc)
+
+    def info(self, msg: Any, desc: Any = None) -> None:
+        self.log(INFO, msg, desc)
+
+    def debug(self, msg: Any, desc: Any = None) -> None:
+        self.log(DEBUG, msg, desc)
+
+    def trace(self, msg: Any, desc: Any = None) -> None:
+        self.log(TRACE, msg, desc)
+
+    def assertError(self, cond: _T, msg: Any, desc: Any = None) -> _T:
+        """Logs an error when `cond` does not hold. Returns `cond`."""
+        if not cond:
+            self.log(ERROR, msg, desc)
+        return cond
+
+    def assertWarn(self, cond: _T, msg: Any, desc: Any = None) -> _T:
+        """Logs a warning when `cond` does not hold. Returns `cond`."""
+        if not cond:
+            self.log(WARN, msg, desc)
+        return cond
+
+    def assertOk(self, cond: Any, msg: Any, desc: Any = None) -> bool:
+        """Logs good news when `cond` holds. Returns whether it does not."""
+        if cond:
+            self.log(OK, msg, desc)
+        return not cond
+
+    def assertInfo(self, cond: Any, msg: Any, desc: Any = None) -> bool:
+        """Logs an information when `cond` holds. Returns whether it does not."""
+        if cond:
+            self.log(INFO, msg, desc)
+        return not cond
+
+    # -- what is shown -----------------------------------------------------------------------------------------
+
+    def setLevel(self, mode: int) -> None:
+        """Messages of a higher level than this one are dropped."""
+        self._logger.setLevel(_NUMBERS[logMode(mode)])
+
+    def getLevel(self) -> logMode:
+        """The highest level that is shown."""
+        return max((mode for mode in logMode if self._logger.isEnabledFor(_NUMBERS[mode])), default=ALWAYS)
+
+    def useColor(self, state: bool = True) -> None:
+        """Whether lines are coloured by their level."""
+        _shown.has_colours = state
+
+    def enableOutput(self) -> None:
+        """Messages are shown, as they are by default."""
+        _shown.is_on = True
+
+    def disableOutput(self) -> None:
+        """Messages are remembered, but not shown."""
+        _shown.is_on = False
+
+    def indent(self) -> None:
+        """Further lines are indented by one step more."""
+        self._indent += 1
+
+    def unindent(self) -> None:
+        """Further lines are indented by one step less."""
+        self._indent = max(0, self._indent - 1)
+
+    # -- what was logged ---------------------------------------------------------------------------------------
+
+    def messages(self, mode: int) -> list[str]:
+        """The last messages of a level."""
+        return [text for known, text in self._messages if known == mode]
+
+    def count(self, mode: int) -> int:
+        """How many messages of a level there were since `clear`."""
+        return self._counts[logMode(mode)]
+
+    def lastError(self) -> str:
+        """The last error; "" when there was none."""
+        return next(iter(reversed(self.messages(ERROR))), "")
+
+    def lastWarn(self) -> str:
+        """The last warning; "" when there was none."""
+        return next(iter(reversed(self.messages(WARN))), "")
+
+    def testError(self) -> bool:
+        """Whether there was an error since `clear`."""
+        return self.count(ERROR) > 0
+
+    def testWarn(self) -> bool:
+        """Whether there was a warning since `clear`."""
+        return self.count(WARN) > 0
+
+    def toString(self) -> str:
+        """The last messages, a line each."""
+        return "\n".join(f"[{mode.name}] {text}" for mode, text in self._messages)
+
+    def dump(self, filename: str) -> None:
+        """Writes the last messages to a file, a line each."""
+        Path(filename).write_text(self.toString() + "\n")
+
+    def clear(self) -> None:
+        """Forgets all messages."""
+        self._messages.clear()
+        self._counts.clear()
+
+    def reset(self) -> None:
+        """Forgets all messages and settings."""
+        self.clear()
+        self._indent = 0
+        self.setLevel(TRACE)
+        self.useColor()
+        self.enableOutput()
+
+    def msgAlways(self) -> list[str]:
+        return self.messages(ALWAYS)
+
+    def msgError(self) -> list[str]:
+        return self.messages(ERROR)
+
+    def msgWarn(self) -> list[str]:
+        return self.messages(WARN)
+
+    def msgOk(self) -> list[str]:
+        return self.messages(OK)
+
+    def msgInfo(self) -> list[str]:
+        return self.messages(INFO)
+
+    def msgDebug(self) -> list[str]:
+        return self.messages(DEBUG)
+
+    def msgTrace(self) -> list[str]:
+        return self.messages(TRACE)
+
+    def countAlwaysMsg(self) -> int:
+        return self.count(ALWAYS)
+
+    def countErrorMsg(self) -> int:
+        return self.count(ERROR)
+
+    def countWarnMsg(self) -> int:
+        return self.count(WARN)
+
+    def countOkMsg(self) -> int:
+        return self.count(OK)
+
+    def countInfoMsg(self) -> int:
+        return self.count(INFO)
+
+    def countDebugMsg(self) -> int:
+        return self.count(DEBUG)
+
+    def countTraceMsg(self) -> int:
+        return self.count(TRACE)
+
+    def hasAlways(self) -> bool:
+        return self.count(ALWAYS) > 0
+
+    def hasError(self) -> bool:
+        return self.count(ERROR) > 0
+
+    def hasWarn(self) -> bool:
+        return self.count(WARN) > 0
+
+    def hasOk(self) -> bool:
+        return self.count(OK) > 0
+
+    def hasInfo(self) -> bool:
+        return self.count(INFO) > 0
+
+    def hasDebug(self) -> bool:
+        return self.count(DEBUG) > 0
+
+    def hasTrace(self) -> bool:
+        return self.count(TRACE) > 0
 
 
-def warn(msg: Any, desc: Any = None) -> None:
-    _log(WARN, msg, desc)
+_log = Log()
 
-
-def ok(msg: Any, desc: Any = None) -> None:
-    _log(OK, msg, desc)
-
-
-def info(msg: Any, desc: Any = None) -> None:
-    _log(INFO, msg, desc)
-
-
-def debug(msg: Any, desc: Any = None) -> None:
-    _log(DEBUG, msg, desc)
-
-
-def trace(msg: Any, desc: Any = None) -> None:
-    _log(TRACE, msg, desc)
-
-
-def assertError(cond: Any, msg: Any, desc: Any = None) -> None:
-    """Logs an error when `cond` holds."""
-    if cond:
-        error(msg, desc)
-
-
-def assertWarn(cond: Any, msg: Any, desc: Any = None) -> None:
-    """Logs a warning when `cond` holds."""
-    if cond:
-        warn(msg, desc)
-
-
-def assertOk(cond: Any, msg: Any, desc: Any = None) -> None:
-    """Logs good news when `cond` holds."""
-    if cond:
-        ok(msg, desc)
-
-
-def assertInfo(cond: Any, msg: Any, desc: Any = None) -> None:
-    """Logs an information when `cond` holds."""
-    if cond:
-        info(msg, desc)
+always, error, warn, ok = _log.always, _log.error, _log.warn, _log.ok
+info, debug, trace = _log.info, _log.debug, _log.trace
+assertError, assertWarn, assertOk, assertInfo = _log.assertError, _log.assertWarn, _log.assertOk, _log.assertInfo
+setLevel, getLevel, useColor = _log.setLevel, _log.getLevel, _log.useColor
+enableOutput, disableOutput, clear, reset = _log.enableOutput, _log.disableOutput, _log.clear, _log.reset
+indent, unindent = _log.indent, _log.unindent
+lastError, lastWarn, testError, testWarn = _log.lastError, _log.lastWarn, _log.testError, _log.testWarn
+toString, dump = _log.toString, _log.dump
+msgAlways, msgError, msgWarn, msgOk = _log.msgAlways, _log.msgError, _log.msgWarn, _log.msgOk
+msgInfo, msgDebug, msgTrace = _log.msgInfo, _log.msgDebug, _log.msgTrace
+countAlwaysMsg, countErrorMsg, countWarnMsg = _log.countAlwaysMsg, _log.countErrorMsg, _log.countWarnMsg
+countOkMsg, countInfoMsg = _log.countOkMsg, _log.countInfoMsg
+countDebugMsg, countTraceMsg = _log.countDebugMsg, _log.countTraceMsg
+hasAlways, hasError, hasWarn, hasOk = _log.hasAlways, _log.hasError, _log.hasWarn, _log.hasOk
+hasInfo, hasDebug, hasTrace = _log.hasInfo, _log.hasDebug, _log.hasTrace

@@ -7,11 +7,14 @@ import importlib
 import inspect
 import logging
 import pkgutil
+import sys
 import traceback
+from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
-from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError
+from skiros2_common.core.errors import FOREIGN_ERRORS, MissingPackage, UnknownName
+from skiros2_common.core.names import nearest
 
 log = logging.getLogger(__name__)
 
@@ -42,12 +45,16 @@ class PluginLoader:
         """A new instance."""
         return plugin(**args_dict)
 
-    def load(self, folder: Any, base_class: Any) -> list[type]:
+    def load(self, folder: Any, base_class: Any) -> None:
+        """As `find`."""
+        self.find(folder, base_class)
+
+    def find(self, folder: Any, base_class: Any) -> builtins.list[type]:
         """Adds the subclasses of `base_class` (one, or a tuple) that a package and all below it define.
 
         :param folder: the package's name, or the imported package.
         :returns: the plugins found now.
-        :raises ConfigurationError: there is no such package, or it cannot be imported.
+        :raises MissingPackage: there is no such package, or it cannot be imported.
         """
         package = folder if isinstance(folder, ModuleType) else self._import_package(folder)
         found: list[type] = []
@@ -58,30 +65,48 @@ class PluginLoader:
                     found.append(cls)
         return found
 
+    def __iter__(self) -> Iterator[type]:
+        """The plugins, in the order they were found."""
+        return iter([*self._plugins.values()])
+
     def size(self) -> int:
         return len(self._plugins)
 
     def create(self, args_dict: dict[str, Any] = {}) -> builtins.list[Any]:  # noqa: B006 - the contract's default, never changed
         """A new instance of each plugin."""
-        return [self.instance(plugin, args_dict) for plugin in self._plugins.values()]
+        return [self.instance(plugin, args_dict) for plugin in self]
 
-    def getPluginByName(self, name: str) -> type | None:
+    def named(self, name: str) -> type | None:
         """The first plugin called so, with its module or without; None when there is none."""
-        return next((p for p in self._plugins.values() if self.match(p, name)), None)
+        return next((p for p in self if self.match(p, name)), None)
 
-    def list(self) -> builtins.list[type]:
-        """All plugins, in the order they were found."""
-        return [*self._plugins.values()]
+    def getPluginByName(self, name: str) -> type:
+        """The first plugin called so, with its module or without.
+
+        :raises UnknownName: there is none.
+        """
+        found = self.named(name)
+        if found is None:
+            names = [plugin.__name__ for plugin in self]
+            near = nearest(name, names) or sorted(names)
+            raise UnknownName(f"no plugin is called {name!r}; there are: {', '.join(near) or 'none'}")
+        return found
+
+    def list(self) -> builtins.list[str]:
+        """Writes the names of all plugins to stdout, a line each, and returns them."""
+        names = [plugin.__name__ for plugin in self]
+        sys.stdout.write("".join(f"{name}\n" for name in names))
+        return names
 
     def _import_package(self, name: str) -> ModuleType:
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:
             if error.name and (name == error.name or name.startswith(error.name + ".")):
-                raise ConfigurationError(f"library {name!r}: there is no Python package of that name") from None
-            raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
+                raise MissingPackage(f"library {name!r}: there is no Python package of that name") from None
+            raise MissingPackage(f"library {name!r} cannot be imported: {_cause(error)}") from error
         except FOREIGN_ERRORS as error:
-            raise ConfigurationError(f"library {name!r} cannot be imported: {_cause(error)}") from error
+            raise MissingPackage(f"library {name!r} cannot be imported: {_cause(error)}") from error
 
     def _modules(self, package: ModuleType) -> builtins.list[ModuleType]:
         modules = [package]

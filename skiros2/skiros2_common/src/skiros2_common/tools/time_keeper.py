@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
+from typing import Self
 
 log = logging.getLogger(__name__)
 
 
 class Timer:
-    """Times parts of a program and logs them.
+    """Times parts of a program and logs them. `with Timer("x") as t` starts with a part.
 
     :param name: stands in front of each line.
     """
@@ -17,6 +18,13 @@ class Timer:
     def __init__(self, name: str) -> None:
         self._name = name
         self._start = self._last = time.monotonic()
+
+    def __enter__(self) -> Self:
+        self.reset()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing ends with the block."""
 
     def reset(self) -> None:
         self._start = self._last = time.monotonic()
@@ -35,10 +43,17 @@ class Timer:
 
 
 class TimeKeeper:
-    """Averages the time between `tic` and `toc` (s)."""
+    """Averages the time between `tic` and `toc` (s), or that of `with` blocks."""
 
     def __init__(self) -> None:
         self.reset()
+
+    def __enter__(self) -> Self:
+        self.tic()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.toc()
 
     def reset(self) -> None:
         self._start = time.monotonic()
@@ -63,8 +78,9 @@ class TimeKeeper:
         self._count += 1
         return self._last
 
-    def get_avg_time(self) -> float:
-        return self._total / self._count if self._count else 0.0
+    def get_avg_time(self) -> float | None:
+        """The average; None before the first `toc`."""
+        return self._total / self._count if self._count else None
 
     def get_last(self) -> float:
         return self._last
@@ -81,6 +97,7 @@ class TimeKeepers:
 
     def printAvgTimings(self) -> str:
         """Logs and returns `name: average s`, a line each."""
-        text = "\n".join(f"{name}: {keeper.get_avg_time():.6f} s" for name, keeper in self._keepers.items())
+        averages = ((name, keeper.get_avg_time()) for name, keeper in self._keepers.items())
+        text = "\n".join(f"{name}: {'-' if s is None else f'{s:.6f} s'}" for name, s in averages)
         log.info("%s", text)
         return text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,8 @@ import rosgraph
 
 from skiros2_common.command_line.answer import WrongUsage
 from skiros2_common.command_line.master import NotThere, ask_master, check_node
-from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_common.core.names import nearest
 from skiros2_skill.command_line.description import Skill, read_skill
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _resolved(robot: str, registered: list[str]) -> str:
     for name in (rosgraph.names.ns_join(namespace, robot), f"/{robot}"):
         if name in registered:
             return name
-    meant = difflib.get_close_matches(f"/{robot.lstrip('/')}", registered, 1)
+    meant = nearest(f"/{robot.lstrip('/')}", registered, 1)
     hint = f"did you mean {meant[0]}?" if meant else f"there are: {', '.join(registered) or 'none'}"
     raise NotThere(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
 
@@ -136,6 +136,18 @@ class Manager:
 
         answer = self._call("breakpoint", srvs.SkillBreakpoint, action, kind, pattern, when, number)
         return answer.number, json.loads(answer.json or "[]")
+
+    def reload(self, libraries: Sequence[str]) -> str:
+        """Has libraries imported again, none: all. Returns what was done, in words.
+
+        :raises Refused: nothing was; the text says why.
+        """
+        from skiros2_msgs import srv as srvs
+
+        answer = self._call("reload", srvs.SkillReload, list(libraries))
+        if not answer.ok:
+            raise Refused(f"{self.name}: {answer.text}")
+        return str(answer.text)
 
     def is_there(self) -> bool:
         """Whether it still answers."""

@@ -1,4 +1,4 @@
-"""The commands that steer tasks: stop, pause, resume, step and breakpoint."""
+"""The commands that steer tasks: stop, pause, resume, step and breakpoint; and reload."""
 
 from __future__ import annotations
 
@@ -47,6 +47,12 @@ def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Ans
         task_id = tasks[0]
     manager.command("tick_once", task_id)
     return Answer([f"task {task_id} was ticked once"], {"tasks": [task_id]})
+
+
+def reload(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+    """Imports skill libraries again, with the code that they have now. Tasks that run keep the old code."""
+    text = manager.reload(arguments.libraries)
+    return Answer([f"{manager.name}: {text}"], {"robot": manager.name, "text": text})
 
 
 def _told(task_id: int, done: str) -> Answer:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.names import full_name, local_name, nearest
 
 #: By the `specType` on the wire.
 KINDS = ("required", "optional", "inferred")
@@ -131,8 +130,7 @@ def choose(name: str, skills: Sequence[Skill]) -> Choice:
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The name that is nearest, whatever its case; the first ones, where none is near."""
     known = list(dict.fromkeys(names))
-    meant = next((k for k in known if k.lower() == name.lower()), None)
-    near = [meant] if meant else difflib.get_close_matches(name, known, 1)
+    near = nearest(name, known, 1)
     if near:
         return f"did you mean {near[0]!r}?"
     more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""

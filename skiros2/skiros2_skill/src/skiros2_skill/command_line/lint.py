@@ -8,6 +8,7 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -61,7 +62,7 @@ def _line(fault: Fault) -> str:
     """A fault, with the file as seen from the present folder where it is below that."""
     file = os.path.relpath(fault.file) if fault.file else ""
     name = fault.file if file.startswith("..") else file
-    return str(Fault(fault.severity, fault.code, fault.skill, fault.text, name, fault.line))
+    return str(replace(fault, file=name))
 
 
 def _summary(counts: Counter[str]) -> str:

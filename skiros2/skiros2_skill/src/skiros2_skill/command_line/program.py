@@ -61,6 +61,11 @@ def _task(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("task", metavar="TASK", nargs="?", type=_task_id, help="its number")
 
 
+def _libraries(parser: argparse.ArgumentParser) -> None:
+    help_text = "a library that the manager has loaded (default: all)"
+    parser.add_argument("libraries", metavar="LIBRARY", nargs="*", help=help_text)
+
+
 def _words(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [OPTION ...] SKILL [KEY=VALUE ...] [SKILL [KEY=VALUE ...] ...]"
     parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="what to run, and its parameters")
@@ -114,4 +119,5 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     "step": (control.step, _task),
     "breakpoint": (control.breakpoint_, _breakpoint, _BREAKPOINTS),
     "watch": (watching.watch, _watch),
+    "reload": (control.reload, _libraries),
 }

@@ -50,10 +50,8 @@ def has_ended(nodes: Sequence[Any]) -> bool:
 def summary(nodes: Sequence[Any]) -> str:
     """A task in one line."""
     root = nodes[0]
-    message = first_line(root.progress_message)
+    message = first_line(root.progress_message) if root.state != SUCCESS else ""
     word = word_of(root.state)
-    if message.lower() == word:
-        message = ""
     return f"task {root.id} on {root.robot}: {word}{f': {message}' if message else ''}"
 
 
@@ -157,8 +155,8 @@ def _count(nodes: Sequence[_Node]) -> Branch:
 
 
 def name_of(progress: Any) -> str:
-    """Its label; a node that only groups others has none."""
-    return str(progress.label or ("group" if progress.type == ":Skill" else progress.type))
+    """The label of a node; "group" for a node that only groups others, whose label is its processor's symbol."""
+    return "group" if progress.type == ":Skill" else str(progress.label or progress.type)
 
 
 def message_of(progress: Any) -> str:

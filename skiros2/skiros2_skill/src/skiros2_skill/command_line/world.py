@@ -12,6 +12,7 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import id_number, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_skill.command_line.description import Parameter, did_you_mean
+from skiros2_skill.core.manager_names import runs_on
 from skiros2_world_model.command_line.connection import connect
 
 #: Of the conditions of a skill, which relation leads to which.
@@ -103,15 +104,14 @@ class World:
         raise UnknownName(f"{self._manager} has registered no skill {skill_type}-{label}")
 
     def _skill_ids(self) -> list[str]:
-        robot = Element("cora:Robot")
-        robot.setProperty("skiros:SkillMgr", self._manager)
-        relations = (r.getRelations("-1", "skiros:hasSkill") for r in self._asked.resolve_elements(robot))
+        robots = [r for r in self._asked.resolve_elements(Element("cora:Robot")) if runs_on(r, self._manager)]
+        relations = (r.getRelations("-1", "skiros:hasSkill") for r in robots)
         return [relation["dst"] for some in relations for relation in some]
 
     def _classes(self, skill_type: str) -> list[str]:
         """The classes between `skiros:Skill` and a type, and itself last."""
         query = f"SELECT ?c ?p {{ {skill_type} rdfs:subClassOf* ?c . ?c rdfs:subClassOf ?p }}"
-        above = dict(row.split(" ", 1) for row in self._asked.query_ontology(query, True, "ontology"))
+        above = dict(row.split() for row in self._asked.query_ontology(query, True, "ontology"))
         chain = [skill_type]
         while chain[0] in above and above[chain[0]] not in ("skiros:Skill", *chain):
             chain.insert(0, above[chain[0]])
@@ -149,8 +149,8 @@ def _text(condition: Element, branch: Mapping[str, Element]) -> str:
         text = f"{subject} {on} {operator} {value}"
     elif kind == "ConditionHasProperty":
         text = f"{subject} has a value of {on}"
-    elif on is not None:
-        text = f"{subject} is a {on}"
+    elif on is not None or kind == "ConditionOnType":
+        text = f"{subject} is a {on or value}"
     elif kind in ("ConditionIsSpecified", "ConditionGenerate"):
         text = f"{subject} is an element of the scene"
     else:

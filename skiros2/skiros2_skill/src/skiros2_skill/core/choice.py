@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import EXCEPTION, INFERENCE, PARAMETER, PRE, START
+from skiros2_common.core.explanation import (
+    EXCEPTION,
+    INFERENCE,
+    INFERRED,
+    PARAMETER,
+    PRE,
+    START,
+)
 from skiros2_common.core.names import ANY_TYPE
-from skiros2_common.core.params import ParamHandler
-from skiros2_skill.core import blackboard
-from skiros2_skill.core.blackboard import Slot, Source
+from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.raised import report
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.blackboard import Blackboard, Slot, make_slots, refresh, why_not_provided
 from skiros2_skill.core.devices import free_devices, lock_devices
 from skiros2_skill.core.emptiness import candidates_of, told
 from skiros2_skill.core.failures import PRE_FAILED, START_RAISED, Failure, unmet
@@ -22,27 +29,32 @@ from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
 
 
-def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, present: Any = None) -> Failure | None:
+def choose(
+    node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, present: Any, board: Blackboard
+) -> Failure | None:
     """Makes the first implementation whose parameters fit and whose pre-conditions hold the node's; locks its devices.
 
-    :param present: as in `blackboard.renew`.
+    Implementations that declare the classes of the given elements come first.
+
+    :param present: as in `refresh`.
     :returns: None, or why there is none, for each candidate.
     """
     tried: list[Failure] = []
+    if len(candidates) > 1:
+        candidates = sorted(candidates, key=lambda i: _other_classes(node, i, wmi, board))
     for implementation in candidates:
-        params = implementation.declared.params.at_defaults(but=[node.own_name(name) for name in node._specified])
         conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
         slots: list[Slot] = []
         try:
-            slots += blackboard.fix(node, params)
-            _find_params(node, slots, params, conditions, wmi, present)
+            params, slots = make_slots(node, implementation.declared.params)
+            _find_params(node, slots, params, conditions, wmi, present, board)
             _adopt(node, implementation, params)
         except DoesNotFit as error:
             failure = error.failure
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
-        except FOREIGN_ERRORS:  # of a condition's own code
-            failure = Failure(EXCEPTION, START_RAISED, traceback.format_exc())
+        except FOREIGN_ERRORS as error:  # of a condition's own code
+            failure = Failure(EXCEPTION, START_RAISED, report(error, implementation.module))
         else:
             node.slots = slots
             node.element_slots = [slot for slot in slots if slot.is_element]
@@ -53,7 +65,7 @@ def choose(node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, p
             node.release()
             failure = refused
         failure.label = implementation.label
-        failure.origins = partial(origins, node, slots, conditions)
+        failure.origins = partial(origins, slots, conditions)
         tried.append(failure)
     if len(tried) == 1:
         return tried[0]
@@ -78,61 +90,76 @@ def _find_params(
     conditions: list[Any],
     wmi: Any,
     present: Any,
+    board: Blackboard,
 ) -> None:
     """Sets the parameters that an implementation would run with: beside those that are fixed, from above and inferred.
 
     :param conditions: the pre-conditions.
     :raises SkirosError: one does not fit, or a pre-condition does not hold.
     """
-    blackboard.take(node, slots)
-    fixed = [(slot, slot.param.value) for slot in slots if slot.is_element and slot.source is Source.Fixed]
-    blackboard.renew(slots, wmi, present)
-    for slot, value in fixed:
-        if value is not None and not slot.param._values:
-            raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {value!r}, which is not in the scene")
-
-    _check_classes(slots, wmi)
-    unset = {param.key for param in inferable(params)}
+    board.pull(node, slots, is_start=True)
+    elements = [slot for slot in slots if slot.is_element]
+    given = [(slot, slot.param._values) for slot in elements if slot.seen is None]
+    if refresh(elements, wmi, present):
+        for slot, values in given:
+            if len(slot.param._values) < len(values):
+                raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {values[0]!r}, which is not in the scene")
+    unset = {param.key: param for param in inferable(params)}
     if unset:
-        search = infer(params, conditions, wmi, _ids_above(node))
-        if search is not None:
-            candidates = candidates_of(search)
-            text = f"Pre-condition failed: {told(search, candidates)}"
-            raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
-        _check_classes(slots, wmi)
-    for slot in slots:
-        if unset and slot.param.key in unset and slot.param.isSpecified():
-            slot.source = Source.Inferred
-        slot.known = slot.param._values
+        searched = [slot for slot in elements if slot.param._key in unset]
+        _infer(node, searched, params, conditions, wmi, board)
     failure = unmet(PRE, conditions, params, wmi)
     if failure is not None:
         raise DoesNotFit(PRE, failure.message, failure)
 
 
-def _check_classes(slots: list[Slot], wmi: Any) -> None:
-    """
-    :raises DoesNotFit: an element is of a class that its parameter does not allow.
+def _infer(
+    node: SkillWrapper, slots: list[Slot], params: ParamHandler, conditions: list[Any], wmi: Any, board: Blackboard
+) -> None:
+    """Sets the parameters of some slots, which are to be inferred.
+
+    :raises SkirosError: there are no elements for them.
     """
     for slot in slots:
-        default = slot.param._default
-        if not slot.is_element or not default:
+        why = why_not_provided(node, slot, board) if slot.param.paramTypeIs(ParamTypes.Required) else ""
+        if why:
+            raise DoesNotFit(PARAMETER, why)
+    first = {slot.param._key: _first_candidates(node, slot, wmi) for slot in slots}
+    search = infer(params, conditions, wmi, board.ids(), {key: found for key, found in first.items() if found})
+    if search is not None:
+        candidates = candidates_of(search)
+        text = f"Pre-condition failed: {told(search, candidates)}"
+        raise DoesNotFit(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
+    for slot in slots:
+        if slot.param.is_bound():
+            slot.inferred = True
+            slot.origin = INFERRED
+            known = slot.candidate
+            if known is not None and len(known) == 1 and known[0].id == slot.param._values[0].id:
+                slot.param._values = slot.seen = known  # all holders of the key share one list
+
+
+def _first_candidates(node: SkillWrapper, slot: Slot, wmi: Any) -> list[Element]:
+    """The elements that are tried first for a parameter: of the plan, and what another node has inferred."""
+    named = [*node._suggested.get(node.name_above(slot.param._key), ()), *(slot.candidate or ())[:1]]
+    return [e for e in named if e.id and wmi.find_element(e.id) is not None]
+
+
+def _other_classes(node: SkillWrapper, implementation: Implementation, wmi: Any, board: Blackboard) -> int:
+    """How many elements that an implementation would get are not of the classes that it declares. They are accepted;
+    another implementation that declares their classes is preferred."""
+    count = 0
+    for key, param in implementation.declared.params.items():
+        wanted = param.default.type if param.is_element and param.default is not None else ""
+        if wanted in ANY_TYPE or param.has_bound_default():
             continue
-        wanted = default[0].type
-        for value in slot.param._values if wanted not in ANY_TYPE else ():
-            if not (value.isAbstract() or value.type == wanted or wmi.is_subclass(value.type, wanted)):
-                raise DoesNotFit(PARAMETER, f"parameter {slot.param.key!r} is {value!r}, expected a {wanted}")
+        values = node._specified.get(node.name_above(key)) or board.values(node._scope.get(key, key))
+        count += any(isinstance(v, Element) and v.id and not _is_of(v.type, wanted, wmi) for v in values)
+    return count
 
 
-def _ids_above(node: SkillWrapper) -> set[str]:
-    """The ids of the elements that the nodes above have as parameters."""
-    ids: set[str] = set()
-    above = node.parent
-    while above is not None:
-        for param in above.params.values():
-            if param.is_element:
-                ids.update(v.id for v in param.values)
-        above = above.parent
-    return ids
+def _is_of(etype: str, wanted: str, wmi: Any) -> bool:
+    return etype == wanted or bool(wmi.is_subclass(etype, wanted))
 
 
 def _adopt(node: SkillWrapper, implementation: Implementation, params: ParamHandler) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,6 +14,8 @@ from skiros2_skill.core.groups import Skill
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Processor
 from skiros2_skill.core.wrapper import SkillWrapper
+
+log = logging.getLogger(__name__)
 
 
 class SkillBase(SkillInterface):
@@ -64,25 +67,34 @@ class SkillBase(SkillInterface):
         :param remap: key of the child -> key of this skill; "" is none.
         :param specify: fixed values, by key after the remap.
         :param preconditions: further pre-conditions of the child, over its keys after the remap.
+
+        An unnamed node remaps for all children that are added to it; it has nothing to specify.
         """
+        remaps = remap if isinstance(remap, Mapping) else {}
         if isinstance(stype, Processor):
-            return self.getNode(stype)
+            group = self.getNode(stype)
+            group._remaps.update(remaps)
+            if specify:
+                log.error("%s: a processor has no parameters, specify is ignored: %s", self.printState(), specify)
+            return group
         node = self.getSkill(stype, slabel)
         node.place = authors_place()
-        node._remaps.update(remap if isinstance(remap, Mapping) else {})
+        node._remaps.update(remaps)
         for key, values in (specify or {}).items():
-            node.specifyParam(key, values)
+            node.specifyParamDefault(key, values)
         for condition in preconditions:
-            own = condition.copy()
-            for name in own.getKeys():
-                own.remap(name, node.own_name(name))
-            node._own_pre_conditions.append(own)
+            node.addPreCondition(condition)
         return node
 
     def getSkill(self, ptype: str, plabel: str) -> SkillWrapper:
-        """A node for a skill of that type and label."""
+        """A node for a skill of that type and label.
+
+        :raises UnknownName: no library has a skill of that type.
+        """
         if not isinstance(ptype, str) or not isinstance(plabel, str):
             raise WrongType(f"{self._label}: a skill is named by type and label, got {ptype!r} and {plabel!r}")
+        if self._instanciator is not None:
+            self._instanciator.require_type(ptype, plabel)
         return SkillWrapper(ptype, plabel, self._instanciator)
 
     def getNode(self, children_processor: Any) -> Skill:
@@ -91,10 +103,11 @@ class SkillBase(SkillInterface):
 
     # While the compound runs, what is added to it goes to its node in the tree.
 
-    def setProcessor(self, processor_type: Any) -> SkillInterface:
+    def setProcessor(self, processor_type: Any) -> None:
         if self._expands_into is not None:
-            return self._expands_into.setProcessor(processor_type)
-        return super().setProcessor(processor_type)
+            self._expands_into.setProcessor(processor_type)
+        else:
+            super().setProcessor(processor_type)
 
     def addChild(self, p: Any, latch: bool = False) -> SkillInterface:
         if self._expands_into is not None:
@@ -114,6 +127,9 @@ class SkillBase(SkillInterface):
 
     def specifyParam(self, key: str, values: Any) -> None:
         SkillCore.specifyParam(self, key, values)
+
+    def specifyParamDefault(self, key: str, values: Any) -> None:
+        SkillCore.specifyParamDefault(self, key, values)
 
     def specifyParams(self, input_params: ParamHandler, keep_default: bool = True) -> None:
         SkillCore.specifyParams(self, input_params, keep_default)

@@ -12,9 +12,10 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import EXCEPTION, POST, START
+from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, START
 from skiros2_common.core.mutations import mutations
-from skiros2_skill.core import blackboard
+from skiros2_common.core.params import ParamHandler
+from skiros2_skill.core.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.breakpoints import Break, Breakpoints
 from skiros2_skill.core.choice import choose
 from skiros2_skill.core.compound import SkillBase
@@ -31,6 +32,7 @@ from skiros2_skill.core.inside import LeftBehind
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.pauses import Pauses
 from skiros2_skill.core.readings import Readings
+from skiros2_skill.core.sharing import Sharing
 from skiros2_skill.core.wrapper import SkillWrapper
 
 log = logging.getLogger(__name__)
@@ -45,6 +47,10 @@ _Wake = Callable[[], None]
 _Children = SkillInterface.execute  # what a compound without an `execute` of its own has
 
 
+class Halt(Exception):
+    """The task was preempted in this tick: no more skills are started."""
+
+
 class Executor:
     """Ticks the nodes of one task.
 
@@ -54,8 +60,7 @@ class Executor:
     """
 
     def __init__(self, wmi: Any, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
-        self._wmi = wmi
-        self._wake = wake
+        self._wmi, self._wake = wmi, wake
         self._pauses = Pauses(breakpoints)
         #: Nodes that were preempted and need more time.
         self.ending: list[SkillWrapper] = []
@@ -63,22 +68,25 @@ class Executor:
         self.hooks = Hooks(self.failures)
         self.inside = self.hooks.inside
         self.readings = Readings(wmi, self.inside)
+        #: Whether the task was preempted, and this is not carried out yet.
+        self.halts = False
+        self._sharing = Sharing(wmi, self.readings)
         #: Whether a state or a progress has changed since it was last set to False.
         self.changed = True
 
     def tick(self, root: SkillInterface) -> State:
         """One tick of a tree. Nodes that were preempted and need more time are ticked too."""
+        if self.readings.board is None:
+            self.readings.board = Blackboard(ParamHandler() if isinstance(root, SkillWrapper) else root._params)
         self.readings.look()
         for node in list(self.ending):
             self._tick_ending(node)
         state: State = root._state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
-        if self.ending:
-            return _RUNNING
-        if self._pauses and state is _RUNNING:
+        if self._pauses and state is _RUNNING and not self.ending:
             self._pauses.at_end_of_tick()
-        return state
+        return _RUNNING if self.ending else state
 
     @property
     def has_seen_world(self) -> bool:
@@ -91,6 +99,7 @@ class Executor:
         """One tick of a node that groups others; nodes call it from `visit`."""
         if node._state is not _RUNNING:
             node._start_progress()
+            _set_scope(node)
             node._processor.reset()
             self.set_state(node, _RUNNING)
         state: State = node._processor.processChildren(node._children, self)
@@ -109,22 +118,25 @@ class Executor:
             failure = self.readings.renew(node)
             if failure is not None:
                 return self.fail_running(node, failure)
-        mark = mutations.mark
+        mark, version = mutations.mark, self.readings.version
         if node.is_compound:
             state = self._tick_children(node)
         else:
             state = self.hooks.execute(node)
-            node.steady_stamp = -1 if node.volatile else node.seen_stamp
-        if state is not _RUNNING or mutations.mark != mark:
-            return self.go_on(node, state)
+            node.steady_stamp = -1 if node.volatile or node.lent else node.seen_stamp
+        if state is not _RUNNING or mutations.mark != mark or (node.lent and has_changed_in_place(node.lent)):
+            return self.go_on(node, state, version)
         self._copy_progress(node)
         self.readings.look()
         return _RUNNING
 
-    def go_on(self, node: SkillWrapper, state: State) -> State:
-        """After the tick of a skill, or its children, that ended or in which something changed."""
+    def go_on(self, node: SkillWrapper, state: State, version: int) -> State:
+        """After the tick of a skill, or its children, that ended or in which something changed.
+
+        :param version: of the world model before the tick.
+        """
         self._copy_progress(node)
-        if self._give_changes(node):
+        if self._settle(node, state, version):
             return _RUNNING if state is _RUNNING else self.end(node, state)
         return self.end(node, _FAILURE) if state is not _RUNNING else self.fail_running(node)
 
@@ -141,6 +153,7 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
+        self.readings.pull_if_possible(node)
         state = self.hooks.on_preempt(node)
         self._copy_progress(node)
         if state is _RUNNING:
@@ -153,15 +166,20 @@ class Executor:
 
     def _start(self, node: SkillWrapper) -> bool:
         """Chooses an implementation and starts it. False when that failed; the node's progress tells why."""
+        if self.halts:
+            raise Halt
         if self._pauses:
             self._pauses.before(node)
         node._start_progress()
+        node.has_started = False
+        _set_scope(node)
         try:
             candidates = node.candidates()
             stamp, present = self.readings.stamp, self.readings.present(node)
         except SkirosError as error:
             return self._refuse(node, Failure(START, START_RAISED, str(error)))
-        failure = self.inside.call(node, "the choice of its parameters", choose, node, candidates, self._wmi, present)
+        what = (choose, node, candidates, self._wmi, present, self.readings.board)
+        failure = self.inside.call(node, "the choice of its parameters", *what)
         return self._begin(node, stamp) if failure is None else self._refuse(node, failure)
 
     def _begin(self, node: SkillWrapper, stamp: int) -> bool:
@@ -172,23 +190,24 @@ class Executor:
         instance = node.getInstance()
         instance._start_progress()
         instance._waker = self._wake
-        node._input = {key: p._values for key, p in node._params._params.items()}
+        node._input = {key: list(p._values) for key, p in node._params._params.items()}
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
         node.runs_after_children = node.is_compound and type(instance).execute is not _Children
-        node.given_mark = mark = mutations.mark
+        mark = mutations.mark
         refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
-        if refused is RAISED:
-            self.end(node, _FAILURE)
-            return False
         if refused:
-            self._close(node, _FAILURE)
+            (self.end if refused is RAISED else self._close)(node, _FAILURE)
             return False
-        is_as_read = mutations.mark == mark
-        self._give_changes(node)
-        self.readings.begin(node, stamp if is_as_read else -1)
+        node.has_started = True
+        is_as_read = mutations.mark == mark and self.readings.stamp == stamp
+        if mutations.mark != mark:
+            add_slots(node, node.slots)
+        self._sharing.share(node, everything=True, removes=False)
+        self.readings.begin(node, self.readings.stamp if is_as_read else -1)
+        self.readings.look()
         return True
 
     def _start_instance(self, node: SkillWrapper) -> str:
@@ -239,13 +258,14 @@ class Executor:
             raise
         except FOREIGN_ERRORS as error:  # of a processor, or a node, with code of its own
             return self.hooks.raised(node, error, EXECUTE_RAISED)
-        if not node.runs_after_children:
+        if state is _RUNNING:
             return state
-        if node.seen_stamp != self.readings.stamp:
-            failure = self.readings.renew(node)
-            if failure is not None:
-                self._failed(node, failure)
-        return self.hooks.execute(node, state)
+        try:
+            self.readings.pull(node)
+        except SkirosError as error:
+            self._failed(node, Failure(PARAMETER, EXECUTE_RAISED, str(error)))
+            return _FAILURE
+        return self.hooks.execute(node, state) if node.runs_after_children else state
 
     def _tick_ending(self, node: SkillWrapper) -> None:
         """One more tick of a node that was preempted and needs time."""
@@ -280,17 +300,19 @@ class Executor:
             cause = self.failures.cause_under(node)
             if cause is not None:  # the compound itself says nothing
                 instance._setProgress(*cause)
+        elif state is _SUCCESS and node.is_compound and not instance._progress_code:
+            instance._setProgress("End", 1)
         state = self.hooks.on_end(node, state, preempted)
         self._copy_progress(node)
+        if state is _SUCCESS and not node.is_compound:
+            self._sharing.tell_unwritten(node)
         return self._close(node, state)
 
     def _close(self, node: SkillWrapper, state: State) -> State:
         """The node has ended: its parameters go up, its implementation is free for others."""
-        if not self._give_changes(node):
-            state = _FAILURE
+        if node.has_started:
+            self._sharing.share(node, everything=True)
         self.free(node)
-        if state is _SUCCESS and blackboard.give_fixed(node, node.slots):
-            self.readings.note_parameter()
         node.getInstance()._setState(state)
         if isinstance(node.getInstance(), SkillBase):
             node.rest()  # it has made the subtree
@@ -309,32 +331,18 @@ class Executor:
 
     # -- helpers -----------------------------------------------------------------------------------------------
 
-    def _give_changes(self, node: SkillWrapper) -> bool:
-        """Writes what the skill changed: its elements to the world model, its parameters to the nodes above.
-
-        False when the world model refused; the progress tells why.
-        """
-        if node.given_mark == mutations.mark:
-            return True  # nothing has changed since
-        node.given_mark = mutations.mark
-        written = True
+    def _settle(self, node: SkillWrapper, state: State, version: int) -> bool:
+        """As `Sharing.settle`. False when the world model refused, or does not answer; the progress tells why."""
         try:
-            self.inside.call(
-                node, "the writing of its elements", blackboard.write_elements, node.element_slots, self._wmi
-            )
+            self.inside.call(node, "the writing of its elements", self._sharing.settle, node, state, version)
         except SkirosError as error:
-            blackboard.drop_changes(node.element_slots, self._wmi)
-            text = f"{node.label}: the world model refused what the skill changed: {error}"
+            text = f"{node.label}: {error}"
             node.getInstance()._setProgress(text, EXECUTE_RAISED)
             self._copy_progress(node)
             self._note(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
             log.error("%s", text)
-            written = False
-        node.watch = None
-        if blackboard.give_changed(node, node.slots):
-            self.readings.note_parameter()
-        self.readings.look()
-        return written
+            return False
+        return True
 
     def set_state(self, node: SkillInterface, state: State) -> None:
         node._setState(state)
@@ -343,3 +351,7 @@ class Executor:
     def _copy_progress(self, node: SkillWrapper) -> None:
         if node.copy_progress():
             self.changed = True
+
+
+def _set_scope(node: SkillInterface) -> None:
+    node._scope = scope(node._parent._scope, node._remaps) if node._parent is not None else node._remaps

@@ -10,7 +10,6 @@ import logging
 import re
 import threading
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,6 +18,7 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.raised import report
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -78,8 +78,8 @@ def unmet(stage: str, conditions: Sequence[Any], params: ParamHandler, wmi: Any)
         text = "; ".join(_told(c, params, wmi) for c in failed)
     except SkirosError as error:
         return Failure(stage, code, f"{words}: {error}")
-    except FOREIGN_ERRORS:
-        return Failure(EXCEPTION, raised, traceback.format_exc())
+    except FOREIGN_ERRORS as error:
+        return Failure(EXCEPTION, raised, report(error))
     return Failure(stage, code, f"{words}: {text}", conditions=failed, params=params)
 
 
@@ -142,7 +142,7 @@ class Failures:
         for kept in reversed(self._kept.values()):
             failed = kept.node
             if not kept.late and failed._state is State.Failure and failed.inSubtreeOf(node):
-                text = kept.explanation.message.strip().rpartition("\n")[2]
+                text = kept.explanation.message.strip().partition("\n")[0]
                 return f"{failed.label or failed.type}: {text}", min(kept.explanation.code, -1)
         return None
 
@@ -181,7 +181,7 @@ class Failures:
 
 
 def _origins(node: SkillInterface) -> list[Origin]:
-    return origins(node, node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
+    return origins(node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
 
 
 def _path(node: SkillInterface) -> list[SkillInterface]:

@@ -75,11 +75,8 @@ def record_of(task: Task) -> Record:
 
 
 def one_line(text: str) -> str:
-    """The text on one line: of a traceback the last line, which says what was raised."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    if not lines:
-        return ""
-    return f"{lines[0]} {lines[-1]}" if len(lines) > 1 else lines[0]
+    """The first line of a text, which says what there is to say."""
+    return next((line.strip() for line in text.splitlines() if line.strip()), "")
 
 
 class History:

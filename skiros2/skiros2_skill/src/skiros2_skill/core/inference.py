@@ -8,7 +8,7 @@ reasoner's last. Candidates are tried preferred ones first, then ordered by id: 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,20 +32,27 @@ def inferable(params: ParamHandler) -> list[Param]:
     return [
         p
         for p in params.values()
-        if p.is_element and not p.isSpecified() and p.paramType in (ParamTypes.Required, ParamTypes.Inferred)
+        if p.is_element and not p.is_bound() and p.paramType in (ParamTypes.Required, ParamTypes.Inferred)
     ]
 
 
-def infer(params: ParamHandler, conditions: Sequence[Any], wmi: Any, preferred: Collection[str] = ()) -> Search | None:
+def infer(
+    params: ParamHandler,
+    conditions: Sequence[Any],
+    wmi: Any,
+    preferred: Collection[str] = (),
+    first: Mapping[str, Sequence[Element]] | None = None,
+) -> Search | None:
     """Sets the unset Required and Inferred element parameters.
 
     An Inferred parameter that no condition speaks of, and that no element of the scene fits, stays unset.
 
     :param conditions: the pre-conditions.
-    :param preferred: ids of elements to try first.
+    :param preferred: ids of elements to try before others of the class.
+    :param first: elements to try before all others, of whatever class, by key.
     :returns: None; where nothing fits the search, with the keys that nothing fits in `failed`.
     """
-    search = Search(params, conditions, wmi, preferred)
+    search = Search(params, conditions, wmi, preferred, first)
     return None if search.run() else search
 
 
@@ -55,7 +62,14 @@ class Search:
     :param params: as for `infer`; while it runs they hold what is tried.
     """
 
-    def __init__(self, params: ParamHandler, conditions: Sequence[Any], wmi: Any, preferred: Collection[str]) -> None:
+    def __init__(
+        self,
+        params: ParamHandler,
+        conditions: Sequence[Any],
+        wmi: Any,
+        preferred: Collection[str] = (),
+        first: Mapping[str, Sequence[Element]] | None = None,
+    ) -> None:
         self.params = params
         self.wmi = wmi
         #: The keys that are searched together and for which there is nothing.
@@ -69,28 +83,26 @@ class Search:
         self._keys = {id(c): frozenset(c.getKeys()) for c in self.conditions}
         self._links = [c for c in self.conditions if self.is_link(c)]
         self._preferred = preferred
+        self._first = first or {}
         self._known: dict[str, list[Element]] = {}
         self._verdicts: dict[tuple[int, str, str], bool] = {}
 
     def run(self) -> bool:
         """Sets all parameters, or none."""
         for keys in self._linked_keys():
-            if not self._bind(frozenset(keys)):
+            firsts = [key for key in keys if key in self._first]
+            if not self._bind_first(frozenset(keys), firsts):
                 self.failed = keys
                 for key in self.patterns:
                     self.params._params[key].setDefault()
                 return False
-        for key in self.patterns:
-            param = self.params._params[key]
-            if param.isSpecified():
-                param.assign(param.value)
         return True
 
     # -- conditions --------------------------------------------------------------------------------------------
 
     def is_link(self, condition: Any) -> bool:
         """Whether it is a relation that the scene has an index of."""
-        return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored(self.wmi)
+        return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored()
 
     def _cost(self, condition: Any) -> int:
         """A rank; conditions are checked in its order: stored relations, facts of one element, stored relations that
@@ -98,7 +110,7 @@ class Search:
         if isinstance(condition, ConditionOr):
             return max((self._cost(part) for part in condition.conditions), default=0) or 1
         if isinstance(condition, ConditionRelation):
-            if not condition.abstract and not condition.is_stored(self.wmi):
+            if not condition.abstract and not condition.is_stored():
                 return 4
             return 0 if condition.desired_state else 2
         return 3 if isinstance(condition, ConditionFunction) else 1
@@ -108,7 +120,7 @@ class Search:
         param = self.params._params[key]
         before, param._values = param._values, [element]
         try:
-            return bool(condition.evaluate(self.params, self.wmi))
+            return bool(condition.suits_inference(self.params, self.wmi))
         finally:
             param._values = before
 
@@ -130,7 +142,7 @@ class Search:
             if any(key in group for group in groups):
                 continue
             is_optional = key not in mentioned and self.params._params[key].paramTypeIs(ParamTypes.Inferred)
-            if is_optional and not self._candidates(key):
+            if is_optional and key not in self._first and not self._candidates(key):
                 continue
             group = [key]
             for member in group:
@@ -140,6 +152,20 @@ class Search:
         return groups
 
     # -- the search --------------------------------------------------------------------------------------------
+
+    def _bind_first(self, unbound: frozenset[str], firsts: list[str]) -> bool:
+        """Binds the keys that have first candidates to these as far as that goes, and the others after them."""
+        if not firsts:
+            return self._bind(unbound)
+        key, *others = firsts
+        rest = unbound - {key}
+        checks = [c for c in self._of(key) if rest.isdisjoint(self._keys[id(c)])]
+        for candidate in self._first[key]:
+            if all(self.fits(c, key, candidate) for c in checks):
+                self.params._params[key]._values = [candidate]
+                if self._bind_first(rest, others):
+                    return True
+        return self._bind_first(unbound, others)
 
     def _bind(self, unbound: frozenset[str]) -> bool:
         if not unbound:
@@ -160,7 +186,7 @@ class Search:
         if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
             return self.holds(condition, key, candidate)
         if type(condition) in _OF_ELEMENT:
-            return bool(condition.is_of(candidate) == condition.desired_state)  # it was read just now
+            return bool(condition.suits(candidate))  # it was read just now
         asked = (id(condition), key, candidate.id)
         verdict = self._verdicts.get(asked)
         if verdict is None:
@@ -202,7 +228,7 @@ class Search:
     def _is_bound(self, condition: Any, key: str) -> bool:
         """Whether the candidates for a key are those that the condition, a link, has left."""
         other = self._keys[id(condition)] - {key}
-        return condition in self._links and all(self.params.isSpecified(k) for k in other) and bool(other)
+        return condition in self._links and all(self.params.is_bound(k) for k in other) and bool(other)
 
     def _of(self, key: str) -> list[Any]:
         """The conditions that speak of a key."""
@@ -213,7 +239,7 @@ class Search:
         is_subject = link.subject_key == key
         other_key = link.object_key if is_subject else link.subject_key
         other = self.params._params.get(other_key)
-        if other_key == key or other_key in unbound or other is None or not other.isSpecified():
+        if other_key == key or other_key in unbound or other is None or not other.is_bound():
             return None
         if is_subject:
             return {r["src"] for r in self.wmi.get_relations("", link.relation, other.value.id)}

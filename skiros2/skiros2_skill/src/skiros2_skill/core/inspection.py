@@ -77,8 +77,8 @@ def inspect(task: Task, node_id: int, wmi: Any) -> NodeNow:
 
 def _params(node: SkillInterface) -> list[Origin]:
     if isinstance(node, SkillWrapper) and node.slots:
-        return origins(node, node.slots, node._pre_conditions)
-    return [Origin(key, told_values(p._values) if p.isSpecified() else "", "") for key, p in _pairs(node)]
+        return origins(node.slots, node._pre_conditions)
+    return [Origin(key, told_values(p._values) if p.is_bound() else "", "") for key, p in _pairs(node)]
 
 
 def _pairs(node: SkillInterface) -> Sequence[tuple[str, Any]]:

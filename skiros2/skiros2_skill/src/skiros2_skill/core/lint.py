@@ -1,7 +1,7 @@
 """Checks of skills before they run: what can be told from descriptions and trees alone.
 
-Whatever depends on values, or may be added while a skill runs, is no error. Errors keep a skill from loading, except
-for a child that is not there: a library may bring it later.
+Whatever depends on values, or may be added while a skill runs, is no fault. No fault keeps a skill from loading: a
+warning tells what becomes of it, an error that it cannot run so.
 """
 
 from __future__ import annotations
@@ -14,17 +14,20 @@ from dataclasses import asdict, dataclass
 from types import CodeType, FunctionType
 from typing import Any
 
-from skiros2_common.core.places import Place, is_authors
+from skiros2_common.core.errors import FOREIGN_ERRORS, WrongType
+from skiros2_common.core.places import Place
 from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.raised import error_text, raised_at
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.compound import SkillBase
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, reads_of
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 
 #: The hooks in which skills declare what depends on where they run.
 _STARTS = ("onInit", "onStart", "preStart")
 
-UNKNOWN_SKILL, FAULTY_SKILL, NOT_DESCRIBED = "unknown-skill", "faulty-skill", "not-described"
+UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Fault:
     :param code: a name for the kind of fault.
     :param skill: `type-label`.
     :param file, line: where; "" and 0 when the source is not known.
+    :param done: what is done about it when the skill is loaded and run.
     """
 
     severity: str
@@ -43,17 +47,30 @@ class Fault:
     text: str
     file: str = ""
     line: int = 0
+    done: str = ""
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {self.severity}: [{self.code}] {self.skill}: {self.text}"
+        done = f" ({self.done})" if self.done else ""
+        return f"{self.file}:{self.line}: {self.severity}: [{self.code}] {self.skill}: {self.text}{done}"
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
 
-    @property
-    def blocks(self) -> bool:
-        """Whether it keeps the skill from loading."""
-        return self.severity == ERROR and self.code not in (UNKNOWN_SKILL, FAULTY_SKILL)
+
+class OnlyReads:
+    """The world model for code that is only tried: it has what the port has for reading, and no more."""
+
+    _READS = reads_of(WorldModelPort)
+
+    def __init__(self, wmi: Any) -> None:
+        self.__wmi = wmi
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # a copy asks for these
+            raise AttributeError(name)
+        if self.__wmi is None or name not in self._READS:
+            raise WrongType(f"the skill is only checked; wmi.{name} is not available then")
+        return getattr(self.__wmi, name)
 
 
 class Described:
@@ -64,7 +81,7 @@ class Described:
 
     def __init__(self, cls: type, wmi: Any) -> None:
         self.cls = cls
-        self.skill = self.instance(wmi)
+        self.skill = self.instance(OnlyReads(wmi))
         #: Whether it may declare parameters while it runs.
         self.is_open = any(_may_declare(name, method) for name, method in _hooks(cls))
 
@@ -76,6 +93,11 @@ class Described:
         return skill
 
     @property
+    def declared(self) -> Any:
+        """As `Implementation.declared`."""
+        return self.skill
+
+    @property
     def name(self) -> str:
         return f"{self.skill.type}-{self.skill.label}"
 
@@ -83,10 +105,10 @@ class Described:
     def is_compound(self) -> bool:
         return isinstance(self.skill, SkillBase)
 
-    def fault(self, severity: str, code: str, text: str, place: Place | None = None) -> Fault:
+    def fault(self, severity: str, code: str, text: str, place: Place | None = None, done: str = "") -> Fault:
         """A fault of it, there or, when that is not known, where the class begins."""
         file, line = place or class_place(self.cls)
-        return Fault(severity, code, self.name, text, file, line)
+        return Fault(severity, code, self.name, text, file, line, done)
 
 
 class Linter:
@@ -115,22 +137,15 @@ class Linter:
         from skiros2_skill.core.lint_description import description_faults
         from skiros2_skill.core.lint_tree import tree_faults
 
-        found = self._describe(cls)
+        found = self.describe(cls)
         if isinstance(found, Fault):
             return [found]
         faults = [*description_faults(found, self.wmi), *(tree_faults(found, self) if tree else ())]
         return _in_order(faults)
 
     def options(self, stype: str, label: str) -> list[Described]:
-        """The implementations of a type, with that label where one is given."""
-        found = self._matching(stype, label)
-        return found or [d for d in self.all() if d.skill.type == stype and label in ("", d.skill.label)]
-
-    def blocked(self, described: Described) -> bool:
-        """Whether faults of its description keep a skill from loading."""
-        from skiros2_skill.core.lint_description import description_faults
-
-        return any(fault.blocks for fault in description_faults(described, self.wmi))
+        """The implementations of a type, with that label, or else class name, where one is given."""
+        return self._matching(stype, label) or self._matching(stype, label, all_of_them=True)
 
     def tells_cycle(self, classes: Iterable[type], cls: type, place: Place | None) -> bool:
         """Whether it is there that some classes are told to contain each other: the place that asks first."""
@@ -139,22 +154,30 @@ class Linter:
     def all(self) -> list[Described]:
         """All that could be described."""
         while self._waiting:
-            self._describe(self._waiting[0])
+            self.describe(self._waiting[0])
         return [d for d in self._described.values() if isinstance(d, Described)]
 
-    def _matching(self, stype: str, label: str) -> list[Described]:
-        known = [d for d in self._described.values() if isinstance(d, Described)]
-        return [d for d in known if d.skill.type == stype and label in ("", d.skill.label)]
+    def _matching(self, stype: str, label: str, all_of_them: bool = False) -> list[Described]:
+        known = self.all() if all_of_them else [d for d in self._described.values() if isinstance(d, Described)]
+        typed = [d for d in known if d.skill.type == stype]
+        labelled = [d for d in typed if label in ("", d.skill.label)]
+        return labelled or [d for d in typed if all_of_them and is_named(d.cls, label)]
 
-    def _describe(self, cls: type) -> Described | Fault:
+    def describe(self, cls: type) -> Described | Fault:
+        """What a class declares, or why that is not known."""
         if cls in self._waiting:
             self._waiting.remove(cls)
         if cls not in self._described:
             try:
                 self._described[cls] = Described(cls, self.wmi)
-            except Exception as error:
+            except FOREIGN_ERRORS as error:
                 self._described[cls] = _undescribed(cls, error)
         return self._described[cls]
+
+
+def is_named(cls: type, name: str) -> bool:
+    """Whether a name is that of a class, with its module or without."""
+    return name in (cls.__name__, f"{cls.__module__}.{cls.__name__}")
 
 
 def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str] = ()) -> list[Fault]:
@@ -165,11 +188,13 @@ def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str]
     """
     bases = (PrimitiveBase, SkillBase)
     loader, others = PluginLoader(), PluginLoader()
-    classes = [cls for package in packages for cls in loader.load(package, bases)]
-    known = [cls for package in used for cls in others.load(package, bases)]
-    linter = Linter(dict.fromkeys([*classes, *known]), wmi)
+    for package in packages:
+        loader.load(package, bases)
+    for package in used:
+        others.load(package, bases)
+    linter = Linter(dict.fromkeys([*loader, *others]), wmi)
     faults = [_not_imported(module, cause) for module, cause in loader.failures.items()]
-    return _in_order(faults + [fault for cls in classes for fault in linter.lint(cls)])
+    return _in_order(faults + [fault for cls in loader for fault in linter.lint(cls)])
 
 
 def _in_order(faults: Iterable[Fault]) -> list[Fault]:
@@ -190,15 +215,10 @@ def _not_imported(module: str, cause: str) -> Fault:
     return Fault(ERROR, "not-imported", module, text, file, int(line))
 
 
-def _undescribed(cls: type, error: Exception) -> Fault:
-    place = class_place(cls)
-    trace = error.__traceback__
-    while trace is not None:
-        if is_authors(trace.tb_frame):
-            place = trace.tb_frame.f_code.co_filename, trace.tb_lineno
-        trace = trace.tb_next
-    text = f"describing it raised {type(error).__name__}: {error}"
-    return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, *place)
+def _undescribed(cls: type, error: Exception | SystemExit) -> Fault:
+    file, line = raised_at(error, cls.__module__) or class_place(cls)
+    text = f"describing it raised {error_text(error)}"
+    return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, file, line, "the skill is skipped")
 
 
 def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:

@@ -6,12 +6,16 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any
 
+from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.names import ANY_TYPE, full_name
 from skiros2_common.core.or_condition import ConditionOr
 from skiros2_common.core.params import Param
 from skiros2_common.core.places import Place
 from skiros2_common.core.skill_description import DEVICE_STATE
-from skiros2_skill.core.lint import ERROR, WARNING, Described, Fault
+from skiros2_skill.core.lint import WARNING, Described, Fault
+
+_OWN_COUNTS = "loaded; what the implementation declares counts"
+_KEPT = "loaded; the name is kept as written"
 
 
 def description_faults(described: Described, wmi: Any) -> Iterator[Fault]:
@@ -74,10 +78,11 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
                 if param is None:
                     if not described.is_open:
                         text = f"{name} speaks of {key!r}; the parameters are: {known}"
-                        yield described.fault(ERROR, "unknown-key", text, place)
+                        done = "loaded; it fails where the condition is checked and no such parameter was added"
+                        yield described.fault(WARNING, "unknown-key", text, place, done)
                 elif _wants_element(condition) and not param.is_element:
                     text = f"{name} wants an element, parameter {key!r} is of type {type_name(param)}"
-                    yield described.fault(ERROR, "wrong-type", text, place)
+                    yield described.fault(WARNING, "wrong-type", text, place, "loaded; the condition does not hold")
 
 
 def _wants_element(condition: Any) -> bool:
@@ -90,12 +95,14 @@ def _contradictions(described: Described) -> Iterator[Fault]:
         for one, other in combinations(conditions, 2):
             if one.hasConflict(other):
                 text = f"{stage}-conditions [{one.label}] and [{other.label}] cannot both hold"
-                yield described.fault(ERROR, "contradiction", text, getattr(other, "place", None))
+                place = getattr(other, "place", None)
+                yield described.fault(WARNING, "contradiction", text, place, "loaded; a start fails")
     for pre in stages["pre"]:
         for hold in stages["hold"]:
             if getattr(pre, "property", "") != DEVICE_STATE and pre.hasConflict(hold):
                 text = f"[{pre.label}] has to hold at the start, and not to hold while the skill runs ([{hold.label}])"
-                yield described.fault(WARNING, "contradiction", text, getattr(hold, "place", None))
+                place = getattr(hold, "place", None)
+                yield described.fault(WARNING, "contradiction", text, place, "loaded; both are checked")
 
 
 def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
@@ -107,11 +114,10 @@ def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
         place = skill.place_of(key)
         if own is None:
             text = f"the description {base.type} has the parameter {key!r}, the implementation has not"
-            yield described.fault(ERROR, "contradicts-description", text)
+            yield described.fault(WARNING, "contradicts-description", text, done=_OWN_COUNTS)
         elif not _narrows(own, wanted, wmi):
             text = f"parameter {key!r} is {type_name(wanted)} in the description {base.type}, here {type_name(own)}"
-            numbers = {own.dataType(), wanted.dataType()} == {int, float}
-            yield described.fault(WARNING if numbers else ERROR, "contradicts-description", text, place)
+            yield described.fault(WARNING, "contradicts-description", text, place, _OWN_COUNTS)
 
 
 def _narrows(own: Param, wanted: Param, wmi: Any) -> bool:
@@ -129,11 +135,11 @@ def _unknown_names(described: Described, wmi: Any) -> Iterator[Fault]:
     for key, param in skill.params.items():
         if param.is_element and param.element_type not in ANY_TYPE and not wmi.knows(param.element_type):
             text = f"parameter {key!r} is a {param.element_type}, which no ontology declares"
-            yield described.fault(WARNING, "unknown-class", text, skill.place_of(key))
+            yield described.fault(WARNING, "unknown-class", text, skill.place_of(key), _KEPT)
     for stage, conditions in _stages(described).items():
         for condition, place in parts(conditions):
             for attribute, kind in (("relation", "relation"), ("property", "property"), ("wanted_type", "class")):
                 name = getattr(condition, attribute, "")
-                if name and not wmi.knows(name) and wmi.get_reasoner(name) is None:
+                if name and not wmi.knows(name) and reasoners.find_written(name) is None:
                     text = f"{stage}-condition [{condition.label}] speaks of {name}, which no ontology declares"
-                    yield described.fault(WARNING, f"unknown-{kind}", text, place)
+                    yield described.fault(WARNING, f"unknown-{kind}", text, place, _KEPT)

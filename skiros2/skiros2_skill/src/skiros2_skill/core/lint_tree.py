@@ -2,40 +2,37 @@
 
 from __future__ import annotations
 
-import difflib
 import threading
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from skiros2_common.core.errors import SkirosError, WrongType
-from skiros2_common.core.params import Param, ParamHandler, ParamTypes
-from skiros2_skill.core.lint import ERROR, FAULTY_SKILL, NOTE, UNKNOWN_SKILL, WARNING, Described, Fault, Linter
+from skiros2_common.core.errors import SkirosError, UnknownName
+from skiros2_common.core.names import full_name, nearest
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_skill.core.lint import ERROR, NOTE, UNKNOWN_SKILL, WARNING, Described, Fault, Linter, OnlyReads
 from skiros2_skill.core.lint_description import fits, type_name
 from skiros2_skill.core.node import SkillInterface, all_nodes
 from skiros2_skill.core.wrapper import SkillWrapper
 
 _PATIENCE = 0.5  # s that an `expand` may take when nothing runs
 
-_WRITES = ("add_", "update_", "remove_", "set_", "instantiate", "transact", "load", "save", "lock", "unlock")
-
-
-class _OnlyReads:
-    """The world model for an `expand` that is only tried: what would change it is refused."""
-
-    def __init__(self, wmi: Any) -> None:
-        self._wmi = wmi
-
-    def __getattr__(self, name: str) -> Any:
-        if self._wmi is None or name.startswith(_WRITES):
-            raise WrongType(f"the tree is only checked; wmi.{name} is not available then")
-        return getattr(self._wmi, name)
-
 
 class _Libraries:
-    """What the nodes of a tree that is only tried have for a library."""
+    """What the nodes of a tree that is only tried have for a library: skills that are not there are faults of it."""
 
-    def __init__(self, wmi: Any) -> None:
+    def __init__(self, wmi: Any, linter: Linter) -> None:
         self.wmi = wmi
+        self._linter = linter
+
+    def candidates(self, stype: str, label: str) -> list[Described]:
+        """See `SkillLibrary.candidates`."""
+        found = self._linter.options(full_name(stype), label)
+        if not found:
+            raise UnknownName(f"no library has a skill of type {stype}")
+        return found
+
+    def require_type(self, stype: str, label: str) -> None:
+        """See `SkillLibrary.require_type`."""
 
 
 def tree_faults(described: Described, linter: Linter) -> Iterator[Fault]:
@@ -73,9 +70,9 @@ class Trees:
 
     def _expanded(self, described: Described) -> SkillWrapper | None:
         # An instance for this alone, which never has more of the world model than this: `expand` may go on.
-        wmi = _OnlyReads(self.linter.wmi)
+        wmi = OnlyReads(self.linter.wmi)
         skill = described.instance(wmi)
-        skill._instanciator = _Libraries(wmi)
+        skill._instanciator = _Libraries(wmi, self.linter)
         root = SkillWrapper(skill.type, skill.label, skill._instanciator)
         root._instance = skill
         root.adopt_description()
@@ -155,23 +152,56 @@ class Trees:
             others |= is_open
         return found, others
 
+    def names_around(self, described: Described, root: SkillWrapper, node: SkillWrapper) -> tuple[set[str], bool]:
+        """The names that a compound, those that contain it, and what else is in their trees have; whether there may be
+        others.
+
+        :param root, node: the compound's tree, and the child whose own names do not count.
+        """
+        names, is_open = self._names_in(root, node)
+        names |= set(described.skill.params.keys())
+        is_open |= described.is_open
+        around, seen = [described], {described.cls}
+        while around:
+            inner = around.pop()
+            for outer in self.linter.all():
+                tree = self.of(outer) if outer.is_compound and outer.cls not in seen else None
+                holders = [n for n in _skills_under(tree) if inner in self.options(n)] if tree is not None else []
+                if tree is None or not holders:
+                    continue
+                seen.add(outer.cls)
+                around.append(outer)
+                above, more = self._names_in(tree, holders[0] if len(holders) == 1 else None)
+                names |= above | set(outer.skill.params.keys())
+                is_open |= more or outer.is_open
+        return names, is_open
+
+    def _names_in(self, root: SkillWrapper, but: SkillWrapper | None) -> tuple[set[str], bool]:
+        """The names that the nodes of a tree have at its root, and whether there may be others."""
+        found: set[str] = set()
+        is_open = False
+        for node in _skills_under(root):
+            if node is not but:
+                names, others = self.names(node)
+                found |= {_name_at(root, node, name) for name in names}
+                found |= {_name_at(root, node, node.own_name(name)) for name in node._specified}
+                is_open |= others
+        return found, is_open
+
 
 def _child_faults(described: Described, root: SkillWrapper, node: SkillWrapper, trees: Trees) -> Iterator[Fault]:
     options = trees.options(node)
     if not options:
         yield _unknown_skill(described, node, trees)
         return
-    faulty = [option for option in options if trees.linter.blocked(option)]
-    if len(faulty) == len(options):
-        text = f"uses {', '.join(option.name for option in faulty)}, which cannot be loaded"
-        yield described.fault(ERROR, FAULTY_SKILL, text, node.place)
     names, is_open = trees.names(node)
     child = f"{node.type}{f'-{node.asked_label}' if node.asked_label else ''}"
     if not is_open:
         for key in node._remaps:
             if key not in names:
                 text = f"remap of {key!r}: {child} has no such parameter, and no skill under it{_near(key, names)}"
-                yield described.fault(ERROR, "unknown-remap", text, node.place)
+                yield described.fault(WARNING, "unknown-remap", text, node.place, "loaded; the remap has no effect")
+    yield from _target_faults(described, root, node, options, child, trees)
     yield from _fixed_faults(described, node, options, child)
     yield from _pre_condition_faults(described, node, options, child)
     yield from _type_faults(described, root, node, options, child, trees.linter.wmi)
@@ -195,7 +225,7 @@ def _unknown_skill(described: Described, node: SkillWrapper, trees: Trees) -> Fa
         text = (
             f"no library has a skill of type {node.type}{_near(node.type, {d.skill.type for d in trees.linter.all()})}"
         )
-    return described.fault(ERROR, UNKNOWN_SKILL, text, node.place)
+    return described.fault(ERROR, UNKNOWN_SKILL, text, node.place, "loaded; it fails unless a library brings it")
 
 
 def _fixed_faults(described: Described, node: SkillWrapper, options: list[Described], child: str) -> Iterator[Fault]:
@@ -207,16 +237,16 @@ def _fixed_faults(described: Described, node: SkillWrapper, options: list[Descri
         if not having:
             known = {node.name_above(k) for option in options for k in option.skill.params}
             text = f"specify of {name!r}: {child} has no such parameter{_near(name, known)}"
-            yield described.fault(ERROR, "unknown-specify", text, node.place)
+            yield described.fault(WARNING, "unknown-specify", text, node.place, "loaded; the value is ignored")
         elif all(reasons := [_refusal(param, values) for param in having]):
             text = f"specify of {name!r} for {child}: {reasons[0]}"
-            yield described.fault(ERROR, "wrong-type", text, node.place)
+            yield described.fault(WARNING, "wrong-type", text, node.place, "loaded; the value is ignored")
 
 
 def _refusal(param: Param, values: Any) -> str:
     """Why a parameter does not take these values; "" when it does."""
     try:
-        ParamHandler({param.key: param.clone()}).specify(param.key, values)  # type: ignore[dict-item]
+        param.clone().assign(values)
     except SkirosError as error:
         return str(error)
     return ""
@@ -231,7 +261,8 @@ def _pre_condition_faults(
         for key in condition.getKeys():
             if all(_param(option, key) is None for option in options):
                 text = f"pre-condition [{condition.label}] speaks of {key!r}; {child} has no such parameter"
-                yield described.fault(ERROR, "unknown-key", text, node.place)
+                done = "loaded; the child fails where it is checked"
+                yield described.fault(WARNING, "unknown-key", text, node.place, done)
 
 
 def _type_faults(
@@ -247,7 +278,26 @@ def _type_faults(
         having = [param for option in options if (param := _param(option, key)) is not None]
         if not any(fits(param, outer, wmi) for param in having):
             text = f"{key!r} of {child} is {type_name(having[0])}, {name!r} of the compound is {type_name(outer)}"
-            yield described.fault(ERROR, "wrong-type", text, node.place)
+            both = having[0].is_element and outer.is_element
+            done = "loaded; an element of any class is passed" if both else "loaded; the child keeps its own value"
+            yield described.fault(WARNING, "wrong-type", text, node.place, done)
+
+
+def _target_faults(
+    described: Described, root: SkillWrapper, node: SkillWrapper, options: list[Described], child: str, trees: Trees
+) -> Iterator[Fault]:
+    """Remaps to names that nothing above or beside the child has: it takes nothing from there."""
+    for key in node._remaps:
+        having = [param for option in options if (param := _param(option, key)) is not None]
+        name = _name_at(root, node, key)
+        fixed = node.name_above(key) in node._specified
+        if fixed or not having or all(param.paramTypeIs(ParamTypes.Optional) for param in having):
+            continue
+        known, is_open = trees.names_around(described, root, node)
+        if is_open or name in known:
+            continue
+        text = f"remap of {key!r} of {child} to {name!r}: no skill above or beside it has that{_near(name, known)}"
+        yield described.fault(WARNING, "unknown-target", text, node.place, "loaded; the child gets no value by it")
 
 
 def _missing(
@@ -270,7 +320,7 @@ def _missing(
         )
         text = f"{child} requires {key!r}, and nothing in the tree sets it"
         text += "; it has to come from a skill outside" if elsewhere else f" (no skill has a parameter {name!r})"
-        yield described.fault(WARNING if elsewhere else ERROR, "never-set", text, node.place)
+        yield described.fault(WARNING, "never-set", text, node.place, "loaded; a start without it fails")
 
 
 def _has_to_be_given(param: Param | None) -> bool:
@@ -278,7 +328,7 @@ def _has_to_be_given(param: Param | None) -> bool:
         param is not None
         and param.paramTypeIs(ParamTypes.Required)
         and not param.is_element
-        and not param.hasSpecifiedDefault()
+        and not param.has_bound_default()
     )
 
 
@@ -298,5 +348,5 @@ def _param(described: Described, key: str) -> Param | None:
 
 
 def _near(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), n=2)
+    near = nearest(name, known, 2)
     return f"; near: {', '.join(near)}" if near else ""

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from skiros2_common.core.abstract_skill import SkillCore, SkillDescription, State
+from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import Refused, WrongValue
-from skiros2_common.core.params import Param, ParamHandler
+from skiros2_common.core.params import ParamHandler
+from skiros2_skill.core.node_params import NodeParams
 from skiros2_skill.core.processors import Sequential
 
 _RUNNING: State = State.Running
 
 
-class SkillInterface(SkillCore):
+class SkillInterface(NodeParams):
     """A node of a tree.
 
-    A node looks parameters up in its ancestors: `name_above` gives the name that a key of the node has one level up,
-    where the parent may declare it, rename it again, or leave it to its own parent; the root holds what nobody
-    declares. That is the task's blackboard.
+    The parameters of running nodes meet on the task's blackboard. `name_above` gives the name that a key of the node,
+    or of a node below it, has one level up, where it may be renamed again; the last name is the key on the blackboard.
 
     :param children_processor: how the children are ticked; the node takes one of the same kind for itself.
     """
@@ -30,8 +30,6 @@ class SkillInterface(SkillCore):
         self._processor = children_processor.fresh()
         self._instance: Any = None
         self._instanciator: Any = None
-        self._remaps: dict[str, str] = {}
-        self._specified: dict[str, Any] = {}
         self._own_pre_conditions: list[Any] = []
         self._latched: SkillInterface | None = None
         self._input: dict[str, list[Any]] = {}
@@ -118,15 +116,14 @@ class SkillInterface(SkillCore):
         return copy
 
     def _copy_to(self, copy: SkillInterface) -> None:
-        SkillDescription.setDescription(
-            copy, self._type, self._params, self._pre_conditions, self._hold_conditions, self._post_conditions
-        )
+        SkillDescription.setDescription(copy, *self.getDescription())
         copy._label = self._label
         copy._wmi = self._wmi
         copy._instanciator = self._instanciator
         copy._description = self._description
         copy._remaps = dict(self._remaps)
         copy._specified = dict(self._specified)
+        copy._suggested = dict(self._suggested)
         copy._own_pre_conditions = [c.copy() for c in self._own_pre_conditions]
 
     # -- processor ---------------------------------------------------------------------------------------------
@@ -135,58 +132,16 @@ class SkillInterface(SkillCore):
     def processor(self) -> Any:
         return self._processor
 
-    def setProcessor(self, processor_type: Any) -> SkillInterface:
-        """Takes a processor of that kind. Returns the node."""
+    def setProcessor(self, processor_type: Any) -> None:
+        """Takes a processor of that kind."""
         self._processor = processor_type.fresh()
-        return self
 
     def processChildren(self, visitor: Any) -> State:
         """One tick of the children."""
         state: State = self._processor.processChildren(self._children, visitor)
         return state
 
-    # -- names of parameters -----------------------------------------------------------------------------------
-
-    def remap(self, initial_key: str, target_key: str, record: bool = True) -> None:
-        """The key `initial_key` of this node, or of one below it, is `target_key` for the nodes above."""
-        for key, above in self._remaps.items():
-            if above == initial_key:
-                self._remaps[key] = target_key
-                return
-        if record:
-            self._remaps[initial_key] = target_key
-
-    def get_remap(self, key: str) -> str:
-        """The name that a key of this node has one level up."""
-        return self._remaps.get(key, key)
-
-    name_above = get_remap
-
-    def own_name(self, name: str) -> str:
-        """The key of this node that has that name one level up."""
-        return next((key for key, above in self._remaps.items() if above == name), name) if self._remaps else name
-
-    def getParamsNoRemaps(self) -> dict[str, Param]:
-        """The parameters under the keys that the skill itself uses."""
-        return self._params.getParamMap()
-
-    # -- fixed parameters --------------------------------------------------------------------------------------
-
-    def specifyParam(self, key: str, values: Any) -> None:
-        """Fixes a parameter, by the name it has one level up."""
-        self._specified[key] = values
-
-    def specifyParamsDefault(self, input_params: ParamHandler) -> None:
-        """Fixes parameters to the values that others have, by the names they have one level up."""
-        for key, param in input_params.items():
-            if param.values:
-                self._specified[key] = list(param.values)
-
-    def specifyParams(self, input_params: ParamHandler, keep_default: bool = True) -> None:
-        """As `specifyParamsDefault`; with `keep_default`, what is fixed already stays."""
-        for key, param in input_params.items():
-            if param.values and not (keep_default and key in self._specified):
-                self._specified[key] = list(param.values)
+    # -- description and parameters ---------------------------------------------------------------------------
 
     def revertInput(self) -> None:
         """Sets the parameters back to what they were at the start of the skill."""
@@ -194,14 +149,10 @@ class SkillInterface(SkillCore):
             if self._params.hasParam(key):
                 self._params.getParamMap()[key].assign(list(values))
 
-    # -- description -------------------------------------------------------------------------------------------
-
     def resetDescription(self, other: Any = None) -> None:
         """Takes the parameters and conditions of another skill, or those it was described with."""
         source = other if other is not None else self._description
-        SkillDescription.setDescription(
-            self, self._type, source.params, source.pre_conditions, source.hold_conditions, source.post_conditions
-        )
+        SkillDescription.setDescription(self, self._type, *source.getDescription()[1:])
 
     def mergeDescription(self, other: Any) -> None:
         """Adds the parameters and conditions of another skill."""
@@ -294,12 +245,11 @@ class SkillInterface(SkillCore):
     def _setState(self, state: State) -> None:
         super()._setState(state)
 
-    def start(self, params: ParamHandler | None = None) -> bool:
-        """Fixes the given parameters and makes the node ready for its first tick."""
+    def start(self, params: ParamHandler | None = None) -> State:
+        """Fixes the given parameters and makes the node ready for its first tick. Returns the state."""
         if params is not None:
             self.specifyParams(params, False)
-        self.reset()
-        return True
+        return self.reset()
 
     def execute(self) -> State | None:
         """To override in compounds: runs after the children; None keeps their state."""

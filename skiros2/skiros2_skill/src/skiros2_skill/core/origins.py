@@ -5,59 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.explanation import (
-    ABOVE,
-    CHANGED,
-    DEFAULT,
-    FIXED,
-    GIVEN,
-    INFERRED,
-    MOST_NAMED,
-    UNSET,
-    Origin,
-)
+from skiros2_common.core.explanation import ABOVE, CHANGED, INFERRED, MOST_NAMED, UNSET, Origin
 from skiros2_common.core.property import shown
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.blackboard import Slot, Source, declared_above, giver_of
-from skiros2_skill.core.node import SkillInterface
+from skiros2_skill.core.blackboard import Slot
 
 
-def origins(node: SkillInterface, slots: Iterable[Slot], conditions: Sequence[Any]) -> list[Origin]:
+def origins(slots: Iterable[Slot], conditions: Sequence[Any]) -> list[Origin]:
     """Where the values of the parameters in some slots of a node came from.
 
     :param conditions: the pre-conditions, for the inferred ones.
     """
-    return [_origin(node, slot, conditions) for slot in slots]
+    return [_origin(slot, conditions) for slot in slots]
 
 
-def _origin(node: SkillInterface, slot: Slot, conditions: Sequence[Any]) -> Origin:
+def _origin(slot: Slot, conditions: Sequence[Any]) -> Origin:
     key, values = slot.param.key, slot.param._values
-    if not slot.param.isSpecified():
+    if not slot.param.is_bound():
         return Origin(key, "", UNSET)
-    text = told_values(values)
-    if slot.source is Source.Changed or values is not slot.known:
-        giver = giver_of(slot.param)
-        return Origin(key, text, CHANGED, [giver] if giver else [])
-    if slot.source is Source.Inferred:
-        return Origin(key, text, INFERRED, [c.label for c in conditions if key in c.getKeys()])
-    if slot.source is Source.Taken:
-        return _taken(node, key, text)
-    if node.name_above(key) not in node._specified:
-        return Origin(key, text, DEFAULT)
-    is_asked_for = node._parent is not None and node._parent._parent is None
-    return Origin(key, text, GIVEN if is_asked_for else FIXED)
-
-
-def _taken(node: SkillInterface, key: str, text: str) -> Origin:
-    """From the sibling that put it above, else from the node above that has it; what the root has was given."""
-    above, holder, _ = declared_above(node, key)
-    giver = giver_of(above) if above is not None else ""
-    parent = node._parent
-    while parent is not None and parent._params is not holder:
-        parent = parent._parent
-    if not giver and parent is not None and parent._parent is not None:
-        giver = parent._label
-    return Origin(key, text, ABOVE, [giver]) if giver else Origin(key, text, GIVEN)
+    origin = CHANGED if slot.param.assigned else slot.origin
+    if origin == INFERRED:
+        names = [c.label for c in conditions if key in c.getKeys()]
+    else:
+        names = [slot.giver] if origin in (ABOVE, CHANGED) and slot.giver else []
+    return Origin(key, told_values(values), origin, names)
 
 
 def told_values(values: Sequence[Any]) -> str:

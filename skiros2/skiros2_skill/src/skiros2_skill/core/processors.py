@@ -11,6 +11,7 @@ from collections.abc import Sequence as Children
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import WrongValue
 
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
@@ -176,11 +177,8 @@ class ParallelFs(_Parallel):
         return _RUNNING if children else _SUCCESS
 
 
-class NoFail(Processor):
-    """As another processor; a failure counts as Success.
-
-    :param processor: the other processor.
-    """
+class _Decorator(Processor):
+    """Changes the outcome of another processor."""
 
     def __init__(self, processor: Any) -> None:
         self._processor = processor
@@ -189,7 +187,17 @@ class NoFail(Processor):
         self._processor.reset()
 
     def fresh(self) -> Any:
-        return NoFail(self._processor.fresh())
+        new = copy.copy(self)
+        new._processor = self._processor.fresh()
+        new.reset()
+        return new
+
+
+class NoFail(_Decorator):
+    """As another processor; a failure counts as Success.
+
+    :param processor: the other processor.
+    """
 
     def printType(self) -> str:
         return f"nofail({self._processor.printType()})"
@@ -199,28 +207,64 @@ class NoFail(Processor):
         return State.Success if state is State.Failure else state
 
 
-class RetryOnFail(SerialStar):
-    """As `Sequential`; after a failure it starts again from the first child, and is Running in between.
+class _Again(_Decorator):
+    """Starts the children again while they end with one state, at most so often; is Running in between."""
 
-    :param max_retries: how often; -1: without limit.
-    """
+    _again_on: State
 
-    def __init__(self, max_retries: int = -1) -> None:
-        super().__init__()
-        self._max_retries = max_retries
-        self._retries = 0
+    def __init__(self, times: int, processor: Any = None) -> None:
+        super().__init__(processor.fresh() if processor is not None else Sequential())
+        self._times = times
+        self._done = 0
 
     def reset(self) -> None:
         super().reset()
-        self._retries = 0
-
-    def printType(self) -> str:
-        return f"retry({self._max_retries})"
+        self._done = 0
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        state = super().processChildren(children, visitor)
-        if state is not _FAILURE or (0 <= self._max_retries <= self._retries):
+        state: State = self._processor.processChildren(children, visitor)
+        if state is not self._again_on or (0 <= self._times <= self._done):
             return state
-        self._retries += 1
-        self._index = 0
+        self._done += 1
+        _preempt_running(children, visitor)
+        self._processor.reset()
         return _RUNNING
+
+
+class RetryOnFail(_Again):
+    """As another processor; after a failure it starts again from the first child, and is Running in between.
+
+    :param max_retries: how often; -1: without limit.
+    :param processor: the other processor; None: `Sequential`.
+    """
+
+    _again_on = _FAILURE
+
+    def __init__(self, max_retries: int = -1, processor: Any = None) -> None:
+        super().__init__(max_retries, processor)
+
+    def printType(self) -> str:
+        inside = "" if isinstance(self._processor, Sequential) else f",{self._processor.printType()}"
+        return f"retry({self._times}{inside})"
+
+
+class Loop(_Again):
+    """As another processor; after a success it starts again from the first child, and is Running in between.
+
+    It fails as soon as the other processor does.
+
+    :param times: how often the children run, the first time included; -1: without limit.
+    :param processor: the other processor; None: `Sequential`.
+    :raises WrongValue: the number is neither positive nor -1.
+    """
+
+    _again_on = _SUCCESS
+
+    def __init__(self, times: int = -1, processor: Any = None) -> None:
+        if times < 1 and times != -1:
+            raise WrongValue(f"Loop({times}): expected how often the children run, at least 1, or -1 for no limit")
+        super().__init__(times if times == -1 else times - 1, processor)
+
+    def printType(self) -> str:
+        inside = "" if isinstance(self._processor, Sequential) else f",{self._processor.printType()}"
+        return f"loop({self._times + 1 if self._times >= 0 else -1}{inside})"

@@ -8,6 +8,7 @@ from skiros2_skill.core.groups import Root, Skill
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.preemption import SkillPreempted
 from skiros2_skill.core.processors import (
+    Loop,
     NoFail,
     NoProcessor,
     ParallelFf,
@@ -23,6 +24,7 @@ from skiros2_skill.core.wrapper import SkillWrapper
 
 __all__ = [
     "Element",
+    "Loop",
     "NoFail",
     "NoProcessor",
     "ParallelFf",

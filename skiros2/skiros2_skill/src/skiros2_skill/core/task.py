@@ -16,9 +16,9 @@ from skiros2_common.core.params import Param
 from skiros2_skill.core.breakpoints import Break, Breakpoints
 from skiros2_skill.core.devices import free_devices
 from skiros2_skill.core.endings import bury, give_up, preempt_all
-from skiros2_skill.core.executor import Executor
+from skiros2_skill.core.executor import Executor, Halt
 from skiros2_skill.core.failures import Failure
-from skiros2_skill.core.groups import Root
+from skiros2_skill.core.groups import Root, Skill
 from skiros2_skill.core.inside import LeftBehind, Stuck
 from skiros2_skill.core.node import all_nodes
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -30,6 +30,13 @@ MAX_ID = 32767
 
 #: What a root's progress code is when its task has ended.
 ENDED_SUCCESS, ENDED_FAILURE = 1, -1
+
+
+@dataclass(eq=False)
+class _Allowance:
+    """How many ticks a command has asked for that are to come."""
+
+    ticks: int
 
 
 @dataclass(frozen=True)
@@ -62,12 +69,14 @@ class Task:
     def __init__(self, task_id: int, wmi: Any, author: str = "", breakpoints: Breakpoints | None = None) -> None:
         self.id = task_id
         self.author = author
-        self.root = Root("root", wmi)
+        self.root = Root(f"task_{task_id}", wmi)
         self.root._id = task_id
         self._wmi = wmi
         self._executor = Executor(wmi, self.wake, breakpoints)
         self._paused = threading.Event()
-        self._ticks_left = 0
+        self._allowance: _Allowance | None = None
+        self._deciding = threading.Lock()
+        self._decided = False
         #: When it was asked to end, or given more time for that (s, monotonic); None: it was not.
         self.preempted_at: float | None = None
         self._stopping = False  # all that ran was preempted
@@ -88,10 +97,16 @@ class Task:
 
     # -- commands, from any thread -----------------------------------------------------------------------------
 
-    def preempt(self) -> None:
-        """Asks the task to end. It does at the next tick, paused or not."""
-        if self.preempted_at is None:
-            self.preempted_at = time.monotonic()
+    def preempt(self) -> bool:
+        """Asks the task to end. It fails at the next tick, paused or not, whatever a hook still answers, and starts no
+        more skills. Returns whether it had not ended before."""
+        with self._deciding:
+            if self._decided:
+                return False
+            if self.preempted_at is None:
+                self.preempted_at = time.monotonic()
+                self._executor.halts = True
+            return True
 
     def pause(self) -> None:
         """No more ticks; everything keeps its state."""
@@ -106,7 +121,7 @@ class Task:
 
     def resume(self, ticks: int = 0) -> None:
         """Ticks again; given a number, pauses after that many ticks."""
-        self._ticks_left = ticks
+        self._allowance = _Allowance(ticks) if ticks else None
         self.root._setProgress("", 0)
         self._paused.clear()
 
@@ -158,21 +173,38 @@ class Task:
 
     def tick(self) -> State:
         """One tick. Sets `ended` when the task has ended. What a tick raises ends the task as a failure."""
+        allowance = self._allowance  # a command while this tick is under way allows for the next ones
         try:
             state = self._guarded_tick()
         except LeftBehind:
             return State.Running  # the task is another thread's now
         if state is not State.Running:
+            state = self._decide(state)
             self._close(state)
-        elif self._ticks_left:
-            self._ticks_left -= 1
-            if not self._ticks_left:
+        elif allowance is not None:
+            allowance.ticks -= 1
+            if not allowance.ticks and allowance is self._allowance:
                 self.pause()
+        return state
+
+    def _decide(self, state: State) -> State:
+        """The state that a task ends with: one that was preempted meanwhile has failed."""
+        with self._deciding:
+            self._decided = True
+            overruled = self.preempted_at is not None and not self._stopping
+        if overruled:
+            self._stopping = True
+            self._executor.failures.note(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+            self.root._setState(State.Failure)
+            return State.Failure
         return state
 
     def _guarded_tick(self) -> State:
         try:
-            return self._tick()
+            try:
+                return self._tick()
+            except Halt:
+                return self._stop(PREEMPT, self._reason)
         except Break as reached:
             self.hold(str(reached))
             return State.Running
@@ -199,6 +231,7 @@ class Task:
         """Preempts all that runs."""
         self._executor.failures.note(self.root, Failure(stage, ENDED_FAILURE, reason))
         self._reason, self._stopping = reason, True
+        self._executor.halts = False
         if self.preempted_at is None:
             self.preempted_at = time.monotonic()
         preempt_all(self._executor, self.root)
@@ -219,11 +252,14 @@ class Task:
     def _verdict(self, state: State) -> str:
         """The root's last message: why the task failed."""
         if state is State.Success:
-            return "Success"
+            return "End"
         if self._stopping:
             return self._reason
         cause = self._executor.failures.cause()
-        return f"{cause[0].printState()}: {cause[1].message}" if cause is not None else "Failure"
+        if cause is None:
+            return "Failure"
+        node, failure = cause
+        return f"{node._type}-{node._label}({node._state.name}): {failure.message}"
 
     def explanations(self) -> list[Explanation]:
         """Why nodes failed, each kind of failure of a node once, in the order in which they failed last.
@@ -259,14 +295,14 @@ class Task:
                 parent_id=node.parent.id if node.parent is not None else -1,
                 parent_label=node.parent.label if node.parent is not None else "",
                 type=node.type,
-                label=node.label,
+                label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
                 processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
                 state=node.state,
                 progress_code=node.progress_code,
                 progress_period=node.progress_period,
                 progress_time=node.progress_time,
                 progress_message=node.progress_msg or (reason if node is self.root else ""),
-                params=node.params.getParamMap(),
+                params=node._params.getParamMap(),  # as it is: a node that waits is not described for this
             )
             for node in self.nodes()
             if node._id >= 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from skiros2_common.core.errors import Refused, UnknownName
@@ -29,7 +29,8 @@ class Ticker:
     :param on_progress: called with a task, in a ticking thread, after each tick in which something changed, at least
         every `keep_alive` seconds, and when the task has ended.
     :param keep_alive: s.
-    :param preempt_timeout: s that a task has to end once it is preempted; then what does not return is left behind.
+    :param preempt_timeout: s that skills have to end once their task is preempted.
+    :param hook_timeout: s after which a hook of a preempted task that does not return is left behind.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class Ticker:
         on_progress: Callable[[Task], None] = lambda task: None,
         keep_alive: float = 1.0,
         preempt_timeout: float = 10.0,
+        hook_timeout: float = 2.0,
     ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
         self._scheduled: dict[int, Scheduled] = {}
@@ -47,7 +49,7 @@ class Ticker:
         self._stopped = False
         self.breakpoints = Breakpoints()
         pace = Pace(1.0 / rate, keep_alive, on_tick, on_progress)
-        self._watchdog = Watchdog(pace, self._lock, self._forget, preempt_timeout)
+        self._watchdog = Watchdog(pace, self._lock, self._forget, preempt_timeout, min(hook_timeout, preempt_timeout))
 
     # -- tasks, from any thread --------------------------------------------------------------------------------
 
@@ -77,10 +79,12 @@ class Ticker:
         """Ticks a new or paused task; given a number, pauses it after that many ticks.
 
         :raises UnknownName: there is no such task.
-        :raises Refused: it runs already.
+        :raises Refused: it runs already, or was preempted.
         """
         with self._lock:
             scheduled = self._get(task_id)
+            if scheduled.task.preempted_at is not None:
+                raise Refused(f"task {task_id} was preempted")
             if not scheduled.task.paused:
                 raise Refused(f"task {task_id} runs already")
             scheduled.task.resume(ticks)
@@ -93,7 +97,8 @@ class Ticker:
         """
         with self._lock:
             scheduled = self._get(task_id)
-            scheduled.task.preempt()
+            if not scheduled.task.preempt():
+                raise self._unknown(task_id)
             self._call(scheduled)
 
     def pause(self, task_id: int) -> None:
@@ -103,6 +108,16 @@ class Ticker:
         """
         with self._lock:
             self._get(task_id).task.pause()
+
+    def wait_for_rest(self, task_ids: Collection[int], timeout: float) -> bool:
+        """Waits until some tasks are paused or have ended, and no tick of theirs is under way.
+
+        :param timeout: s; a hook that takes longer is not waited for.
+        :returns: whether they are.
+        """
+        with self._lock:
+            tasks = [s for number in task_ids if (s := self._scheduled.get(number)) is not None]
+            return self._lock.wait_for(lambda: all(map(self._rests, tasks)), timeout)
 
     def preempt_all(self) -> None:
         """Ends all tasks at once."""
@@ -171,9 +186,16 @@ class Ticker:
     def _get(self, task_id: int) -> Scheduled:
         scheduled = self._scheduled.get(task_id)
         if scheduled is None or scheduled.task.ended.is_set():
-            known = ", ".join(str(s.task.id) for s in self._scheduled.values() if not s.task.ended.is_set()) or "none"
-            raise UnknownName(f"no task {task_id} is here; there are: {known}")
+            raise self._unknown(task_id)
         return scheduled
+
+    def _unknown(self, task_id: int) -> UnknownName:
+        running = [s.task.id for s in self._scheduled.values() if not s.task.ended.is_set() and s.task.id != task_id]
+        return UnknownName(f"no task {task_id} is here; there are: {', '.join(map(str, running)) or 'none'}")
+
+    def _rests(self, scheduled: Scheduled) -> bool:
+        task = scheduled.task
+        return (task.paused or task.ended.is_set()) and not self._watchdog.is_ticked(scheduled)
 
     def _call(self, scheduled: Scheduled) -> None:
         scheduled.woken = True

@@ -24,16 +24,23 @@ class Watchdog:
 
     :param lock: guards the workers and what is scheduled; held for moments only.
     :param ended: called, under the lock, with a task that has ended.
-    :param timeout: s that a task has to end once it is preempted.
+    :param timeout: s that the skills of a task have to end once it is preempted.
+    :param hook_timeout: s that each hook of such a task has.
     """
 
     def __init__(
-        self, pace: Pace, lock: threading.Condition, ended: Callable[[Scheduled], None], timeout: float
+        self,
+        pace: Pace,
+        lock: threading.Condition,
+        ended: Callable[[Scheduled], None],
+        timeout: float,
+        hook_timeout: float,
     ) -> None:
         self._pace = pace
         self._lock = lock
         self._ended = ended
         self._timeout = timeout
+        self._hook_timeout = hook_timeout
         self._poll = min(pace.period / 4, _MOST_POLL)
         self._stopping = False
         self._sleep = threading.Event()
@@ -48,12 +55,18 @@ class Watchdog:
     def hurry(self, timeout: float) -> None:
         """Tasks have so long at most to end."""
         self._timeout = min(self._timeout, timeout)
+        self._hook_timeout = min(self._hook_timeout, timeout)
 
     def ticks_here(self, scheduled: Scheduled | None = None) -> bool:
         """Whether the calling thread is ticking the task, or any."""
         here = threading.current_thread()
         ticks = [worker.now for worker in self._workers if worker.thread is here]
         return any(tick is not None and scheduled in (None, tick.scheduled) for tick in ticks)
+
+    def is_ticked(self, scheduled: Scheduled) -> bool:
+        """Whether a tick of the task is under way."""
+        ticks = [w.now for w in self._workers if w.tasks.get(scheduled.task.id) is scheduled]
+        return any(tick is not None and tick.scheduled is scheduled for tick in ticks)
 
     def remove(self, scheduled: Scheduled) -> None:
         """Forgets a task."""
@@ -103,6 +116,8 @@ class Watchdog:
         if tick is not None:
             age = now - tick.since
             place = tick.scheduled.task.place
+            if place != tick.hook:
+                tick.hook, tick.hook_since = place, now
             if age > self._pace.period / 2 and place:
                 tick.places[place] += 1
             if worker is self.first and age > max(_PATIENCE, 2 * self._pace.period):
@@ -110,14 +125,15 @@ class Watchdog:
                 news.append(f"task {tick.scheduled.task.id}: {place or 'a tick'} takes long; the others go on")
         for scheduled in list(worker.tasks.values()):
             asked = scheduled.task.preempted_at
-            if asked is None or now - asked < self._timeout:
+            if asked is None:
                 continue
-            if tick is None or tick.scheduled is not scheduled:
+            if tick is not None and tick.scheduled is scheduled:
+                if tick.hook and now - max(asked, tick.hook_since) >= self._hook_timeout:
+                    news += self._leave_behind(worker, tick, now)
+            elif now - asked >= self._timeout:
                 scheduled.task.give_up(now)
                 scheduled.woken = True
                 self._lock.notify_all()
-            elif now - tick.since >= self._timeout:
-                news += self._leave_behind(worker, tick, now)
         return news
 
     def _hand_over(self, worker: Worker, tick: Tick) -> None:

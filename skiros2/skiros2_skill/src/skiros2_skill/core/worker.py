@@ -45,11 +45,14 @@ class Tick:
 
     :param since: when it began (s, monotonic).
     :param places: where it was seen, and how often.
+    :param hook, hook_since: the hook that was being called when it was looked at last, and since when (s, monotonic).
     """
 
     scheduled: Scheduled
     since: float
     places: Counter[str] = field(default_factory=Counter)
+    hook: str = ""
+    hook_since: float = 0.0
 
 
 @dataclass
@@ -140,6 +143,8 @@ class Worker:
             task.tick()
         with self._lock:
             self.now = None
+            if wanted and task.paused:
+                self._lock.notify_all()
             if self.tasks.get(task.id) is not scheduled:
                 return True  # it was taken away, because a hook did not return
             if task.ended.is_set():

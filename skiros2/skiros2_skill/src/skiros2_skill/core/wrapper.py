@@ -5,22 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, UnknownName
+from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.places import Place
+from skiros2_skill.core.described_node import DescribedNode
+from skiros2_skill.core.ended_params import EndedParams
 from skiros2_skill.core.inside import EXECUTE_HOOK, LeftBehind
-from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Sequential
-
-#: So many levels of skills a tree may have: more of them are without end, and each takes some frames of the stack.
-MAX_LEVELS = 5000
 
 _RUNNING: State = State.Running
 
 
-class SkillWrapper(SkillInterface):
+class SkillWrapper(DescribedNode):
     """A node for a skill of a type and, when given, a label.
 
     :param ptype: the skill's type: `Pick`, `:Pick` or `skiros:Pick`.
@@ -39,13 +37,13 @@ class SkillWrapper(SkillInterface):
         # The executor's notes on the node while it runs.
         self.implementation: Any = None
         self.expanded = False
-        self._level = 0  # how many skills there are from the root down to this one; known once it starts
         self.slots: list[Any] = []
         self.element_slots: list[Any] = []
         self.seen_stamp = -1
         self.steady_stamp = -1  # of its last reading, while it is a primitive that goes on and has not to be watched
         self.watch: Any = None
-        self.given_mark = -1  # of the changes that were passed on
+        self.lent: list[Any] = []  # its parameters whose lists of values were handed out
+        self.has_started = False
         self.volatile = False
         self.is_compound = False
         self.runs_after_children = False
@@ -77,26 +75,10 @@ class SkillWrapper(SkillInterface):
         """Whether an implementation is chosen."""
         return self._instance is not None
 
-    def candidates(self) -> list[Any]:
-        """The implementations that the library has for the node.
-
-        :raises UnknownName: there is none.
-        :raises Refused: the node is below too many others.
-        """
-        above = self._parent
-        while above is not None and not isinstance(above, SkillWrapper):
-            above = above._parent
-        self._level = above._level + 1 if above is not None else 1
-        if self._level > MAX_LEVELS:
-            raise Refused(f"{self.printState()} is below {MAX_LEVELS} levels of skills: one of them contains itself")
-        if self._instanciator is None:
-            raise UnknownName(f"{self.printState()} has no skill library to be taken from")
-        found: list[Any] = self._instanciator.candidates(self._type, self._asked_label)
-        return found
-
     def setInstance(self, instance: Any) -> None:
         """Takes an implementation: its label, parameters and conditions become the node's."""
         self._instance = instance
+        self._is_described = True
         self.abandoned = False
         self._label = instance.label
         self._description = instance
@@ -109,8 +91,8 @@ class SkillWrapper(SkillInterface):
         self._params: ParamHandler = instance._params
         self._options = instance._options
         self._pre_conditions = [*instance._pre_conditions, *self._own_pre_conditions]
-        self._hold_conditions = instance._hold_conditions
-        self._post_conditions = instance._post_conditions
+        self._hold_conditions = [*instance._hold_conditions, *self._own_hold_conditions]
+        self._post_conditions = [*instance._post_conditions, *self._own_post_conditions]
 
     def getInstance(self) -> Any:
         """The implementation, None before one is chosen."""
@@ -153,11 +135,7 @@ class SkillWrapper(SkillInterface):
         if not self._rests:
             self._rests = True
             self.implementation.count(-1)
-
-    @property
-    def own_pre_conditions(self) -> list[Any]:
-        """The pre-conditions that came with the node, beside those of the implementation."""
-        return self._own_pre_conditions
+            self._instance._params = EndedParams(self._params)
 
     def wrapper_expand(self) -> None:
         """Makes the subtree that the implementation describes, in the place of an earlier one."""
@@ -198,10 +176,10 @@ class SkillWrapper(SkillInterface):
         except LeftBehind:
             raise
         except FOREIGN_ERRORS as error:
-            state = visitor.go_on(self, visitor.hooks.execute_raised(self, error))
+            state = visitor.go_on(self, visitor.hooks.execute_raised(self, error), readings.version)
             return state
         if answer is not _RUNNING or mutations.mark != readings.mark:
-            state = visitor.go_on(self, visitor.hooks.judged(self, answer))
+            state = visitor.go_on(self, visitor.hooks.judged(self, answer), readings.version)
             return state
         if self._instance._progressed_at > self._progressed_at:
             visitor.changed = True

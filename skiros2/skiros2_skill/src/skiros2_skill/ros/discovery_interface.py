@@ -25,9 +25,10 @@ class DiscoverableNode:
     def init_discovery(self, namespace: str, node_id: str) -> None:
         """Starts to answer.
 
-        :param namespace: of the two topics, such as `/skill_managers`.
+        :param namespace: of the two topics, such as `/skill_managers`; the slash may be left out.
         :param node_id: the name to give.
         """
+        namespace = _absolute(namespace)
         self._description_pub = rospy.Publisher(f"{namespace}/description", String, queue_size=10, latch=True)
         self._description_pub.publish(node_id)
         self._discovery_sub = rospy.Subscriber(
@@ -52,7 +53,7 @@ class DiscoveryInterface:
     ) -> None:
         """Starts to follow. The callbacks are called from ROS's threads, one at a time.
 
-        :param namespace: of the two topics.
+        :param namespace: of the two topics, such as `/skill_managers`; the slash may be left out.
         :param on_active: called with the name of a node that has come up.
         :param on_inactive: called with the name of one that has gone.
         :param discovery_period: how often to ask.
@@ -63,6 +64,7 @@ class DiscoveryInterface:
         self._lives: dict[str, Any] = {}  # by name, the header of the connection to it: another life has another
         self._discovery_lock = threading.RLock()
         self._down_after = PERIODS_UNTIL_DOWN * discovery_period.to_sec()
+        namespace = _absolute(namespace)
         self._ask_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
         self._names_sub = rospy.Subscriber(f"{namespace}/description", String, self._on_name)
         self._discovery_ended = threading.Event()
@@ -108,3 +110,7 @@ class DiscoveryInterface:
                 if now - seen > self._down_after:
                     self._drop(name)
         self._ask_pub.publish()
+
+
+def _absolute(namespace: str) -> str:
+    return f"/{namespace.strip('/')}"

@@ -128,8 +128,8 @@ def _outputs(task: Task) -> dict[str, Param]:
     for node in task.root.children:
         if node.state is not State.Idle:
             params.update(node.params.getParamMap())
-    params.update((key, param) for key, param in task.root.params.getParamMap().items() if param.isSpecified())
-    return {key: param for key, param in params.items() if param.isSpecified()}
+    params.update((key, param) for key, param in task.root.params.getParamMap().items() if param.is_bound())
+    return {key: param for key, param in params.items() if param.is_bound()}
 
 
 def _result(record: Record, params: dict[str, Param]) -> Any:

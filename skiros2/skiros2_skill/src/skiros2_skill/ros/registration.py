@@ -15,6 +15,7 @@ from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, Ski
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.devices import DEVICE_HOLDER, free_former_devices
 from skiros2_skill.core.library import Implementation
+from skiros2_skill.core.manager_names import SKILL_MGR, bare_name, runs_on
 from skiros2_world_model.core.wills import Bequest
 
 log = logging.getLogger(__name__)
@@ -78,7 +79,7 @@ class Registration:
         robot = found[0] if found else self._instantiate()
         if len(found) > 1:
             log.warning("%s robots are labelled %s; taking %s", len(found), self._label, robot.id)
-        robot.setProperty("skiros:SkillMgr", self._manager)
+        robot.setProperty(SKILL_MGR, bare_name(self._manager))
         self._wmi.update_element_properties(robot)
         self.robot_id = robot.id
         self._place()
@@ -101,7 +102,7 @@ class Registration:
     def stands(self) -> bool:
         """Whether the world model has the robot, as this manager's, with all the skills that were added."""
         robot = self._wmi.find_element(self.robot_id)
-        if robot is None or not robot.hasProperty("skiros:SkillMgr", self._manager):
+        if robot is None or not runs_on(robot, self._manager):
             return False
         ids = (relation["dst"] for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""))
         found = map(self._wmi.find_element, ids)
@@ -122,7 +123,10 @@ class Registration:
         }
         return [
             Bequest(DEVICE_HOLDER, self._manager, properties=free),
-            Bequest("skiros:SkillMgr", self._manager, "skiros:hasSkill", "skiros:skillProperty"),
+            *(
+                Bequest(SKILL_MGR, name, "skiros:hasSkill", "skiros:skillProperty")
+                for name in (bare_name(self._manager), self._manager)  # scenes hold both
+            ),
         ]
 
     def _instantiate(self) -> Element:

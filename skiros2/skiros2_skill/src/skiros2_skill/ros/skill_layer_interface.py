@@ -6,6 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.manager_names import manager_of, matching_name
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 
@@ -45,21 +47,24 @@ class SkillLayerInterface(DiscoveryInterface):
 
     @property
     def has_active_agents(self) -> bool:
-        return bool(self._agents)
+        """Whether a task of any manager has not ended."""
+        return any(agent.tasks for agent in self.agents.values())
 
-    def get_agent(self, agent: str | None = None) -> SkillManagerInterface:
+    def get_agent(self, agent: str | Element | None = None) -> SkillManagerInterface:
         """The client of a manager, by default of the first.
 
-        :param agent: the manager's node name, with its leading slash or without.
+        :param agent: the manager's node name, with its leading slash or without; or the element of its robot.
         :raises UnknownName: no such manager runs.
         """
         agents = self.agents
         if agent is None and agents:
             return next(iter(agents.values()))
-        for name in (agent, f"/{agent}"):
-            if name in agents:
-                return agents[name]
-        raise UnknownName(f"no skill manager {agent or ''} runs; there are: {', '.join(agents) or 'none'}")
+        asked = manager_of(agent) if isinstance(agent, Element) else agent or ""
+        name = matching_name(asked, agents)
+        if not name:
+            shown = repr(agent) if isinstance(agent, Element) and not asked else asked
+            raise UnknownName(f"no skill manager {shown} runs; there are: {', '.join(agents) or 'none'}")
+        return agents[name]
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
         """`cb` is called, in a thread of ROS, with each `TreeProgress` of each manager."""

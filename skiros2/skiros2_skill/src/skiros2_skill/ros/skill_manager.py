@@ -15,6 +15,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.history import History
 from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.reloading import reloading
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
 from skiros2_skill.ros.diagnosis import Diagnosis
@@ -30,6 +31,9 @@ log = logging.getLogger(__name__)
 
 TICK_RATE = 25.0  # per second
 PREEMPT_TIMEOUT = 10.0  # s
+
+#: How long the answers to `tick_once` and `pause` wait for the tick that is under way (s). A hook may ask itself.
+TICK_PATIENCE, PAUSE_PATIENCE = 5.0, 0.5
 
 #: The id in a command that is for all tasks, or for a new one.
 ALL = -1
@@ -105,6 +109,7 @@ class SkillManager(DiscoverableNode):
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
+            rospy.Service("~reload", srvs.SkillReload, self._on_reload),
         ]
         self._execute.start()
         self.init_discovery(NAMESPACE, rospy.get_name())
@@ -146,12 +151,42 @@ class SkillManager(DiscoverableNode):
             ]
         )
 
+    def _on_reload(self, request: Any) -> Any:
+        try:
+            names = self.reload(request.libraries)
+        except SkirosError as error:
+            log.error("nothing is reloaded: %s", error)
+            return srvs.SkillReloadResponse(False, f"nothing is reloaded: {error}")
+        text = f"reloaded {', '.join(names) or 'no libraries'}"
+        log.info("%s", text)
+        return srvs.SkillReloadResponse(True, text)
+
+    def reload(self, libraries: Sequence[str] = ()) -> list[str]:
+        """Imports libraries again, with the code that they have now, and registers their skills.
+
+        Tasks that run keep the old code. Nothing changes when that fails.
+
+        :param libraries: of those that were loaded; those that use them are reloaded too. None: all.
+        :returns: the packages that were asked for.
+        :raises SkirosError: the new code cannot be loaded, or the world model refuses; the text says why.
+        """
+        with self._registering:
+            old = self._library
+            with reloading(old, libraries) as fresh:
+                try:
+                    self._registration.register_skills(fresh.implementations())
+                except SkirosError:
+                    self._registration.register_skills(old.implementations())
+                    raise
+            self._library = self._starter.library = fresh
+        return list(libraries or old.libraries)
+
     def _on_command(self, request: Any) -> Any:
         ticker = self._running()
         commands: dict[str, Callable[[Any], int]] = {
             request.START: self._on_start,
             request.PREEMPT: lambda r: _for_tasks(r.execution_id, ticker.preempt, ticker.preempt_all),
-            request.PAUSE: lambda r: _for_tasks(r.execution_id, ticker.pause, ticker.pause_all),
+            request.PAUSE: self._on_pause,
             request.TICK_ONCE: lambda r: self._on_start(r, ticks=1),
         }
         try:
@@ -175,11 +210,20 @@ class SkillManager(DiscoverableNode):
         ticker = self._running()
         if request.execution_id != ALL:
             self._look_at_world()
-            ticker.start(request.execution_id, ticks)
-            return int(request.execution_id)
-        task = self._starter.make(request.author, request.skills)
-        ticker.start(task.id, ticks)
-        return task.id
+            task_id = int(request.execution_id)
+        else:
+            task_id = self._starter.make(request.author, request.skills).id
+        ticker.start(task_id, ticks)
+        if ticks and not ticker.wait_for_rest([task_id], TICK_PATIENCE):
+            log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_PATIENCE)
+        return task_id
+
+    def _on_pause(self, request: Any) -> int:
+        ticker = self._running()
+        ids = [task.id for task in ticker.tasks()] if request.execution_id == ALL else [request.execution_id]
+        task_id = _for_tasks(request.execution_id, ticker.pause, ticker.pause_all)
+        ticker.wait_for_rest(ids, PAUSE_PATIENCE)
+        return task_id
 
     def _look_at_world(self) -> None:
         """The one who lets a task go on may just have changed the world for it."""

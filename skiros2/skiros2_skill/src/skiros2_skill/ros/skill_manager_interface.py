@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Empty
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.names import nearest
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -39,7 +40,8 @@ class SkillManagerInterface:
         self._lock = threading.RLock()
         self._skills: dict[str, SkillHolder] = {}
         self._tasks: dict[int, Any] = {}
-        self._task = -1
+        self._ended: set[int] = set()  # while the answer to a command is awaited
+        self._started = -1
         self._monitor_cb: Callable[[Any], None] | None = None
         self._tick_times: list[float] = []
         self.last_error = ""
@@ -62,18 +64,29 @@ class SkillManagerInterface:
 
     @property
     def task(self) -> int:
-        """The id of the task started last by this client, -1 before."""
-        return self._task
+        """The id of the first task of the manager that has not ended, -1 for none."""
+        return next(iter(self.tasks), -1)
 
     @property
-    def tasks(self) -> dict[int, Any]:
+    def tasks(self) -> list[int]:
+        """The ids of the tasks of the manager that have not ended, those that were heard of first in front."""
+        with self._lock:
+            return list(self._tasks)
+
+    @property
+    def progress(self) -> dict[int, Any]:
         """The last `TreeProgress` of each task that has not ended, by its id."""
         with self._lock:
-            return dict(self._tasks)
+            return {task_id: message for task_id, message in self._tasks.items() if message is not None}
 
     @property
     def skills(self) -> dict[str, SkillHolder]:
         """The skills that the manager offers, by label."""
+        return self.get_skill_list()
+
+    @property
+    def _skill_list(self) -> dict[str, SkillHolder]:
+        """As `skills`; windows of others read it."""
         return self.get_skill_list()
 
     def shutdown(self) -> None:
@@ -119,7 +132,8 @@ class SkillManagerInterface:
         """
         found = self.get_skill_list().get(name) or self.get_skill_list(update=True).get(name)
         if found is None:
-            raise UnknownName(f"{self._name} has no skill {name!r}; it has: {', '.join(self._skills) or 'none'}")
+            near = nearest(name, self._skills) or list(self._skills)
+            raise UnknownName(f"{self._name} has no skill {name!r}; near: {', '.join(near) or 'none'}")
         params = {key: param.clone() for key, param in found.ph.items()}
         return SkillHolder(found.manager, found.type, found.name, params)
 
@@ -142,35 +156,56 @@ class SkillManagerInterface:
             execution_id=execution_id,
             skills=[skill.toMsg() for skill in skill_list or ()],
         )
+        with self._lock:
+            self._ended.clear()
         answer = self.call(lambda r: self._command.call(r, repeatable=False), request)
         if answer is None or not answer.ok:
             return -1
+        task_id = int(answer.execution_id)
         if action in (request.START, request.TICK_ONCE):
-            self._task = answer.execution_id
-        return int(answer.execution_id)
+            with self._lock:
+                self._started = task_id
+                if task_id not in self._ended:
+                    self._tasks.setdefault(task_id, None)
+        return task_id
 
     def tick_once(self, execution_id: int = -1, skill_list: Sequence[SkillHolder] | None = None) -> int:
         """Ticks a task once and pauses it; with skills, a new one."""
         return self.execute(execution_id, skill_list, srvs.SkillCommandRequest.TICK_ONCE)
 
-    def preempt_one(self, execution_id: int | None = None) -> int:
-        """Ends a task, by default the one started last."""
-        return self.execute(self._or_last(execution_id), None, srvs.SkillCommandRequest.PREEMPT)
+    def preempt_one(self, execution_id: int | None = None) -> bool:
+        """Ends a task, by default the one that this client has started last, or else the first that runs.
 
-    def preempt_all(self) -> int:
-        """Ends all tasks."""
-        return self.execute(-1, None, srvs.SkillCommandRequest.PREEMPT)
+        :returns: False when no task is known, or the manager refuses; `last_error` tells why.
+        """
+        return self._to_one(execution_id, srvs.SkillCommandRequest.PREEMPT)
 
-    def pause_one(self, execution_id: int | None = None) -> int:
-        """Pauses a task, by default the one started last."""
-        return self.execute(self._or_last(execution_id), None, srvs.SkillCommandRequest.PAUSE)
+    def preempt_all(self) -> bool:
+        """Ends all tasks. False when the manager refuses."""
+        return self._send(-1, srvs.SkillCommandRequest.PREEMPT)
 
-    def pause_all(self) -> int:
-        """Pauses all tasks."""
-        return self.execute(-1, None, srvs.SkillCommandRequest.PAUSE)
+    def pause_one(self, execution_id: int | None = None) -> bool:
+        """Pauses a task; as `preempt_one`."""
+        return self._to_one(execution_id, srvs.SkillCommandRequest.PAUSE)
 
-    def _or_last(self, execution_id: int | None) -> int:
-        return self._task if execution_id is None else execution_id
+    def pause_all(self) -> bool:
+        """Pauses all tasks. False when the manager refuses."""
+        return self._send(-1, srvs.SkillCommandRequest.PAUSE)
+
+    def _to_one(self, execution_id: int | None, action: str) -> bool:
+        if execution_id is None:
+            tasks = self.tasks
+            execution_id = self._started if self._started in tasks else next(iter(tasks), -1)
+        if execution_id < 0:
+            self.last_error = f"{action}: no task of {self._name} is known"
+            log.error("%s", self.last_error)
+            return False
+        return self._send(execution_id, action)
+
+    def _send(self, execution_id: int, action: str) -> bool:
+        request = srvs.SkillCommandRequest(author=self._author, action=action, execution_id=execution_id)
+        answer = self.call(lambda r: self._command.call(r, repeatable=False), request)
+        return answer is not None and bool(answer.ok)
 
     def call(self, service: Any, msg: Any) -> Any:
         """Calls a service of the manager. None when it does not answer or refuses; the reason is logged."""
@@ -275,6 +310,7 @@ class SkillManagerInterface:
             with self._lock:
                 if abs(root.progress_code) == 1:
                     self._tasks.pop(root.id, None)
+                    self._ended.add(root.id)
                 else:
                     self._tasks[root.id] = message
         if self._monitor_cb is not None:

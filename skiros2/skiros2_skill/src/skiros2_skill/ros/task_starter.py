@@ -8,14 +8,16 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_common.core.explanation import START, Explanation
-from skiros2_common.core.params import ParamTypes
+from skiros2_common.core.json_text import read_json
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.property import shown
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
 from skiros2_skill.core.history import REFUSED, History, Record, one_line
 from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.request import Plain, SkillRequest, make_nodes, why_refused
 from skiros2_skill.core.task import Task
 from skiros2_skill.core.ticker import Ticker
 
@@ -36,13 +38,14 @@ class TaskRefused(Refused):
 class TaskStarter:
     """Makes the tasks of a manager. Any thread.
 
+    :param library: what the skills are taken from; another one may take its place.
     :param robot: called for the robot's element, which is `Robot` for skills that are given none.
     """
 
     def __init__(
         self, library: SkillLibrary, wmi: Any, ticker: Ticker, history: History, robot: Callable[[], Element]
     ) -> None:
-        self._library = library
+        self.library = library
         self._wmi = wmi
         self._ticker = ticker
         self._history = history
@@ -56,12 +59,12 @@ class TaskStarter:
         """
         explanation = None
         try:
-            requests = [SkillRequest(s.type, s.name, utils.deserializeParamMap(s.params)) for s in skills]
+            requests = [_request(skill) for skill in skills]
             self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
             try:
                 return self._make(author, requests)
             except SkirosError:
-                explanation = why_refused(requests, self._library, self._wmi, REFUSED_CODE)
+                explanation = why_refused(requests, self.library, self._wmi, REFUSED_CODE)
                 raise
         except SkirosError as error:
             text = str(error)
@@ -76,13 +79,46 @@ class TaskStarter:
         raise TaskRefused(record)
 
     def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
-        nodes = make_nodes(requests, self._library, self._wmi)
+        nodes = make_nodes(requests, self.library, self._wmi)
         robot = self._robot()
         task = self._ticker.new_task(self._wmi, author)
         task.root.params.addParam("Robot", robot, ParamTypes.Inferred, "The manager's robot")
         task.root(*nodes)
         self._history.begin(task)
         return task
+
+
+def _request(skill: Any) -> SkillRequest:
+    """What a `ResourceDescription` asks for. A parameter without `specType` and `type` takes them from the skill."""
+    params: dict[str, Param | Plain] = {}
+    problems: list[SkirosError] = []
+    for index, message in enumerate(skill.params):
+        try:
+            key, param = _read(message.param)
+        except SkirosError as error:
+            problems.append(WrongValue(f"{skill.type}, params[{index}]: {error}"))
+            continue
+        if key in params:
+            problems.append(WrongValue(f"{skill.type}: parameter {key!r} is given twice"))
+        params[key] = param
+    return SkillRequest(skill.type, skill.name, params, problems)
+
+
+def _read(text: str) -> tuple[str, Param | Plain]:
+    try:
+        decoded = read_json(text)
+    except ValueError as error:
+        raise WrongValue(f"parameter is not JSON: {error}: {shown(text)}") from None
+    if not isinstance(decoded, dict) or not isinstance(decoded.get("key"), str):
+        example = '{"key": "Duration", "values": [1.5]}'
+        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {shown(text)}")
+    if "specType" in decoded and "type" in decoded:
+        param = utils.decodeParam(decoded)
+        return param.key, param
+    if "values" not in decoded:
+        raise WrongValue(f'parameter {decoded["key"]!r} has no "values"')
+    values = decoded["values"]
+    return decoded["key"], Plain(values if isinstance(values, list) else [values])
 
 
 def _explanation(skills: Sequence[Any], text: str) -> Explanation:

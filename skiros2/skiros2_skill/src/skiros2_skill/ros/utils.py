@@ -8,8 +8,11 @@ from typing import Any
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamHandler
+from skiros2_common.core.property import shown
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
+
+_EXPECTED = {"manager": "a str", "type": "a str", "name": "a str", "ph": "an object", "children": "a list"}
 
 
 class SkillHolder:
@@ -44,6 +47,9 @@ class SkillHolder:
         """The skill and all under it as JSON."""
         return json.dumps(self, cls=utils.ParamsEncoder)
 
+    def __str__(self) -> str:
+        return f"{self.type}:{self.name} [{self.ph.printState()}]"
+
 
 def encodeSkill(encoder: Any, obj: SkillHolder) -> dict[str, Any]:
     """The JSON form of a skill."""
@@ -51,39 +57,47 @@ def encodeSkill(encoder: Any, obj: SkillHolder) -> dict[str, Any]:
         "manager": obj.manager,
         "type": obj.type,
         "name": obj.name,
-        "ph": [utils.encodeParam(encoder, param) for param in obj.ph.values()],
+        "ph": {key: utils.encodeParam(encoder, param) for key, param in obj.ph.items()},
         "children": [encodeSkill(encoder, child) for child in obj.children],
     }
 
 
 def decodeSkill(obj: Any) -> SkillHolder:
-    """A skill from its JSON form.
+    """A skill and all under it from its JSON form: the text, or the value that it holds.
+
+    `ph` has the parameters by key, each an object or the JSON text of one; a list of them will do.
 
     :raises WrongValue: a part is missing or of a wrong type.
+    :raises UnknownName: a parameter is of an unknown type.
     """
+    if isinstance(obj, str):
+        return deserialize_skill(obj)
     if not isinstance(obj, dict):
-        raise WrongValue(f"skill: expected a JSON object, got {obj!r}")
-    for name, expected in (("manager", str), ("type", str), ("name", str), ("ph", list), ("children", list)):
+        raise WrongValue(f"skill: expected a JSON object, got {shown(obj)}")
+    for name, expected in (("manager", str), ("type", str), ("name", str), ("ph", (dict, list)), ("children", list)):
         if not isinstance(obj.get(name), expected):
-            raise WrongValue(f"skill: expected {name!r} to be a {expected.__name__}, got {obj.get(name)!r}")
+            raise WrongValue(f"skill: expected {name!r} to be {_EXPECTED[name]}, got {shown(obj.get(name))}")
+    given = obj["ph"].items() if isinstance(obj["ph"], dict) else ((None, encoded) for encoded in obj["ph"])
     params: dict[str, Param] = {}
-    for encoded in obj["ph"]:
+    for key, encoded in given:
         param = utils.decodeParam(encoded)
+        if key not in (None, param.key):
+            raise WrongValue(f"skill {obj['type']}: 'ph' has the parameter {param.key!r} under the key {key!r}")
         params[param.key] = param
-    return SkillHolder(
-        obj["manager"], obj["type"], obj["name"], params, [decodeSkill(child) for child in obj["children"]]
-    )
+    children = [decodeSkill(child) for child in obj["children"]]
+    return SkillHolder(obj["manager"], obj["type"], obj["name"], ParamHandler(params), children)
 
 
-def deserialize_skill(string: str) -> SkillHolder:
-    """A skill and all under it from JSON.
-
-    :raises WrongValue: the text is no such JSON.
-    """
+def deserialize_skill(string: Any) -> SkillHolder:
+    """As `decodeSkill`."""
+    if not isinstance(string, str):
+        return decodeSkill(string)
     try:
         decoded = read_json(string)
     except ValueError as error:
         raise WrongValue(f"skill is not JSON: {error}") from None
+    if isinstance(decoded, str):
+        raise WrongValue(f"skill: expected a JSON object, got {shown(decoded)}")
     return decodeSkill(decoded)
 
 

@@ -92,7 +92,7 @@ class SkillBench:
         """
         found = self.wmi.resolve_elements(Element("", label))
         if not found:
-            there = ", ".join(repr(e) for e in self.wmi.get_scene())
+            there = ", ".join(repr(e) for e in self.wmi.get_scene_elements())
             raise UnknownName(f"no element is labelled {label!r}; there are: {there}")
         if len(found) > 1:
             raise WrongValue(f"several elements are labelled {label!r}: {found!r}")
@@ -158,7 +158,7 @@ class SkillBench:
         for child_key, key in (remap or {}).items():
             node.remap(child_key, key)
         for key, values in specify.items():
-            node.specifyParam(key, values)
+            node.specifyParamDefault(key, values)
         return node
 
     def task(self, *nodes: Any, **blackboard: Any) -> BenchTask:

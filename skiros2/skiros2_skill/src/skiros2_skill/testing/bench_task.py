@@ -95,6 +95,8 @@ def _seen(root: Any) -> Iterator[Seen]:
 
 
 def _name(node: Any) -> str:
+    if node.parent is None:
+        return "root"  # its label has the task's id
     if node.label:
         return str(node.label)
     return str(node.type.rpartition(":")[2] if isinstance(node, SkillWrapper) else node.processor.printType())

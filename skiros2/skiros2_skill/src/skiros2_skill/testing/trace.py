@@ -27,7 +27,7 @@ class Seen:
     """A node after a tick.
 
     :param place: which child of which child of the root it is; () is the root.
-    :param name: its label; where it has none, what its processor prints, or its type.
+    :param name: "root"; of others their label; where there is none, what its processor prints, or its type.
     """
 
     place: tuple[int, ...]

@@ -9,6 +9,7 @@ from typing import Any
 from skiros2_common.command_line.answer import REFUSED, Answer
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import same_node
 from skiros2_task.command_line.planning import goal_text
 from skiros2_task.command_line.source import manager_of, planning_world
 from skiros2_task.core.actions import Action, Effect, condition_predicates, make_actions
@@ -29,7 +30,7 @@ def domain(arguments: argparse.Namespace, screen: Screen) -> Answer:
         world = WorldView(wm)
         manager = manager_of(arguments.robot)
         if manager:
-            world.robots = tuple(robot for robot in world.robots if robot.manager == manager)
+            world.robots = tuple(robot for robot in world.robots if same_node(robot.manager, manager))
         if not arguments.goal:
             return _skills(world)
         reader = GoalReader(world, condition_predicates(world.robots))

@@ -12,6 +12,7 @@ from typing import Any
 from skiros2_common.command_line.answer import OK, REFUSED, Answer
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.names import same_node
 from skiros2_common.core.world_element import Element
 from skiros2_task.command_line.source import manager_of, planning_world
 from skiros2_task.core.archive import Archive
@@ -106,7 +107,7 @@ def _check_manager(wm: Any, manager: str) -> None:
     :raises UnknownName: no robot is of that manager.
     """
     known = {str(e.value_of(MANAGER_PROPERTY)) for e in wm.resolve_elements(Element("cora:Robot"))} - {"None", ""}
-    if manager not in known:
+    if not any(same_node(name, manager) for name in known):
         raise UnknownName(f"no robot {manager} offers skills; there are: {', '.join(sorted(known)) or 'none'}")
 
 

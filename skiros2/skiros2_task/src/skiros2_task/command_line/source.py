@@ -98,7 +98,7 @@ def _skills_of(wm: Any, packages: Sequence[str], names: Sequence[str]) -> list[A
     :param names: of the classes that are wanted; none: all.
     """
     loader = PluginLoader()
-    classes = [cls for package in packages for cls in loader.load(package, (PrimitiveBase, SkillBase))]
+    classes = [cls for package in packages for cls in loader.find(package, (PrimitiveBase, SkillBase))]
     if names:
         known = {cls.__name__: cls for cls in classes}
         unknown = [name for name in names if name not in known]

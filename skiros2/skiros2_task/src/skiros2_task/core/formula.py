@@ -7,7 +7,7 @@ called in PDDL is the business of `pddl_names`. `str()` of what a goal can say i
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import product
@@ -275,7 +275,7 @@ def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]
     return conjunction(written) if isinstance(formula, ForAll) else disjunction(written)
 
 
-def holds(formula: Formula, state: set[Atom] | frozenset[Atom]) -> bool:
+def holds(formula: Formula, state: Container[Atom]) -> bool:
     """Whether a formula without quantifiers and variables holds where exactly the atoms of `state` do."""
     if isinstance(formula, Atom):
         return formula in state

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from skiros2_common.core.world_element import Element
+from skiros2_task.core.skill_model import SkillParameter
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 
@@ -17,12 +18,14 @@ class SkillCall:
     :param type: the skill's class.
     :param label: the implementation.
     :param arguments: (parameter, element) pairs. An abstract element stands for any of its class and label.
+    :param parameters: those of the skill that hold elements.
     """
 
     manager: str
     type: str
     label: str
     arguments: tuple[tuple[str, Element], ...]
+    parameters: tuple[SkillParameter, ...] = ()
 
     def __str__(self) -> str:
         shown = ", ".join(f"{key}={e.id or e.label or e.type}" for key, e in self.arguments)
@@ -47,4 +50,5 @@ def _call(task: PlanningTask, step: PlanStep, objects: Mapping[str, Element]) ->
         if v.key and (objects[values[v.name]].id or objects[values[v.name]].label)
     )
     manager = dict(action.managers)[values[action.robot]]
-    return SkillCall(manager, action.skill.type, action.skill.label, arguments)
+    parameters = tuple(p for p in action.skill.parameters if p.element_class is not None)
+    return SkillCall(manager, action.skill.type, action.skill.label, arguments, parameters)

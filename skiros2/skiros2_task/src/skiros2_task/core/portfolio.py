@@ -18,9 +18,8 @@ from skiros2_task.core.fast_downward import (
     SideBySide,
     shuffled,
 )
-from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.planner import Limits, Planner, PlannerAnswer
-from skiros2_task.core.schedule import schedule
+from skiros2_task.core.schedule import schedule_plan
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.up_planner import DEFAULT_ENGINE, UpPlanner
@@ -91,7 +90,7 @@ def makespan(durations: Durations | None = None) -> Cost:
     :param durations: of the skills; by default each takes as long as any other.
     """
     known = durations or Durations()
-    return lambda task, plan: schedule(task, deorder(task, plan), known).makespan
+    return lambda task, plan: schedule_plan(task, plan, known).makespan
 
 
 def planner_named(

@@ -202,7 +202,7 @@ class _Rehearsal:
             played.assumed += self._bring_about(effect, params)
         self._copy.remove_listener(note)
         for key, name in named.items():
-            if not elements[key].id and params.hasParam(key) and params.isSpecified(key):
+            if not elements[key].id and params.hasParam(key) and params.is_bound(key):
                 self._made[name] = params.getParamValue(key).id
         names = {eid: _name(e) for eid, e in before.items() if e is not None}
         names.update((eid, _name(e)) for eid, e in self._now.items())
@@ -255,12 +255,12 @@ class _Rehearsal:
         if condition is None:
             return [f"nothing comes of {effect.kind} {effect.label!r}, which planning cannot read"]
         for key in condition.getKeys():
-            if params.isSpecified(key):  # as it is now
+            if params.is_bound(key):  # as it is now
                 params.specify(key, self._copy.get_element(params.getParamValue(key).id))
         if condition.setTrue(params, self._copy):
             return []
         value = _example(effect, self._copy)
-        if value is None or not params.isSpecified(effect.subject):
+        if value is None or not params.is_bound(effect.subject):
             return [f"[{effect.label}] is left as it is"]
         element = self._copy.get_element(params.getParamValue(effect.subject).id)
         element.setProperty(effect.name, value)
@@ -325,7 +325,7 @@ def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float
     """A value with which an effect on a property holds; None where there is none to choose."""
     if effect.kind == "ConditionHasProperty" and effect.state:
         examples: dict[str, str | bool | float] = {"xsd:boolean": True, "xsd:string": "some"}
-        return examples.get(copy.get_datatype(effect.name), 1.0)
+        return examples.get(copy.get_datatype(effect.name) or "xsd:string", 1.0)
     if effect.kind != "ConditionProperty" or not isinstance(effect.value, float):
         return None
     up = (effect.operator in (">", ">=")) == effect.state

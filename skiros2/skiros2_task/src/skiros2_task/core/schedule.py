@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.partial_order import PartialOrder, deorder
 from skiros2_task.core.reassignment import reassigned
+from skiros2_task.core.reduction import reduced
 from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
 
 log = logging.getLogger(__name__)
@@ -41,6 +43,15 @@ class Schedule:
     order: PartialOrder
     steps: tuple[Scheduled, ...]
     makespan: float
+
+
+def schedule_plan(task: PlanningTask, plan: Sequence[PlanStep], durations: Durations) -> Schedule:
+    """The schedule of a plan without its redundant steps.
+
+    :param plan: steps that work in this order; see `simulation.flaw`.
+    :raises WrongValue: they do not.
+    """
+    return schedule(task, deorder(task, reduced(task, plan)), durations)
 
 
 def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:

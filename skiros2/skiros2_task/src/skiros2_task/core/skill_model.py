@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import full_name, same_node
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
 
 #: The types whose defaults are written into the world model.
-_PLAIN_TYPES = frozenset({"str", "int", "float", "bool"})
+_PLAIN_TYPES = frozenset({str, int, float, bool})
 
 MANAGER_PROPERTY = "skiros:SkillMgr"
+_MISSING = "skiros:MissingParameter"
 
 
 class ParameterKind(Enum):
@@ -122,19 +124,21 @@ class Robot:
     skills: tuple[Skill, ...]
 
 
-def read_robots(elements: Mapping[str, Element]) -> tuple[Robot, ...]:
+def read_robots(elements: Mapping[str, Element], managers: Collection[str] = ()) -> tuple[Robot, ...]:
     """The robots of a scene with the skills that their managers offer.
 
     :param elements: all elements of the scene, by id.
+    :param managers: the node names of the managers that run; scenes may leave out namespace and slash.
     """
     robots = []
     for element in elements.values():
-        manager = element.value_of(MANAGER_PROPERTY)
-        if not manager:
+        written = str(element.value_of(MANAGER_PROPERTY) or "")
+        if not written:
             continue
+        manager = next((name for name in managers if same_node(name, written)), f"/{written.lstrip('/')}")
         skills = [read_skill(child, elements) for child in _children(element, "skiros:hasSkill", elements)]
         if skills:
-            robots.append(Robot(element.id, str(manager), tuple(skills)))
+            robots.append(Robot(element.id, manager, tuple(skills)))
     return tuple(robots)
 
 
@@ -150,13 +154,24 @@ def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
     def conditions(relation: str) -> tuple[SkillCondition, ...]:
         return tuple(_condition(child, elements) for child in _children(element, relation, elements))
 
+    missing = element.getProperty(_MISSING).values if element.hasProperty(_MISSING) else []
+    parameters = (
+        *(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
+        *(SkillParameter(str(key), ParameterKind.REQUIRED, None, missing=True) for key in missing),
+    )
+    optional = {f"Has{p.key}": p.key for p in parameters if p.kind is ParameterKind.OPTIONAL}
+
+    def says_nothing(condition: SkillCondition) -> bool:
+        """Whether each skill with such a parameter has the condition, for planners that tell outputs by it."""
+        return condition.kind == "ConditionGenerate" and optional.get(condition.label) == condition.subject
+
     return Skill(
         element.type,
         element.label,
-        tuple(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
+        parameters,
         conditions("skiros:hasPreCondition"),
         conditions("skiros:hasHoldCondition"),
-        conditions("skiros:hasPostCondition"),
+        tuple(c for c in conditions("skiros:hasPostCondition") if not says_nothing(c)),
         available=_truth(element.value_of("skiros:AvailableForPlanning"), True),
         duration=_duration(element),
     )
@@ -174,12 +189,14 @@ def _parameter(element: Element) -> SkillParameter:
         kind = ParameterKind(int(written or 0))
     except (TypeError, ValueError):
         raise WrongValue(f"its parameter {element.label!r} is of type {written!r}, expected 0, 1 or 2") from None
-    datatype = str(element.value_of("skiros:DataType") or "")
-    if not datatype or ":" in datatype:  # a class; types of Python have no prefix
+    known_type = element.hasProperty("skiros:DataType")
+    datatype = full_name(str(element.value_of("skiros:DataType") or ""))
+    if datatype or not known_type or element.hasProperty("skiros:DataType", ""):  # a class; else a type of Python
         fixed = element.getRelation("-1", "skiros:hasValue", "")
         return SkillParameter(element.label, kind, datatype or "sumo:Object", fixed["dst"] if fixed else "")
     given = any(element.hasProperty(key, not_none=True) for key in ("skiros:Default", "skiros:Value"))
-    missing = kind is ParameterKind.REQUIRED and datatype in _PLAIN_TYPES and not given
+    python_type = element.getProperty("skiros:DataType").dataType()
+    missing = kind is ParameterKind.REQUIRED and python_type in _PLAIN_TYPES and not given
     return SkillParameter(element.label, kind, None, missing=missing)
 
 
@@ -188,14 +205,16 @@ def _condition(element: Element, elements: Mapping[str, Element], above: tuple[s
         raise WrongValue(f"its condition {element.label!r} ({element.id}) is a part of itself")
     above = (*above, element.id)
     parts = tuple(_condition(child, elements, above) for child in _children(element, "skiros:hasCondition", elements))
+    kind = element.type.rpartition(":")[2]
+    is_class = kind == "ConditionOnType" and not element.hasProperty("skiros:appliedOnType")
     return SkillCondition(
-        kind=element.type.rpartition(":")[2],
+        kind=kind,
         label=element.label,
         subject=_text(element, "skiros:hasSubject"),
         object=_text(element, "skiros:hasObject"),
-        name=_text(element, "skiros:appliedOnType"),
+        name=_text(element, "skiros:desiredValue" if is_class else "skiros:appliedOnType"),
         operator=_text(element, "skiros:operator") or "=",
-        value=_value(element.value_of("skiros:desiredValue")),
+        value=None if is_class else _value(element.value_of("skiros:desiredValue")),
         state=_truth(element.value_of("skiros:desiredState"), True),
         parts=parts,
     )

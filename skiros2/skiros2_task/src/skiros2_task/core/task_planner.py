@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import FALSE, Formula
 from skiros2_task.core.goal import GoalReader
 from skiros2_task.core.left_out import skills_left_out
-from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall, skill_calls
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.problem import make_task
 from skiros2_task.core.reachability import Patience
-from skiros2_task.core.schedule import Schedule, schedule
+from skiros2_task.core.schedule import Schedule, schedule_plan
 from skiros2_task.core.simulation import flaw
 from skiros2_task.core.task import PlanningTask, PlanStep
 from skiros2_task.core.why import NoPlan, no_plan
@@ -92,16 +92,19 @@ class TaskPlanner:
         limits: Limits,
         archive: Archive | None = None,
         durations: Durations | None = None,
+        managers: Callable[[], Collection[str]] = tuple,
     ) -> None:
         """
         :param archive: keeps what was made for each goal.
         :param durations: of the skills, which schedules go by.
+        :param managers: gives the node names of the skill managers that run.
         """
         self._wm = wm
         self._planner = planner
         self._limits = limits
         self._archive = archive
         self._durations = durations or Durations()
+        self._managers = managers
 
     def plan(
         self,
@@ -117,7 +120,8 @@ class TaskPlanner:
 
         :param goal: its text, or a formula as `skiros2_task.core.goals` makes them.
         :param progress: told in words what is being done.
-        :param asked_by: who asks. A skill manager runs the plan itself, so it gets one for its own robot alone.
+        :param asked_by: the node that asks, with or without slash. A skill manager runs the plan itself, so it gets
+            one for its own robot alone.
         :param limits: others than those of all requests.
         :param planner: another than that of all requests.
         :param adapt: changes what is planned with, before the planner sees it.
@@ -156,8 +160,8 @@ class TaskPlanner:
         return make_task(world, self._formula(goal, world))
 
     def _view(self, asked_by: str = "") -> WorldView:
-        world = WorldView(self._wm)
-        world.robots = tuple(r for r in world.robots if r.manager == asked_by) or world.robots
+        world = WorldView(self._wm, self._managers())
+        world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
         return world
 
     def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
@@ -174,7 +178,7 @@ class TaskPlanner:
             if wrong:
                 message = f"the planner gave a plan that does not work: {wrong}"
                 return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
-            plan = schedule(task, deorder(task, answer.plan), self._durations)
+            plan = schedule_plan(task, answer.plan, self._durations)
             steps = plan.order.steps
             calls = skill_calls(task, steps, world.objects)
             return PlanningResult(

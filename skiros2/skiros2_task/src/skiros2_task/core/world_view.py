@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from itertools import product
 
-from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.discrete_reasoner import reasoners, relations_of
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
@@ -14,6 +14,7 @@ from skiros2_task.core.skill_model import Robot, read_robots
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
 #: Where an element came from.
+TEMPLATE = "skiros:Template"
 TEMPLATE_RELATION = "skiros:hasTemplate"
 
 #: The context that holds the ontologies alone.
@@ -26,14 +27,15 @@ _NOT_OBJECTS = ("skiros:Skill", "skiros:Parameter", "skiros:Condition")
 class WorldView:
     """The scene as it was when this was made. Later changes are not seen; templates are read when asked for."""
 
-    def __init__(self, wm: WorldModelPort) -> None:
+    def __init__(self, wm: WorldModelPort, managers: Collection[str] = ()) -> None:
         """Reads the whole scene.
 
+        :param managers: the node names of the skill managers that run.
         :raises WmException: the world model does not answer.
         """
         self._wm = wm
         self._all: dict[str, Element] = {e.id: e for e in wm.resolve_elements(Element())}
-        self.robots: tuple[Robot, ...] = read_robots(self._all)
+        self.robots: tuple[Robot, ...] = read_robots(self._all, managers)
         skill_parts = self._skill_parts()
         #: The elements that goals and parameters may mean, by id; a template that stands for itself by its name.
         self.objects: dict[str, Element] = {
@@ -131,7 +133,8 @@ class WorldView:
         return [
             eid
             for eid, e in self.objects.items()
-            if eid == e.id and (e.label == label or e.hasRelation("-1", TEMPLATE_RELATION, label))
+            if eid == e.id
+            and (e.label == label or _template_of(e) == label or e.hasRelation("-1", TEMPLATE_RELATION, label))
         ]
 
     def template(self, name: str) -> Element | None:
@@ -205,26 +208,30 @@ class WorldView:
     def allowed_pairs(
         self, relation: str, subjects: Iterable[str], objects: Iterable[str]
     ) -> Iterator[tuple[str, str]]:
-        """The pairs between which the ontology allows the relation."""
-        others = self._sorts(objects)
-        for ones in self._sorts(subjects):
+        """The pairs between which, or between whose templates, the relation is stated anywhere."""
+        written = (other for other in self.written_relations() if self.is_subproperty(other, relation))
+        named = {name for other in written for pair in self.pairs(other) for name in pair} | self._template_names
+        others = self._sorts(objects, named)
+        for ones in self._sorts(subjects, named):
             for others_alike in others:
                 if self._check(ones[0], relation, others_alike[0], abstract=True):
                     yield from product(ones, others_alike)
 
-    def _sorts(self, names: Iterable[str]) -> list[list[str]]:
-        """Some objects, together those of which the ontology says the same."""
+    def _sorts(self, names: Iterable[str], apart: Collection[str]) -> list[list[str]]:
+        """Some objects, together those of which the same is stated.
+
+        :param apart: objects of which something is stated by their own name.
+        """
         found: dict[tuple[object, ...], list[str]] = {}
         for name in sorted(names):
-            found.setdefault(self._sort(name), []).append(name)
+            found.setdefault((self._sort(name), name if name in apart else ""), []).append(name)
         return list(found.values())
 
     def _sort(self, name: str) -> tuple[object, ...]:
-        """All that the ontology's answer depends on."""
+        """All that the answer of the world model depends on, where nothing in the scene names the object."""
         element = self.objects[name]
         outside = ((r["type"], r["dst"]) for r in element.getRelations("-1") if r["dst"] not in self._all)
-        label = element.label if element.label in self._template_names else ""
-        return (element.type, label, *sorted(outside))
+        return (element.type, _template_of(element), *sorted(outside))
 
     def _check(self, subject: str, relation: str, obj: str, abstract: bool) -> bool:
         try:
@@ -233,5 +240,10 @@ class WorldView:
             return False  # the world has changed since: the element is gone
 
 
+def _template_of(element: Element) -> str:
+    """The name of the template that an element came from; "" where it does not say."""
+    return full_name(str(element.value_of(TEMPLATE) or ""))
+
+
 def _computed_relations() -> set[str]:
-    return {full_name(str(name)) for reasoner in reasoners.all() for name in reasoner.getAssociatedRelations()}
+    return {full_name(str(name)) for reasoner in reasoners.all() for name in relations_of(reasoner)}

@@ -7,15 +7,18 @@ import threading
 import time
 from collections.abc import Callable
 
-from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
 from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.params import ParamHandler
 from skiros2_msgs.msg import SkillProgress
 from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.ros.skill_run import SkillRun
+from skiros2_skill.ros.utils import SkillHolder
 from skiros2_task.core.conductor import Ended
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.jobs import Job
+from skiros2_task.core.plan import SkillCall
 from skiros2_task.ros.task_message import skill_holder
 
 log = logging.getLogger(__name__)
@@ -49,10 +52,19 @@ class Crew(SkillLayerInterface):
         threading.Thread(target=self._do, args=(step,), name=f"step {job.number}", daemon=True).start()
         return step.stop
 
+    def offered(self, call: SkillCall) -> ParamHandler | None:
+        """The parameters of a call's skill as its manager lists them, copied; None where it does not run or list it."""
+        try:
+            return self.get_agent(call.manager).get_skill(call.label).ph
+        except UnknownName as error:
+            log.warning("%s is sent with the parameters that the world model has: %s", call, error)
+            return None
+
     def _do(self, step: _Step) -> None:
         try:
             manager = self._find(step.job.call.manager)
-            seconds = step.follow(manager, lambda: self.agents.get(manager.name) is manager)
+            skill = skill_holder(step.job.call, self.offered)
+            seconds = step.follow(manager, skill, lambda: self.agents.get(manager.name) is manager)
             if seconds is not None:
                 self._durations.learn(step.job.skill, manager.name, seconds)
         except SkirosError as error:
@@ -101,9 +113,10 @@ class _Step:
             if self._run is not None:
                 self._run.cancel()
 
-    def follow(self, manager: SkillManagerInterface, is_there: Callable[[], bool]) -> float | None:
+    def follow(self, manager: SkillManagerInterface, skill: SkillHolder, is_there: Callable[[], bool]) -> float | None:
         """Blocks until the step has ended. Returns how long it took (s), if it has succeeded.
 
+        :param skill: as the manager is to run it.
         :param is_there: whether the manager still runs, in the same life.
         :raises SkirosError: the manager does not answer.
         """
@@ -111,7 +124,7 @@ class _Step:
         with self._lock:
             if self._stopped:
                 raise Refused("stopped before it was started")
-        run = manager.run([skill_holder(self.job.call)])
+        run = manager.run([skill])
         with self._lock:
             self._run = run
             if self._stopped:

@@ -25,7 +25,7 @@ from skiros2_task.core.up_planner import DEFAULT_ENGINE
 from skiros2_task.ros.achieve_action import MAX_REPLANS, AchieveAction
 from skiros2_task.ros.crew import Crew
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
-from skiros2_task.ros.task_message import task_holder
+from skiros2_task.ros.task_message import Offered, task_holder
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
@@ -43,8 +43,12 @@ _CLOSING_SECONDS = 1.0
 class TaskManager:
     """The action server `~task_plan`. Each goal is planned in a thread of its own, several at once."""
 
-    def __init__(self, planner: TaskPlanner) -> None:
+    def __init__(self, planner: TaskPlanner, offered: Offered) -> None:
+        """
+        :param offered: gives the parameters of skills as their managers list them.
+        """
         self._planner = planner
+        self._offered = offered
         self._lock = threading.Lock()  # never held in a call of actionlib, which has its own when it calls us
         self._running: dict[str, tuple[threading.Thread, threading.Event]] = {}
         self._server = actionlib.ActionServer(
@@ -114,7 +118,7 @@ class TaskManager:
     def _answer(self, handle: Any, result: PlanningResult) -> None:
         log.log(logging.INFO if _code(result) != FAILED else logging.ERROR, "%s", _line(result))
         if result.verdict is Verdict.PLANNED:
-            handle.set_succeeded(AssignTaskResult(PLAN, task_holder(result.calls).toJson()), "planned")
+            handle.set_succeeded(AssignTaskResult(PLAN, task_holder(result.calls, self._offered).toJson()), "planned")
         elif result.verdict is Verdict.NOTHING_TO_DO:
             handle.set_succeeded(AssignTaskResult(NOTHING_TO_DO, result.message), result.message)
         elif result.verdict is Verdict.CANCELLED:
@@ -149,12 +153,13 @@ def main() -> None:
         wm = WorldModelInterface(rospy.get_name(), make_cache=True)
         durations = Durations(folder / DURATIONS)
         engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)), durations)
-        planner = TaskPlanner(wm, engine, Limits(float(seconds)), Archive(folder), durations)
         crew = Crew(rospy.get_name(), durations)
+        archive = Archive(folder)
+        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, lambda: crew.agents)
         conductor = Conductor(planner, crew)
         crew.follow(conductor.robot_back, conductor.robot_gone)
         wm.add_listener(lambda _: conductor.world_changed())
-        manager = TaskManager(planner)
+        manager = TaskManager(planner, crew.offered)
         achieve = AchieveAction(conductor, lambda wish: _planner_for(wish, processes, durations), max_replans)
         rospy.on_shutdown(lambda: conductor.close(_CLOSING_SECONDS))
         rospy.on_shutdown(manager.stop)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +15,8 @@ from skiros2_common.ros.listeners import wait_for_listeners
 from skiros2_common.ros.server_watch import ServerWatch
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal
+
+log = logging.getLogger(__name__)
 
 #: Names of the task manager's actions, relative, so that a namespace moves the whole system.
 ACTION = "tm/task_plan"
@@ -63,15 +66,21 @@ class TaskManagerInterface(PrettyObject):
         goals: str | Sequence[str],
         done_cb: Callable[[int, Any], None] | None = None,
         feedback_cb: Callable[[Any], None] | None = None,
-    ) -> None:
+    ) -> bool:
         """Sends goals to be planned and returns; an earlier request of this object is dropped.
 
         :param goals: the text of the goals, or several.
         :param done_cb: called with the action's state and its `AssignTaskResult`, from a thread of ROS.
-        :param feedback_cb: called with each `AssignTaskFeedback`, likewise.
-        :raises TimedOut: no task manager has answered within 2 s.
+        :param feedback_cb: called with each `AssignTaskFeedback`, from a thread of ROS.
+        :returns: True; False where no task manager has answered within 2 s, which is logged.
         """
-        self._send(self._client, AssignTaskGoal(rospy.get_name(), _text(goals)), done_cb, feedback_cb)
+        try:
+            self._send(self._client, AssignTaskGoal(rospy.get_name(), _text(goals)), done_cb, feedback_cb)
+        except TimedOut as error:
+            log.error("the goal is not planned: %s", error)
+            self._request = None
+            return False
+        return True
 
     def achieve(
         self,

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
-from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.skill_model import ParameterKind
+
+#: Gives the parameters of a call's skill as its manager lists them; None where it does not.
+Offered = Callable[[SkillCall], ParamHandler | None]
+
+_KINDS = {
+    ParameterKind.REQUIRED: ParamTypes.Required,
+    ParameterKind.OPTIONAL: ParamTypes.Optional,
+    ParameterKind.INFERRED: ParamTypes.Inferred,
+}
 
 
-def task_holder(calls: Iterable[SkillCall]) -> SkillHolder:
+def task_holder(calls: Iterable[SkillCall], offered: Offered) -> SkillHolder:
     """The task that runs the skills one after the other."""
-    return SkillHolder("", "Processor", "Sequential", children=[skill_holder(call) for call in calls])
+    return SkillHolder("", "Processor", "Sequential", children=[skill_holder(call, offered) for call in calls])
 
 
-def skill_holder(call: SkillCall) -> SkillHolder:
-    """The skill with its parameters."""
-    params = {key: Param(key, "", element, ParamTypes.Required) for key, element in call.arguments}
+def skill_holder(call: SkillCall, offered: Offered) -> SkillHolder:
+    """The skill with all its parameters, those of the call set.
+
+    Where the manager does not list the skill, the parameters are those that the world model has of it.
+    """
+    listed = offered(call)
+    params = (
+        dict(listed.items())
+        if listed is not None
+        else {p.key: Param(p.key, "", Element(p.element_class or ""), _KINDS[p.kind]) for p in call.parameters}
+    )
+    for key, element in call.arguments:
+        params.setdefault(key, Param(key, "", Element(element.type), ParamTypes.Required)).assign(element)
     return SkillHolder(call.manager, call.type, call.label, params)

@@ -10,7 +10,7 @@ import rospkg
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
-from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.file_checks import CollectingChecks
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.ontology_base import OntologyBase, is_knowledge_file
 from skiros2_world_model.core.rdf_files import read_triples
@@ -24,7 +24,6 @@ def read_scene_file(path: Path) -> list[Element]:
     """The elements of a scene file, each with its outgoing relations. What the ontologies do not know is kept.
 
     :raises WrongValue: the file is not there, or does not parse.
-    :raises WrongType: a value is not of its property's type.
     """
     triples = read_triples(path)
     core = logging.getLogger("skiros2_world_model.core")
@@ -32,7 +31,7 @@ def read_scene_file(path: Path) -> list[Element]:
     core.setLevel(logging.ERROR)  # who compares does not check
     try:
         base = OntologyBase(_ontologies())
-        checks = Checks(base.index, base.prefixes, str(path))
+        checks = CollectingChecks(base, str(path), False)
         content = read_scene(triples, base.index, base.prefixes, checks, str(path), Provenance())
     finally:
         core.setLevel(level)

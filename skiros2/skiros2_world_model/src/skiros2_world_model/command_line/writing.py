@@ -46,10 +46,7 @@ def _is_relation(wm: WorldModelPort, element: Element, name: str, values: list[s
 
     The ontologies say it; for a name that they do not know, what the element has, or that all values are elements.
     """
-    try:
-        declared = wm.get_types(name)
-    except WmException:
-        declared = []
+    declared = wm.get_type(name)
     if "owl:ObjectProperty" in declared:
         return True
     if "owl:DatatypeProperty" in declared or element.hasProperty(name):
@@ -81,7 +78,7 @@ def _remove_property(element: Element, name: str, values: list[str]) -> None:
     for text in values:
         found = next((v for v in prop.values if str(v) == text), None)
         if found is None:
-            raise WmException(f"{element.id} {name} has no value {text}; it has: {', '.join(prop.getValuesStr())}")
+            raise WmException(f"{element.id} {name} has no value {text}; it has: {prop.getValuesStr()}")
         prop.removeValue(found)
 
 
@@ -99,7 +96,7 @@ def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
             return from_text(text, prop.dataType())
         except WrongValue as error:
             raise WrongValue(f"{element.id} {name}: {error}") from None
-    if prop is None and (wm.get_datatype(name) != "xsd:string" or wm.get_triples(name, "rdfs:range")):
+    if prop is None and wm.get_datatype(name) is not None:
         return text
     try:
         value = json.loads(text)

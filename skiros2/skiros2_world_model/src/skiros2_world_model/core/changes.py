@@ -14,6 +14,9 @@ from skiros2_common.core.world_element import Element, ElementChanges, RelationD
 #: The actions of changes.
 ADD, UPDATE, REMOVE, REMOVE_RECURSIVE, RESET = "add", "update", "remove", "remove_recursive", "reset"
 
+#: The property with the name of the template that an element was copied from.
+TEMPLATE = "skiros:Template"
+
 #: Relations that place one element in another. A scene has no cycle of them.
 SPATIAL = "skiros:spatiallyRelated"
 
@@ -76,7 +79,7 @@ class Remove:
     type_filter: str = ""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Relate:
     """Adds (`value` true) or removes a relation."""
 

@@ -129,11 +129,12 @@ class Checks:
             raise WrongValue(f"{self._origin}: {who}: {error}") from None
         return text
 
-    def refuse(self, who: str, what: str, error: SkirosError) -> None:
-        """Something in a file is refused, and so is the file.
+    def refuse(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
+        """Something in a file is refused, and so is the file; checks that go on note it.
 
         :param who: the element, "" for the file as a whole.
         :param what: its property or relation, "" for the element as a whole.
+        :param done: what is done about it when the checks go on.
         :raises SkirosError: the error.
         """
         raise error

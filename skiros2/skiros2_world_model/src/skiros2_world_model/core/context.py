@@ -13,6 +13,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import SPATIAL
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
+from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.journal_state import ContextState
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.queries import containment_cycle, told
@@ -59,11 +60,12 @@ class Context:
         return scene_turtle(self.scene, self.extras, self._base.index, self._base.prefixes)
 
     def read(
-        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, made: Provenance
+        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, made: Provenance, adds_root: bool = True
     ) -> tuple[Scene, list[ox.Triple]]:
         """A scene, and what is beside it, from triples; nothing of this context changes.
 
         :param made: what its elements are to know of their last change.
+        :param adds_root: whether a scene without a root gets one; else it is refused.
         :raises SkirosError: something in it is refused.
         """
         base = self._base
@@ -72,17 +74,24 @@ class Context:
         for node in content.nodes:
             scene.put(node)
         if self.name == SCENE and ROOT not in scene:
+            if not adds_root:
+                raise WrongValue(f"{origin}: there is no {ROOT}, the root of a scene")
             self._add_root(scene)
         for src, pred, dst in content.relations:
             try:
                 if dst not in scene:
                     checks.individual(dst, f"{src} {pred} {dst}")
             except SkirosError as error:
-                checks.refuse(src, pred, error)
-            scene.relate(src, pred, dst)
-        cycle = containment_cycle(scene, base.index.subproperties(SPATIAL), (node.id for node in scene))
-        if cycle:
-            checks.refuse(cycle[0], "", WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}"))
+                checks.refuse(src, pred, error, LEFT_OUT)
+            else:
+                scene.relate(src, pred, dst)
+        spatial = base.index.subproperties(SPATIAL)
+        while cycle := containment_cycle(scene, spatial, (node.id for node in scene)):
+            holder, held = cycle[1], cycle[0]
+            loop = WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}")
+            checks.refuse(held, "", loop, f"left out that {holder} holds {held}")
+            for relation in list(scene.relations(holder, spatial, held)):
+                scene.unrelate(*relation)
         checks.finish()
         return scene, content.extras
 

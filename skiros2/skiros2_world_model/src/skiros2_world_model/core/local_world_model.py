@@ -13,6 +13,7 @@ from skiros2_world_model.core.history_entry import HistoryEntry, Point
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.report import Report
+from skiros2_world_model.core.scene import Provenance
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.validation import validate
 from skiros2_world_model.core.wills import Bequest
@@ -41,27 +42,32 @@ class LocalWorldModel(WorldModelAbstractInterface):
         """True: the world model is in this process."""
         return True
 
-    def lock(self) -> None:
-        """Takes the advisory lock of the world model; waits until it is free."""
+    def lock(self) -> bool:
+        """Takes the advisory lock of the world model; waits until it is free. Returns True."""
         self.model.advisory_lock.take(self._author)
+        return True
 
-    def unlock(self) -> None:
-        """Gives the advisory lock back.
+    def unlock(self) -> bool:
+        """Gives the advisory lock back. Returns False when nobody has it."""
+        return self.model.advisory_lock.give_back()
 
-        :raises WmException: nobody has it.
+    def load(self, filename: str = "", context: str = "scene") -> bool:
+        """Replaces a context with what a file of the workspace says; when it is refused, the present one stays.
+
+        Returns True.
         """
-        if not self.model.advisory_lock.give_back():
-            raise WmException("the world model is not locked")
-
-    def load(self, filename: str = "", context: str = "scene") -> None:
-        """Replaces a context with what a file of the workspace says; when it is refused, the present one stays."""
         with _wm_errors():
             self.model.load(filename, self._author, context)
+        return True
 
-    def save(self, filename: str = "", context: str = "scene") -> None:
-        """Writes a context to a file of the workspace."""
+    def save(self, filename: str = "", context: str = "scene") -> bool:
+        """Writes a context to a file of the workspace. Returns True."""
         with _wm_errors():
             self.model.save(filename, context)
+        return True
+
+    def get_scene_name(self) -> str:
+        return self.model.file_of("scene")
 
     def leave_will(self, bequests: Sequence[Bequest]) -> None:
         """Nothing is left to be done: the world model ends with the process that it is in."""
@@ -87,6 +93,14 @@ class LocalWorldModel(WorldModelAbstractInterface):
     def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
         with _wm_errors():
             return self.model.reader.find(eid, context_id)
+
+    def refreshed(self, e: Element, context_id: str = "scene") -> Element | None:
+        with _wm_errors():
+            return self.model.reader.refreshed(e, context_id)
+
+    def removal_of(self, eid: str, context_id: str = "scene") -> Provenance | None:
+        with _wm_errors():
+            return self.model.reader.removal(eid, context_id)
 
     # -- the past, as `History` tells it ----------------------------------------------------------------------
 
@@ -128,6 +142,10 @@ class LocalWorldModel(WorldModelAbstractInterface):
         with _wm_errors():
             self.model.modify(statements, self._author, context)
 
+    def _scene_now(self) -> tuple[list[Element], str]:
+        with self.model.lock:
+            return self.get_scene_elements(), self.model.snapshot_id
+
     def _matching(self, wanted: Element, context: str) -> list[Element]:
         with _wm_errors():
             return self.model.reader.matching(wanted, context)
@@ -137,7 +155,7 @@ class LocalWorldModel(WorldModelAbstractInterface):
             return self.model.reader.branch(eid, relation_filter, type_filter, context)
 
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        return self.model.reader.related(src, pred, dst, "scene")
+        return self.model.related(src, pred, dst)
 
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
         return self.model.reader.holds(subj, pred, obj, "scene")

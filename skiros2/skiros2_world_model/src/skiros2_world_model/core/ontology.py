@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from skiros2_common.core.names import local_name
+from skiros2_world_model.core.prefixes import STANDARD, prefix_of
 
 #: A triple of names; a literal object is a pair of its value and its datatype, such as `(1.0, "xsd:float")`.
 NamedTriple = tuple[str, str, Any]
@@ -89,6 +90,10 @@ class Ontology:
     def has_data_property(self, name: str) -> bool:
         return name in self._data_properties or _is_standard(name)
 
+    def has_property(self, name: str) -> bool:
+        """Whether it is a declared property of any kind."""
+        return name in self._superproperties
+
     def knows(self, name: str) -> bool:
         """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
         return (
@@ -98,6 +103,11 @@ class Ontology:
             or name in self._individuals
             or _is_standard(name)
         )
+
+    def prefixes(self) -> frozenset[str]:
+        """The prefixes of the declared ontologies, and the standard ones."""
+        declared = (prefix_of(name) for name, types in self._types.items() if "owl:Ontology" in types)
+        return frozenset([*STANDARD, *declared])
 
     def classes(self) -> list[str]:
         return list(self._superclasses)

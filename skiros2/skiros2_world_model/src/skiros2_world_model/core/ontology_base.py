@@ -42,11 +42,16 @@ class OntologyBase:
     :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded. In both,
         files whose names contain `.shapes.` hold shapes instead.
     :param store: what answers queries; None: one in memory.
+    :param skip_broken: a file of the workspace that does not parse is logged and left out.
     :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
     """
 
     def __init__(
-        self, ontologies: Path | None = None, workspace: Path | None = None, store: TripleStore | None = None
+        self,
+        ontologies: Path | None = None,
+        workspace: Path | None = None,
+        store: TripleStore | None = None,
+        skip_broken: bool = False,
     ) -> None:
         self.prefixes = Prefixes()
         self.store = OxigraphStore() if store is None else store
@@ -56,7 +61,8 @@ class OntologyBase:
         self.shapes = shape_files(ontologies, workspace)
         files = _ontology_files(ontologies, workspace)
         self._files = frozenset(path.resolve() for path in files)
-        self._load(files)
+        own = ontologies.resolve() if ontologies is not None else None
+        self._load(files, [path for path in files if skip_broken and path.parent.resolve() != own])
 
     @property
     def index(self) -> Ontology:
@@ -133,7 +139,7 @@ class OntologyBase:
     def query(
         self, query: str, context: str = "", cut_prefix: bool = True, flush: Callable[[], None] = lambda: None
     ) -> list[str]:
-        """One text for each row that a SPARQL query gives, its values parted by a space.
+        """One text for each row that a SPARQL query gives; of several columns each value is followed by a space.
 
         :param context: the one to ask; "" asks all.
         :param cut_prefix: `prefix:name` and plain values; else N3.
@@ -150,17 +156,24 @@ class OntologyBase:
                 flush()
                 generation = self.store.generation
             rows = self.store.query(query, context, self.prefixes.namespaces())
-        return [" ".join(term_text(term, self.prefixes, cut_prefix) for term in row) for row in rows]
+        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
+        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
 
     # -- loading -----------------------------------------------------------------------------------------------
 
-    def _load(self, files: list[Path]) -> None:
+    def _load(self, files: list[Path], skipped: list[Path]) -> None:
+        """Reads the ontologies.
+
+        :param skipped: files that are logged and left out when they do not parse.
+        """
         loaded: list[tuple[Path, list[ox.Triple]]] = []
         for path in files:
             try:
                 loaded.append((path, read_triples(path)))
             except WrongValue as error:
-                raise ConfigurationError(f"ontology {error}") from None
+                if path not in skipped:
+                    raise ConfigurationError(f"ontology {error}") from None
+                log.error("ontology %s; it is left out", error)
         known = self.store.knowledge()
         for triples in [*(triples for _, triples in loaded), known]:
             for triple in triples:

@@ -9,10 +9,10 @@ from functools import lru_cache
 
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
 from skiros2_world_model.core.datatypes import literal_text
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.prefixes import is_iri, prefix_of
+from skiros2_world_model.core.prefixes import Prefixes, is_iri, prefix_of
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
@@ -49,21 +49,29 @@ class OntologyAbstractInterface(ABC):
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         """Adds and removes statements, all or none."""
 
+    def _elements_of(self, cls: str, recursive: bool) -> list[str]:
+        """The ids of the elements of the scene that are of a class, and with `recursive` of its subclasses."""
+        classes = self._ontology.subclasses(cls) if recursive else [cls]
+        names = " ".join(map(self._sparql, classes))
+        return self._query(f"SELECT DISTINCT ?x WHERE {{ VALUES ?c {{ {names} }} ?x a ?c }}", True, SCENE)
+
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def add_class(self, class_uri: str, parent_uri: str, context: str = "") -> None:
-        """Declares a class under another one."""
+    def add_class(self, class_uri: str, parent_uri: str, context: str = "") -> bool:
+        """Declares a class as a subclass of another one. Returns True."""
         name, parent = self._term(class_uri), self._term(parent_uri)
         self._modify([(name, "rdf:type", "owl:Class", True), (name, "rdfs:subClassOf", parent, True)], context)
+        return True
 
-    def add_datatype(self, data_uri: str, parent_uri: str, context: str = "") -> None:
-        """Declares a datatype property under another one."""
+    def add_datatype(self, data_uri: str, parent_uri: str, context: str = "") -> bool:
+        """Declares a datatype property as a subproperty of another one. Returns True."""
         name, parent = self._term(data_uri), self._term(parent_uri)
         statements = [(name, "rdf:type", "owl:DatatypeProperty", True), (name, "rdfs:subPropertyOf", parent, True)]
         self._modify(statements, context)
+        return True
 
-    def add_individual(self, element: Element, context: str = "") -> None:
-        """Adds an individual, such as a template, with the element's class, properties and relations.
+    def add_individual(self, element: Element, context: str = "") -> bool:
+        """Adds an individual, such as a template, with the element's class, properties and relations. Returns True.
 
         Its name is the element's label.
 
@@ -77,16 +85,18 @@ class OntologyAbstractInterface(ABC):
             (name, "rdf:type", self._term(element.type), True),
         ]
         for prop in element._props.values():
-            datatype = self._ontology.datatype(prop.key)
+            datatype = self._ontology.datatype(self._name(prop.key))
             statements += [(name, self._term(prop.key), literal_text(v, datatype), True) for v in prop.values]
         statements += [
             (name, self._term(r["type"]), self._term(r["dst"]), True) for r in element._rels if r["src"] == "-1"
         ]
         self._modify(statements, context)
+        return True
 
-    def add_ontology(self, uri: str) -> None:
-        """Declares an ontology, whose IRI then gives a prefix to all."""
+    def add_ontology(self, uri: str) -> bool:
+        """Declares an ontology: its IRI then defines a prefix for all clients. Returns True."""
         self._modify([(f"<{uri.strip('<>')}>", "rdf:type", "owl:Ontology", True)], "")
+        return True
 
     # -- prefixes ----------------------------------------------------------------------------------------------
 
@@ -94,84 +104,94 @@ class OntologyAbstractInterface(ABC):
         """What `:Name` and `Name` stand for in the calls and queries of this client."""
         self._default_prefix = default_prefix.rstrip(":")
 
-    def add_prefix(self, uri: str) -> None:
-        """Makes the prefix of an ontology's IRI known to the calls and queries of this client."""
-        self._own_namespaces[prefix_of(uri)] = uri.rstrip("#") + "#"
+    def add_prefix(self, uri: str) -> str:
+        """The name with a prefix: `X` and `:X` get the default prefix, an IRI is put into `<...>`."""
+        return self._term(uri)
 
-    def remove_prefix(self, uri: str) -> None:
-        """Takes back `add_prefix`; the IRI or the prefix tells which."""
-        self._own_namespaces.pop(prefix_of(uri) if is_iri(uri) else uri.rstrip(":"), None)
+    def remove_prefix(self, uri: str) -> str:
+        """The name without its prefix: the part after the last `#`, or after the last `:` where it has no `#`."""
+        text = uri.strip("<>")
+        return text.rpartition("#" if "#" in text else ":")[2]
+
+    def declare_prefix(self, iri: str) -> None:
+        """Makes the prefix of an ontology's IRI known to the calls and queries of this client."""
+        self._own_namespaces[prefix_of(iri)] = iri.rstrip("#") + "#"
 
     # -- reading -----------------------------------------------------------------------------------------------
 
     def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]:
-        """The rows that a SPARQL query gives, one text each, the values parted by a space.
+        """The rows that a SPARQL query gives, one text each; of several columns each value is followed by a space.
 
         :param cut_prefix: `prefix:name` and plain values; else N3.
         :param context: the one to ask, `ontology` for the ontologies alone; "" asks all.
-        :raises WmException: the query cannot be answered, or there is no such context.
+        :raises WmException: the query cannot be answered.
         """
         return self._query(self._prologue() + query, cut_prefix, context)
 
     def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The individuals of a class in the ontologies (templates), and with `recursive` of all classes under it."""
+        """The individuals of a class, of the ontologies (templates) and the elements of the scene, sorted.
+
+        :param recursive: those of all subclasses too.
+        """
+        found = self._elements_of(self._name(parent_class), recursive)
+        return sorted({*self.get_templates(parent_class, recursive), *found})
+
+    def get_templates(self, parent_class: str, recursive: bool = True) -> list[str]:
+        """The individuals of a class in the ontologies, and with `recursive` of all subclasses, sorted."""
         return self._ontology.individuals(self._name(parent_class), recursive)
 
     def knows(self, name: str) -> bool:
         """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
         return self._ontology.knows(self._name(name))
 
-    def get_type(self, uri: str) -> str:
-        """What something is: the class of an element or individual, `owl:Class` of a class, and so on.
-
-        :raises WmException: nothing is known of it.
-        """
-        types = self.get_types(uri)
-        classes = self._ontology.instance_types(types)
-        return classes[0] if classes else next((t for t in types if t != "owl:NamedIndividual"), types[0])
+    def get_type(self, uri: str) -> list[str]:
+        """The types of an element, individual, class or property, sorted; [] when it is unknown."""
+        return sorted(self.query_ontology(f"SELECT DISTINCT ?t WHERE {{ {self._sparql(uri)} a ?t }}"))
 
     def get_types(self, uri: str) -> list[str]:
-        """All that something is declared to be.
+        """The names of everything that is of a type: elements, individuals, classes or properties, sorted."""
+        return sorted(self.query_ontology(f"SELECT DISTINCT ?x WHERE {{ ?x a {self._sparql(uri)} }}"))
 
-        :raises WmException: nothing is known of it.
-        """
-        types = self.query_ontology(f"SELECT DISTINCT ?t WHERE {{ {self._sparql(uri)} a ?t }}")
-        if not types:
-            raise WmException(f"nothing is known of {uri!r}")
-        return sorted(types)
+    def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]:
+        """The triples of all contexts with that subject, predicate and object, as texts.
 
-    def get_triples(
-        self, subj: str | None = None, pred: str | None = None, obj: str | None = None
-    ) -> list[tuple[str, str, str]]:
-        """The triples of all contexts with that subject, predicate and object (None: any), as names and texts.
+        A text has the parts that are not given (None), separated by a space; all three when all are given.
 
         :param obj: a name, or a literal in N3, such as `"Idle"`.
         """
-        given = {"s": subj, "p": pred, "o": obj}
-        fixed = " ".join(f"VALUES ?{v} {{ {self._sparql(text)} }}" for v, text in given.items() if text is not None)
-        rows = self.query_ontology(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {fixed} ?s ?p ?o }}")
-        found = (row.split(" ", 2) for row in rows)
-        return [(s, p, o) for s, p, o in found]
+        given = {"?s": subj, "?p": pred, "?o": obj}
+        fixed = " ".join(f"VALUES {v} {{ {self._sparql(text)} }}" for v, text in given.items() if text is not None)
+        columns = [v for v, text in given.items() if text is None] or list(given)
+        rows = self.query_ontology(f"SELECT DISTINCT {' '.join(columns)} WHERE {{ {fixed} ?s ?p ?o }}")
+        return [row.removesuffix(" ") for row in rows] if len(columns) > 1 else rows
 
     def get_super_class(self, child_class: str) -> str:
         """The first class directly above; "" when there is none."""
         return next(iter(self._ontology.direct_superclasses(self._name(child_class))), "")
 
     def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The classes directly under a class, or with `recursive` all under it, sorted; without itself."""
+        """The class itself and all its subclasses, or without `recursive` the direct subclasses alone, sorted.
+
+        [] for an unknown class.
+        """
         name = self._name(parent_class)
-        found = self._ontology.subclasses(name) if recursive else self._ontology.direct_subclasses(name)
-        return sorted(set(found) - {name})
+        if not recursive:
+            return sorted(set(self._ontology.direct_subclasses(name)) - {name})
+        return sorted(self._ontology.subclasses(name)) if self._ontology.has_class(name) else []
 
     def get_sub_properties(self, parent_property: str, recursive: bool = True) -> list[str]:
-        """The properties directly under a property, or with `recursive` all under it, sorted; without itself."""
-        name = self._name(parent_property)
-        found = self._ontology.subproperties(name) if recursive else self._ontology.direct_subproperties(name)
-        return sorted(set(found) - {name})
+        """The property itself and all its subproperties, or without `recursive` the direct ones alone, sorted.
 
-    def get_datatype(self, property: str) -> str:
-        """The datatype that a property's values have, such as `xsd:float`; `xsd:string` when none is declared."""
-        return self._ontology.datatype(self._name(property)) or "xsd:string"
+        [] for an unknown property.
+        """
+        name = self._name(parent_property)
+        if not recursive:
+            return sorted(set(self._ontology.direct_subproperties(name)) - {name})
+        return sorted(self._ontology.subproperties(name)) if self._ontology.has_property(name) else []
+
+    def get_datatype(self, property: str) -> str | None:
+        """The datatype that a property's values have, such as `xsd:float`; None when none is declared."""
+        return self._ontology.datatype(self._name(property)) or None
 
     def is_subclass(self, child: str, parent: str) -> bool:
         """Whether a class is another one or under it."""
@@ -200,8 +220,20 @@ class OntologyAbstractInterface(ABC):
             return text
         if is_iri(text):
             return f"<{text}>"
-        prefix, _, local = full_name(text, self._default_prefix).partition(":")
+        name = full_name(text, self._default_prefix)
+        prefix, _, local = name.partition(":")
+        if prefix not in self._own_namespaces and prefix not in self._ontology.prefixes():
+            return f"<{self._iri(name)}>"
         return f"{prefix}:" + _NOT_PLAIN.sub(lambda match: "\\" + match.group(), local)
+
+    def _iri(self, name: str) -> str:
+        """The IRI of a name whose prefix no ontology declares: of a namespace that a scene uses, or the default one."""
+        prefix, _, local = name.partition(":")
+        try:
+            (namespace,) = self._query(f"SELECT ?x WHERE {{ BIND({prefix}: AS ?x) }}", False, ONTOLOGY)
+        except WmException:
+            return Prefixes().iri(name)
+        return namespace.strip("<>") + local
 
     def _prologue(self) -> str:
         lines = [f"PREFIX {prefix}: <{namespace}>\n" for prefix, namespace in self._own_namespaces.items()]

@@ -133,7 +133,7 @@ def _fewest(
 
 def _values(wanted: Element) -> list[tuple[str, list[Any]]]:
     """The values that an abstract element asks for, by property."""
-    asked = ((key, [v for v in prop.values if v not in ("", None)]) for key, prop in wanted._props.items())
+    asked = ((full_name(key), [v for v in prop.values if v not in ("", None)]) for key, prop in wanted._props.items())
     return [(key, values) for key, values in asked if values]
 
 

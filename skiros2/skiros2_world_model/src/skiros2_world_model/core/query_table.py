@@ -54,8 +54,8 @@ def _terms(row: str) -> list[str]:
         match = _TERM.match(row, at)
         assert match is not None
         terms.append(match[0])
-        at = match.end() + 1
-        if at > len(row):
+        at = match.end() + 1  # each value of several is followed by a space, a single one is not
+        if at >= len(row):
             return terms
 
 

@@ -9,7 +9,7 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.queries import branch_ids, holds_between, matching_ids, relations_between
-from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.scene import Provenance, Scene
 
 
 class SceneReader:
@@ -38,6 +38,26 @@ class SceneReader:
                 if element is not None:
                     return element
         return None
+
+    def refreshed(self, element: Element, context: str) -> Element | None:
+        """The given element if it has not changed since it was read, else the element as it is now, or None."""
+        with self._lock:
+            for scene in self._scenes(context):
+                node = scene.node(element.id)
+                if node is not None:
+                    return element if node.made.version == element.version else scene.element(element.id)
+        return None
+
+    def has(self, eid: str, context: str) -> bool:
+        """Whether there is an element of that id."""
+        with self._lock:
+            return any(eid in scene for scene in self._scenes(context))
+
+    def removal(self, eid: str, context: str) -> Provenance | None:
+        """The change that removed an element; None: the element exists, or its removal is not known."""
+        with self._lock:
+            known = (scene.removals.get(eid) for scene in self._scenes(context))
+            return next((made for made in known if made is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
         """The elements like an abstract one."""

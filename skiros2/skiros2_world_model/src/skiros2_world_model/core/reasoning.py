@@ -1,32 +1,49 @@
-"""The reasoners of a world model, and how each change is offered to them before it stands."""
+"""The reasoners of a world model, and how each change is offered to them before it is applied."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner
-from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of
+from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
+from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
 from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE
+from skiros2_world_model.core.checks import made_property
 from skiros2_world_model.core.scene import Node, Scene
 from skiros2_world_model.core.transaction import Transaction
 
 log = logging.getLogger(__name__)
 
+#: How long a scene that is about to be loaded waits for reasoners to stop (s).
+_STOP_TIMEOUT = 2.0
+
 
 class Reasoning:
-    """The loaded reasoners. Used under the world model's lock."""
+    """The loaded reasoners. Used under the world model's lock, except `execute`, `stop` and `stopped`.
+
+    Every reasoner is offered every change, whether the element names the reasoner or not. An exception in a reasoner is
+    logged and ignored.
+    """
 
     def __init__(self) -> None:
         self._reasoners: dict[str, DiscreteReasoner] = {}
-        self._members: dict[str, set[str]] = {}  # by reasoner, the elements that it was told of
-        self._offered: list[tuple[DiscreteReasoner, Element]] = []  # in the request under way
+        #: The request that is offered now: what reasoners write meanwhile becomes part of it.
+        self.transaction: Transaction | None = None
+        #: Held by the thread that offers a change, but not while it is in a reasoner's `parse`: `is_lent` is true then.
+        #: Two threads of a reasoner that share a lock could wait for each other if `parse` kept the scene for itself.
+        self.lent = threading.RLock()
+        self.is_lent = False
+        self._stopping = threading.RLock()
+        self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # in the request that is offered now
 
     def add(self, reasoner: DiscreteReasoner) -> None:
         """Adds a reasoner, known by its class name."""
-        self._reasoners[reasoner.__class__.__name__] = reasoner
-        self._members[reasoner.__class__.__name__] = set()
+        self._reasoners[_name(reasoner)] = reasoner
 
     def all(self) -> list[DiscreteReasoner]:
         return list(self._reasoners.values())
@@ -40,116 +57,154 @@ class Reasoning:
         if reasoner is None:
             loaded = ", ".join(self._reasoners) or "none"
             raise UnknownName(f"there is no reasoner {name!r}; loaded: {loaded}")
-        return frozenset([*reasoner.getAssociatedData(), REASONER_PROPERTY])
+        return frozenset(map(full_name, data_of(reasoner)))
+
+    # -- threads -----------------------------------------------------------------------------------------------
+
+    def execute(self) -> None:
+        """Starts all reasoners."""
+        for reasoner in self.all():
+            try:
+                reasoner.execute()
+            except FOREIGN_ERRORS:
+                log.exception("reasoner %s cannot be started", _name(reasoner))
+
+    def stop(self, timeout: float = _STOP_TIMEOUT) -> None:
+        """Asks all reasoners to stop, and waits for them. Not to be called under the lock: they may need it.
+
+        :param timeout: how long to wait for each (s).
+        """
+        for reasoner in self.all():
+            try:
+                reasoner.stop()
+            except FOREIGN_ERRORS:
+                log.exception("reasoner %s cannot be stopped", _name(reasoner))
+        for reasoner in self.all():
+            if not reasoner.wait_stopped(timeout):
+                log.warning("reasoner %s still runs %g s after it was asked to stop", _name(reasoner), timeout)
+
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """Stops all reasoners, and starts them again in the end. Not to be entered under the lock."""
+        with self._stopping:
+            self.stop()
+            try:
+                yield
+            finally:
+                self.execute()
+
+    # -- changes -----------------------------------------------------------------------------------------------
 
     def offer(self, scene: Scene, transaction: Transaction) -> None:
-        """Offers a transaction's elements to their reasoners, which may complete them.
+        """Offers every element that a transaction adds, updates or removes to every reasoner.
 
-        Then call `settle` or `take_back`.
+        The reasoners' own changes of the elements become part of the transaction. Then call `settle` or `take_back`.
 
-        :raises Refused: a reasoner rejects one.
+        :raises Refused: a reasoner rejects a change.
         """
         if not self._reasoners:
             return
-        for element in transaction.removed:
-            for reasoner in self._told(element.id):
-                self._ask(reasoner, element, REMOVE)
-        for eid in scene.touched():
-            element_now = scene.element(eid)
-            if element_now is None:
-                continue
-            named, told = list(self._of(element_now)), self._told(eid)
-            for reasoner in told:
-                if reasoner not in named:
-                    self._ask(reasoner, element_now, REMOVE)
-            for reasoner in named:
-                self._ask(reasoner, element_now, UPDATE if reasoner in told else ADD)
-            changes = element_now.changes()
-            if changes:
-                transaction.patch(eid, changes, [])
+        asked: set[str] = set()
+        with self.lent:
+            self.transaction = transaction
+            try:
+                mark = -1
+                while scene.mark() != mark:  # reasoners have changed further elements
+                    mark = scene.mark()
+                    for element in transaction.removed:
+                        if element.id not in asked and element.id not in scene:
+                            asked.add(element.id)
+                            self._offer(scene, transaction, element.id, element)
+                    for eid in (*scene.touched(), *transaction.added, *transaction.updated):
+                        if eid not in asked and eid in scene:
+                            asked.add(eid)
+                            self._offer(scene, transaction, eid, None)
+            finally:
+                self.transaction = None
 
     def settle(self) -> None:
-        """What was offered stands."""
+        """Keeps what was offered."""
         self._offered = []
 
     def take_back(self, scene: Scene) -> None:
-        """After a roll-back: tells the reasoners what they were offered as it is again."""
-        for reasoner, element in reversed(self._offered):
-            before = scene.element(element.id)
-            if before is None or reasoner not in self._of(before):
-                self._tell(reasoner, element, REMOVE)
-            else:
-                self._tell(reasoner, before, UPDATE if reasoner in self._told(element.id) else ADD)
-        self._offered = []
+        """After a roll-back: tells the reasoners about each change that they were offered, that it is undone."""
+        offered, self._offered = self._offered, []
+        with self.lent:
+            for reasoner, action, element in reversed(offered):
+                before = scene.element(element.id)
+                if before is None:
+                    self._parse(reasoner, element, REMOVE)
+                else:
+                    self._parse(reasoner, before, ADD if action == REMOVE else UPDATE)
 
-    def replace(self, old: Scene, new: Scene) -> None:
-        """Another scene takes the place of one.
+    def complete(self, scene: Scene, only: Iterable[DiscreteReasoner] | None = None) -> None:
+        """Adds the default properties of their reasoners to the elements of a scene that was read from a file.
 
-        :raises Refused: a reasoner rejects one of the new elements; then call it with the two exchanged.
+        :param only: the reasoners to do this for; None: all.
         """
-        for name, reasoner in self._reasoners.items():
-            for eid in list(self._members[name]):
-                element = old.element(eid)
-                assert element is not None
-                self._tell(reasoner, element, REMOVE)
-        for node in list(new):
-            self.introduce(new, node.id)
+        reasoners = {_name(r): r for r in (self.all() if only is None else only)}
+        for node in list(scene):
+            named = node.properties.get(REASONER_PROPERTY)
+            for name in dict.fromkeys(named.values) if named is not None else ():
+                if name in reasoners:
+                    self._complete(scene, node.id, reasoners[name])
 
-    def introduce(self, scene: Scene, eid: str, only: DiscreteReasoner | None = None) -> None:
-        """Offers an element that is in a scene already to its reasoners, or to one of them.
-
-        :raises Refused: a reasoner rejects it.
-        """
-        node = scene.node(eid)
-        assert node is not None
-        if REASONER_PROPERTY not in node.properties:
+    def _complete(self, scene: Scene, eid: str, reasoner: DiscreteReasoner) -> None:
+        element, node = scene.element(eid), scene.node(eid)
+        assert element is not None and node is not None
+        try:
+            reasoner.addProperties(element)
+        except NotImplementedError as error:
+            log.debug("%s", error)
+        except FOREIGN_ERRORS:
+            log.exception("reasoner %s failed to add its properties to %s", _name(reasoner), eid)
             return
-        element = scene.element(eid)
-        assert element is not None
-        for reasoner in self._of(element):
-            if only is None or reasoner is only:
-                self._ask(reasoner, element, ADD)
-        self.settle()
         changes = element.changes()
-        if changes and changes.properties:
-            properties = {**node.properties, **{key: p.clone() for key, p in changes.properties.items()}}
-            scene.put(Node(eid, node.type, node.label, properties, node.made))
+        found = changes.properties if changes is not None else {}
+        new = {full_name(k): made_property(full_name(k), p.values, empty_type=p.dataType()) for k, p in found.items()}
+        if not new.keys() <= node.properties.keys():
+            scene.put(Node(eid, node.type, node.label, {**new, **node.properties}, node.made))
 
-    def _ask(self, reasoner: DiscreteReasoner, element: Element, action: str) -> None:
-        self._offered.append((reasoner, element))
-        name = reasoner.__class__.__name__
-        try:
-            accepted = self._parse(reasoner, element, action)
-        except SkirosError:
-            raise
-        except Exception as error:
-            log.exception("reasoner %s failed to %s %s", name, action, element.id)
-            raise Refused(f"{name} failed to {action} {element!r}: {error}") from error
-        if accepted is False:
-            raise Refused(f"{name} rejects to {action} {element!r}")
+    def _offer(self, scene: Scene, transaction: Transaction, eid: str, removed: Element | None) -> None:
+        for reasoner in self._reasoners.values():
+            element = removed.view() if removed is not None else scene.element(eid)
+            if element is None:
+                return
+            action = REMOVE if removed is not None else ADD if eid in transaction.added else UPDATE
+            if self._parse(reasoner, element, action) is False:
+                raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
+            self._offered.append((reasoner, action, element))
+            changes = element.changes() if removed is None and element.touched else None
+            if changes:
+                self._store(scene, transaction, _name(reasoner), element, changes)
 
-    def _tell(self, reasoner: DiscreteReasoner, element: Element, action: str) -> None:
-        """Likewise, of what stands whatever the reasoner says."""
+    def _store(
+        self, scene: Scene, transaction: Transaction, name: str, element: Element, changes: ElementChanges
+    ) -> None:
+        mark = scene.mark()
         try:
-            self._parse(reasoner, element, action)
-        except Exception:
-            log.exception("reasoner %s failed to %s %s", reasoner.__class__.__name__, action, element.id)
+            transaction.complete(element.id, changes)
+        except SkirosError as error:
+            scene.roll_back_to(mark)
+            log.error("what reasoner %s changed in %s is discarded: %s", name, element.id, error)
+        stored = scene.element(element.id)
+        if stored is not None:
+            element.adopt(stored, keep_children=True)
 
     def _parse(self, reasoner: DiscreteReasoner, element: Element, action: str) -> bool | None:
-        members = self._members[reasoner.__class__.__name__]
-        if action == REMOVE:
-            members.discard(element.id)
-        else:
-            members.add(element.id)
-        return reasoner.parse(element, action)
+        self.is_lent = True
+        self.lent.release()
+        try:
+            return reasoner.parse(element, action)
+        except NotImplementedError as error:
+            log.debug("%s", error)  # a reasoner need not define it
+        except FOREIGN_ERRORS:
+            log.exception("reasoner %s failed to %s %s", _name(reasoner), action, element.id)
+        finally:
+            self.lent.acquire()
+            self.is_lent = False
+        return None
 
-    def _told(self, eid: str) -> list[DiscreteReasoner]:
-        """The reasoners that know of an element."""
-        return [reasoner for name, reasoner in self._reasoners.items() if eid in self._members[name]]
 
-    def _of(self, element: Element) -> Iterator[DiscreteReasoner]:
-        """The loaded reasoners that an element names."""
-        prop = element._props.get(REASONER_PROPERTY)
-        for name in dict.fromkeys(prop.values) if prop is not None else ():
-            if name in self._reasoners:
-                yield self._reasoners[name]
+def _name(reasoner: DiscreteReasoner) -> str:
+    return reasoner.__class__.__name__

@@ -42,6 +42,7 @@ class Replica:
         self._number = 0
         self._waiting: dict[str, Change] = {}
         self._version = 0
+        self._reset: Provenance | None = None  # the change that replaced the scene, until the new one is fetched
         self._progress = threading.Condition(self.lock)
         self._fetching = threading.Lock()
         self._is_fetching = False
@@ -50,6 +51,11 @@ class Replica:
     def version(self) -> int:
         """Counts up with everything that may have changed."""
         return self._version
+
+    @property
+    def snapshot_id(self) -> str:
+        """The name of the known state; "" when it is not known. To be read under the lock, with the scene."""
+        return self._snapshot_id or ""
 
     def scene(self) -> Scene:
         """The scene, to be read under the lock. Call `refresh` before.
@@ -124,6 +130,7 @@ class Replica:
         while self._snapshot_id is not None and self._snapshot_id in self._waiting:
             change = self._waiting.pop(self._snapshot_id)
             if change.action == RESET:
+                self._reset = Provenance(change.number, change.stamp, change.author)
                 self._forget()
                 return
             follow(self._scene, change)
@@ -152,6 +159,8 @@ class Replica:
                 if relation["src"] == "-1":
                     scene.relate(element.id, relation["type"], relation["dst"])
         with self.lock:
+            scene.succeed(self._scene, self._reset)
+            self._reset = None
             self._scene = scene
             self._snapshot_id = snapshot.snapshot_id
             self._number = snapshot.number

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from skiros2_common.core.element_relations import relation_key
+from skiros2_common.core.names import full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_world_model.core.changes import Add, Operation, Patch, Update, relation_dict
@@ -27,7 +29,7 @@ class ChangesLeft:
             element.removeProperty(key)
         element.removeRelations(self.removed_relations)
         for r in self.added_relations:
-            element.addRelation(r["src"], r["type"], r["dst"], r["state"], r["abstract"])
+            element.addRelation(*relation_key(r))
 
 
 def added_elements(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
@@ -74,8 +76,8 @@ def written_properties(element: Element, keys: frozenset[str] | None) -> list[Op
     if changes is None:
         return [Update(_bare(element), False, keys)]
     changes = ElementChanges(
-        {key: prop for key, prop in changes.properties.items() if keys is None or key in keys},
-        [key for key in changes.removed_properties if keys is None or key in keys],
+        {key: prop for key, prop in changes.properties.items() if keys is None or full_name(key) in keys},
+        [key for key in changes.removed_properties if keys is None or full_name(key) in keys],
         label=changes.label if keys is None else None,
         type=changes.type if keys is None else None,
     )
@@ -88,8 +90,8 @@ def changes_left(element: Element, keys: frozenset[str] | None) -> ChangesLeft:
     if changes is None:
         return ChangesLeft()
     return ChangesLeft(
-        {key: prop for key, prop in changes.properties.items() if keys is not None and key not in keys},
-        [key for key in changes.removed_properties if keys is not None and key not in keys],
+        {key: prop for key, prop in changes.properties.items() if keys is not None and full_name(key) not in keys},
+        [key for key in changes.removed_properties if keys is not None and full_name(key) not in keys],
         changes.added_relations,
         changes.removed_relations,
     )

@@ -7,16 +7,17 @@ truth and a client's replica.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from sys import intern
 from typing import Any
 
-from skiros2_common.core.names import LAST_ID_NUMBER, id_number
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.id_index import IdIndex
+from skiros2_world_model.core.id_numbers import IdNumbers
 from skiros2_world_model.core.property_pool import PropertyPool
+from skiros2_world_model.core.removals import Removals
 from skiros2_world_model.core.value_index import ValueIndex
 
 #: The element that everything in a scene hangs on.
@@ -89,12 +90,12 @@ class Scene:
         self._by_type = IdIndex()
         self._by_label = IdIndex()
         self._by_value: dict[str, ValueIndex] = {}  # by property, once it was asked for
-        self._numbers: dict[int, int] = {}
-        self._next_number = 0
+        self._numbers = IdNumbers()
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._undo: list[Callable[[], None]] | None = None
         self.step = Step()
+        self.removals = Removals()
 
     # -- elements ----------------------------------------------------------------------------------------------
 
@@ -172,23 +173,21 @@ class Scene:
         if self._undo is not None:
             self._undo.append(lambda: self._place(eid, before))
 
-    def free_id(self, etype: str, desired: int = -1) -> str:
-        """An id for a new element: with the desired number (from 0) if that is free, else with the next free one."""
-        number = desired if desired >= 0 else self._next_number
-        if number in self._numbers and len(self._numbers) >= self._next_number:
-            number = self._next_number  # all below are taken
-        while number in self._numbers or number > LAST_ID_NUMBER:
-            number = number + 1 if number < LAST_ID_NUMBER else 0
-        return f"{etype}-{number}"
+    def free_id(self, etype: str, desired: int = -1, others: Sequence[Scene] = ()) -> str:
+        """An id for a new element: with the desired number (from 0) if that is free, else with the next free one.
+
+        :param others: further scenes in which the number is to be free.
+        """
+        return f"{etype}-{self._numbers.free(desired, [scene._numbers for scene in others])}"
 
     @property
     def next_number(self) -> int:
         """All numbers from this one on are free for ids; it never goes down, so that no id is given twice."""
-        return self._next_number
+        return self._numbers.next
 
     def reserve(self, next_number: int) -> None:
         """No number below this one is given from now on."""
-        self._next_number = max(self._next_number, next_number)
+        self._numbers.reserve(next_number)
 
     # -- relations ---------------------------------------------------------------------------------------------
 
@@ -288,20 +287,34 @@ class Scene:
 
     def roll_back(self) -> None:
         """Takes back everything since `begin`."""
-        undo, self._undo = self._undo or [], None
-        for step in reversed(undo):
-            step()
-        self.step = Step()
+        self.roll_back_to(0)
+        self._undo, self.step = None, Step()
+
+    def mark(self) -> int:
+        """A point between `begin` and `commit` that `roll_back_to` returns to."""
+        return len(self._undo or ())
+
+    def roll_back_to(self, mark: int) -> None:
+        """Takes back everything since a mark."""
+        while self._undo is not None and len(self._undo) > mark:
+            self._undo.pop()()
 
     def commit(self, made: Provenance) -> list[str]:
         """Keeps everything since `begin`, and returns the ids of the elements whose content or relations changed."""
         self._undo = None
-        touched = [eid for eid in self.step.elements() if eid in self._nodes]
-        for eid in touched:
-            old = self._nodes[eid]
-            self._nodes[eid] = Node(eid, old.type, old.label, old.properties, made)
+        touched = []
+        for eid in self.step.elements():
+            old = self._nodes.get(eid)
+            self.removals.note(eid, made if old is None else None)
+            if old is not None:
+                self._nodes[eid] = Node(eid, old.type, old.label, old.properties, made)
+                touched.append(eid)
         self.step = Step()
         return touched
+
+    def succeed(self, before: Scene, made: Provenance | None) -> None:
+        """Takes over the removals of a scene that this one replaces with a change (None: not known)."""
+        self.removals.succeed(before.removals, before._nodes, made, self._nodes.__contains__)
 
     def clear(self) -> None:
         """Removes everything."""
@@ -324,28 +337,17 @@ class Scene:
         if node is None:
             del self._nodes[eid]
             self._relation_cache.pop(eid, None)
-            self._count(eid, -1)
+            self._numbers.count(eid, -1)
         else:
             self._nodes[eid] = node
             self._by_type.add(node.type, eid)
             self._by_label.add(node.label, eid)
             if before is None:
-                self._count(eid, 1)
+                self._numbers.count(eid, 1)
         if self._undo is not None:
             self.step.contents[eid] = None
         if self.dirty is not None:
             self.dirty.nodes.add(eid)
-
-    def _count(self, eid: str, change: int) -> None:
-        number = id_number(eid)
-        if number < 0:
-            return
-        count = self._numbers.get(number, 0) + change
-        if count:
-            self._numbers[number] = count
-            self._next_number = max(self._next_number, number + 1)
-        else:
-            del self._numbers[number]
 
     def _link(self, src: str, pred: str, dst: str) -> None:
         for links, here, there in ((self._out, src, dst), (self._in, dst, src)):

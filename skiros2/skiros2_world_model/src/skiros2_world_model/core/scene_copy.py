@@ -68,11 +68,13 @@ class SceneCopy(WorldModelAbstractInterface):
 
     # -- what a copy has not -----------------------------------------------------------------------------------
 
-    def lock(self) -> None:
-        """Nothing is to be done: a copy is used by one."""
+    def lock(self) -> bool:
+        """True: a copy has one user."""
+        return True
 
-    def unlock(self) -> None:
-        """Likewise."""
+    def unlock(self) -> bool:
+        """True: a copy has one user."""
+        return True
 
     def load(self, filename: str = "", context: str = _SCENE) -> NoReturn:
         """:raises WmException: always."""
@@ -106,6 +108,10 @@ class SceneCopy(WorldModelAbstractInterface):
     def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
         raise WmException("a copy of a scene does not change the ontologies")
 
+    def _scene_now(self) -> tuple[list[Element], str]:
+        with self._lock:
+            return self.get_scene_elements(), str(self._number)
+
     def _matching(self, wanted: Element, context: str) -> list[Element]:
         return self._reader.matching(wanted, context)
 
@@ -122,7 +128,7 @@ class SceneCopy(WorldModelAbstractInterface):
         with self._lock:
             # The prefixes matter for names that are whole IRIs alone, and those of a scene are not.
             checks = Checks(self._ontology, Prefixes(), self.author, told=self._told)
-            transaction = Transaction(self._scene, self._ontology, checks, self.author, lambda eid: False)
+            transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:
                 ids = transaction.run(operations)

@@ -13,6 +13,7 @@ from skiros2_common.core.names import id_number
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.datatypes import literal_parts
+from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
 from skiros2_world_model.core.rdf_files import TurtleWriter, WrittenStatement
@@ -66,7 +67,7 @@ def read_scene(
         try:
             reader.read(eid, statements)
         except SkirosError as error:
-            checks.refuse(eid, "", error)
+            checks.refuse(eid, "", error, LEFT_OUT)
     return content
 
 
@@ -118,19 +119,42 @@ class _Reader:
                 values.setdefault(self._name(predicate), []).append(obj)
         properties: dict[str, Property] = {}
         for key in sorted(values):
-            try:
-                properties[key] = self._property(eid, etype, key, values[key])
-            except SkirosError as error:
-                self._checks.refuse(eid, key, error)
+            prop = self._property(eid, etype, key, values[key])
+            if prop is not None:
+                properties[key] = prop
         self._content.nodes.append(Node(eid, etype, min(labels, default=""), properties, self._made))
 
-    def _property(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property:
+    def _property(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property | None:
+        """The property with the values that it can have; None when it can have none of them."""
         try:
-            values = [python_value(v) for v in sorted(literals, key=str)]
-        except WrongValue as error:
-            raise WrongValue(f"{self._origin}: {eid}: {key}: {error}") from None
+            return self._checked(eid, etype, key, literals)
+        except SkirosError:
+            pass  # some of the values are refused, below
+        most = self._ontology.value_limits(etype, key)[1]
+        fitting = [v for v in literals if self._fits(eid, etype, key, v)]
+        if most is not None and len(fitting) > most:
+            told = ", ".join(v.value for v in fitting)
+            error = WrongValue(f"{self._origin}: {eid}: {key} has {len(fitting)} values ({told}), allowed are {most}")
+            self._checks.refuse(eid, key, error, f"kept {', '.join(v.value for v in fitting[:most])}")
+            fitting = fitting[:most]
+        if not fitting:
+            return None
+        return self._checked(eid, etype, key, fitting)
+
+    def _checked(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property:
+        values = [python_value(v) for v in sorted(literals, key=str)]
         prop = Property(key, values if len({type(v) for v in values}) == 1 else [str(v) for v in values])
         return self._checks.property(etype, key, prop, eid)
+
+    def _fits(self, eid: str, etype: str, key: str, literal: ox.Literal) -> bool:
+        """Whether a property can have a value; it is refused where not."""
+        try:
+            self._checks.property(etype, key, Property(key, [python_value(literal)]), eid)
+        except SkirosError as error:
+            text = str(error).removeprefix(f"{self._origin}: {eid}: ").removeprefix(f"{key}: ")
+            self._checks.refuse(eid, key, type(error)(f"{self._origin}: {eid}: {key}: {text}"), LEFT_OUT)
+            return False
+        return True
 
     def _name(self, iri: str) -> str:
         name = self._names.get(iri)

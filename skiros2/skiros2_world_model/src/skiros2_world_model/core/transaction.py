@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from skiros2_common.core.errors import Conflict, Refused, UnknownName, WrongValue
@@ -12,6 +12,7 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 from skiros2_world_model.core.changes import (
     SPATIAL,
+    TEMPLATE,
     Add,
     Expect,
     Instantiate,
@@ -29,7 +30,6 @@ from skiros2_world_model.core.queries import containment_cycle, held_only_by, to
 from skiros2_world_model.core.scene import ROOT, Node, Scene
 from skiros2_world_model.core.templates import copies_of
 
-TEMPLATE = "skiros:Template"
 HAS_TEMPLATE = "skiros:hasTemplate"
 
 
@@ -37,17 +37,22 @@ class Transaction:
     """The operations of one request on one scene, between its `begin` and its `commit`. Made for one use.
 
     :param checks: the checks of names and values; they know the author.
-    :param exists: whether an id is an element of another context.
+    :param others: the scenes of the other contexts, by name; they are not changed.
     """
 
     def __init__(
-        self, scene: Scene, ontology: Ontology, checks: Checks, author: str, exists: Callable[[str], bool]
+        self,
+        scene: Scene,
+        ontology: Ontology,
+        checks: Checks,
+        author: str,
+        others: Mapping[str, Scene] | None = None,
     ) -> None:
         self._scene = scene
         self._ontology = ontology
         self._checks = checks
         self._author = author
-        self._exists = exists
+        self._others = others or {}
         self._references: dict[str, str] = {}
         self._placed: dict[str, None] = {}  # what was placed in something, and not checked yet
         self.added: dict[str, None] = {}
@@ -56,6 +61,8 @@ class Transaction:
         self.removed_recursively = False
         self.renamed: list[tuple[str, str]] = []
         self._loose: dict[tuple[str, str, str], bool] = {}  # whether it was there before
+        #: Relations to be added whose subjects are elements of other contexts: the context of each.
+        self.elsewhere: dict[Relate, str] = {}
 
     def run(self, operations: Iterable[Operation]) -> list[str]:
         """Applies the operations in order, and returns the id that each was about.
@@ -86,6 +93,43 @@ class Transaction:
         self._check_containment()
         self._checks.finish()
         return list(ids.values())
+
+    def include(self, operations: Iterable[Operation], checks: Checks, author: str) -> list[str]:
+        """Applies the operations that a reasoner asks for while the transaction is offered to it, as `run`.
+
+        :raises SkirosError: one of them is refused; none of them is applied.
+        """
+        part = Transaction(self._scene, self._ontology, checks, author, self._others)
+        mark = self._scene.mark()
+        try:
+            ids = part.run(operations)
+        except Exception:
+            self._scene.roll_back_to(mark)
+            raise
+        for element in part.removed:
+            if self.added.pop(element.id, "") == "":
+                self.removed.append(element)
+            self.updated.pop(element.id, None)
+        self.added.update(part.added)
+        self.updated.update((eid, None) for eid in part.updated if eid not in self.added)
+        for relation, before in part._loose.items():
+            self._loose.setdefault(relation, before)
+        self.renamed += part.renamed
+        self.elsewhere.update(part.elsewhere)
+        self.removed_recursively |= part.removed_recursively
+        return ids
+
+    def complete(self, eid: str, changes: ElementChanges) -> None:
+        """Writes what a reasoner changed in an element that was offered to it.
+
+        :raises SkirosError: it is refused.
+        """
+        links: list[tuple[str, RelationDict]] = []
+        self.patch(eid, changes, links)
+        for _, relation in links:
+            if _is_fact(relation):
+                self._link(eid, relation)
+        self._check_containment()
 
     @property
     def related(self) -> list[RelationDict]:
@@ -128,7 +172,7 @@ class Transaction:
     def _add(self, operation: Add, links: list[tuple[str, RelationDict]]) -> str:
         element = operation.element
         etype = self._checks.class_name(element.type, repr(element))
-        eid = self._scene.free_id(etype, element.getIdNumber())
+        eid = self._scene.free_id(etype, element.getIdNumber(), list(self._others.values()))
         if element.id and element.id != eid:
             self.renamed.append((element.id, eid))
         if operation.reference:
@@ -227,9 +271,13 @@ class Transaction:
         src, pred, dst = self._ends(eid, relation)
         who = f"{src} {pred} {dst}"
         pred = self._checks.relation_name(pred, who)
-        if src not in self._scene:
-            raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
         dst = self._target(src, pred, dst)
+        if src not in self._scene:
+            context = next((name for name, scene in self._others.items() if src in scene), None)
+            if context is None:
+                raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
+            self.elsewhere[Relate(src, pred, dst)] = context
+            return src
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._placed[dst] = None
         if eid not in (src, dst):
@@ -246,7 +294,7 @@ class Transaction:
 
     def _target(self, src: str, pred: str, dst: str) -> str:
         """What a relation leads to: an element, of another context too, or an individual of the ontologies."""
-        if dst in self._scene or self._exists(dst):
+        if dst in self._scene or any(dst in scene for scene in self._others.values()):
             return dst
         return self._checks.individual(dst, f"{src} {pred} {dst}")
 

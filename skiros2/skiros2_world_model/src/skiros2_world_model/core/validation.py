@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import logging
+import os
 from collections.abc import Iterable, Iterator
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 
 import pyoxigraph as ox
 
-from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.core.changes import SPATIAL
-from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.file_checks import CollectingChecks
+from skiros2_world_model.core.frame_validation import unconnected_frames
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.rdf_files import read_triples
@@ -20,6 +23,8 @@ from skiros2_world_model.core.report import VIOLATION, WARNING, Finding, Report
 from skiros2_world_model.core.scene import ROOT, Provenance, Scene
 from skiros2_world_model.core.scene_rdf import scene_triples
 from skiros2_world_model.core.shapes import is_shapes_file, shacl_findings
+
+log = logging.getLogger(__name__)
 
 _PHYSICAL = "sumo:Object"
 
@@ -32,6 +37,25 @@ def scene_file_triples(path: Path) -> list[ox.Triple]:
     if is_shapes_file(path.name):
         raise WrongValue(f"{path}: expected a scene; this file holds shapes")
     return read_triples(path)
+
+
+def keep_refused(path: Path, base: OntologyBase, strict: bool) -> None:
+    """Renames a file that is about to be overwritten and could not be loaded, so that its content is kept.
+
+    :param strict: whether a file with flaws is refused.
+    """
+    if not os.path.isfile(path):  # unlike Path's, False for an impossible name
+        return
+    try:
+        triples = scene_file_triples(path)
+        refused = strict and validate(triples, str(path), base, strict=True).count(VIOLATION) > 0
+    except WrongValue:
+        refused = True
+    if refused:
+        names = (path.with_name(f"{path.name}.broken{number or ''}") for number in count())
+        kept = next(name for name in names if not name.exists())
+        path.rename(kept)
+        log.warning("%s cannot be loaded and is overwritten now; it is kept as %s", path, kept.name)
 
 
 def validate_file(path: Path, base: OntologyBase, context: str = SCENE, strict: bool = False) -> Report:
@@ -51,9 +75,11 @@ def validate(
 
     :param origin: the file or context, for the findings.
     """
-    checks = _CollectingChecks(base, origin, strict)
+    checks = CollectingChecks(base, origin, strict)
     scene, extras = Context(context, base).read(triples, checks, origin, Provenance())
-    placed = misplaced(scene, base.index, origin) if context == SCENE else ()
+    placed: Iterable[Finding] = ()
+    if context == SCENE:
+        placed = chain(misplaced(scene, base.index, origin), unconnected_frames(scene, base.index, origin))
     return Report(origin, [*checks.findings, *placed, *shape_findings(scene, extras, base, origin)])
 
 
@@ -77,26 +103,3 @@ def misplaced(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding
             elif len(holders) > 1:
                 told = ", ".join(holders[:3]) + (", ..." if len(holders) > 3 else "")
                 yield Finding(WARNING, origin, eid, "", f"it is in several places: {told}")
-
-
-class _CollectingChecks(Checks):
-    """Checks that note what is wrong and go on."""
-
-    def __init__(self, base: OntologyBase, origin: str, strict: bool) -> None:
-        super().__init__(base.index, base.prefixes, origin, strict)
-        self.findings: list[Finding] = []
-
-    def refuse(self, who: str, what: str, error: SkirosError) -> None:
-        text = str(error).removeprefix(f"{self._origin}: ")
-        if text.startswith((f"{who}: ", f"{who} {what} ")):  # the element, or the relation, which is told beside it
-            text = text.partition(": ")[2]
-        text = text.removeprefix(f"{what}: ")
-        self.findings.append(Finding(VIOLATION, self._origin, who, what, text))
-
-    def finish(self) -> None:
-        severity = VIOLATION if self._strict else WARNING
-        for (kind, name), users in self._unknown.items():
-            element, *place = users[0].split(" ")  # an element, or a relation
-            prop = place[0] if place else name if kind in ("property", "relation") else ""
-            others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
-            self.findings.append(Finding(severity, self._origin, element, prop, f"unknown {kind} {name}{others}"))

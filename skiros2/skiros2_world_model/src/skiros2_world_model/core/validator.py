@@ -107,7 +107,7 @@ class Validator:
             if not self._stopped:
                 log.warning("%s", error)
             raise
-        told = [f for f in report.findings if not f.text.startswith("unknown ")]  # of those loading has warned
+        told = [f for f in report.findings if f not in self._model.flaws.get(context, ())]
         if told:
             lines = Report(report.origin, told).lines(_TOLD_AT_MOST)
             log.warning("\n    ".join([f"{path}: {report.summary}", *lines]))

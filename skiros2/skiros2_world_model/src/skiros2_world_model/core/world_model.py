@@ -3,42 +3,41 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
-import pyoxigraph as ox
-
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner
-from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError, UnknownName, WrongValue
-from skiros2_common.core.world_element import Element
+from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
+from skiros2_common.core.names import full_name
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
 from skiros2_world_model.core.announcer import Announcer, Listener, News, news_of
-from skiros2_world_model.core.changes import RESET, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.changes import RESET, UPDATE, Change, Operation, Outcome, Relate
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.context import Context
 from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
-from skiros2_world_model.core.history import History
+from skiros2_world_model.core.contexts import Contexts
+from skiros2_world_model.core.file_checks import FileChecks
 from skiros2_world_model.core.journal import Journal, first_number
 from skiros2_world_model.core.journal_state import JournalState
-from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.rdf_files import parse_n_triples, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
-from skiros2_world_model.core.report import Report
-from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
-from skiros2_world_model.core.templates import template_element
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.triple_store import TripleStore
-from skiros2_world_model.core.validation import scene_file_triples, shape_findings
+from skiros2_world_model.core.validation import keep_refused, scene_file_triples, shape_findings
 from skiros2_world_model.core.workspace import workspace_file
+from skiros2_world_model.core.world_model_state import WorldModelState
 
 log = logging.getLogger(__name__)
 
-class WorldModel:
+
+class WorldModel(WorldModelState):
     """What all robots of a cell share. Safe to use from all threads: one lock, `lock`, guards everything.
 
     :param ontologies: folder of the package's ontologies; None: none.
@@ -47,6 +46,7 @@ class WorldModel:
     :param journal: keeps every change; the world model goes on from it where it wants that. None: nothing is kept.
     :param initial: contexts and the files to load them from, when it does not go on from the journal.
     :param store: what answers queries; None: one in memory.
+    :param blank_on_error: an initial file, or an ontology of the workspace, that is refused is logged and left out.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
 
@@ -58,14 +58,17 @@ class WorldModel:
         journal: Journal | None = None,
         initial: Iterable[tuple[str, str]] = (),
         store: TripleStore | None = None,
+        blank_on_error: bool = False,
     ) -> None:
-        self.base = OntologyBase(ontologies, workspace, store)
+        self.base = OntologyBase(ontologies, workspace, store, blank_on_error)
         self.lock = self.base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
         self.strict = strict
         self.loaded: dict[str, Path] = {}  #: by context, the file that was loaded last
-        self._contexts = {SCENE: Context(SCENE, self.base)}
+        self._readable: set[Path] = set()  # files that were loaded or saved
+        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, what loading that file has warned of
+        self._contexts = Contexts(self.base)
         self._told: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
         self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
@@ -80,84 +83,13 @@ class WorldModel:
         else:
             self._announcer = Announcer(max(first_number(), journal.last if journal is not None else 0))
             for context, file in initial:
-                self.load_initial(file, context)
+                self.load_initial(file, context, blank_on_error)
             if journal is not None:
                 made = self._announcer.next("wm")
                 contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
                 journal.start(self._announcer.session, made, contents)
                 self._announcer.tell(RESET, made, SCENE)
         self._journal = journal
-
-    # -- state -------------------------------------------------------------------------------------------------
-
-    @property
-    def number(self) -> int:
-        """The number of the last change."""
-        return self._announcer.number
-
-    @property
-    def snapshot_id(self) -> str:
-        """The name of the present state."""
-        return self._announcer.snapshot_id
-
-    @property
-    def ontology(self) -> Ontology:
-        """What the ontologies say now."""
-        return self.base.index
-
-    def contexts(self) -> list[str]:
-        return list(self._contexts)
-
-    def scene(self, context: str = SCENE) -> Scene:
-        """The scene of a context, to be read under the lock.
-
-        :raises UnknownName: there is no such context.
-        """
-        return self._context(context).scene
-
-    def scenes(self, context: str) -> list[Scene]:
-        """The scene of a context, or for "" those of all, to be read under the lock.
-
-        :raises UnknownName: there is no such context.
-        """
-        return [self.scene(context)] if context else [c.scene for c in self._contexts.values()]
-
-    def template(self, name: str) -> Element:
-        """A template as an element without id.
-
-        :raises UnknownName: there is none.
-        """
-        return template_element(self.ontology, self.base.prefixes.name(name) if is_iri(name) else name)
-
-    @property
-    def history(self) -> History:
-        """What was, and who changed it. To be asked without the lock: it holds up no request.
-
-        :raises Refused: nothing is kept, as there is no journal.
-        """
-        if self._journal is None:
-            raise Refused("the world model keeps no journal: its past is not known")
-        return History(self._journal.path)
-
-    def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
-        """The rows that a SPARQL query gives, as texts.
-
-        :param context: the one to ask; "" asks all, `ontology` the ontologies alone.
-        :raises UnknownName: there is no such context.
-        :raises WrongValue: the query cannot be answered.
-        """
-
-        def flush() -> None:
-            for name in [context] if context else self._contexts:
-                if name != ONTOLOGY:
-                    self._context(name).flush()
-
-        return self.base.query(query, context, cut_prefix, flush)
-
-    def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
-        """All that a context holds now; the triples are made while they are read, which needs no lock."""
-        with self.lock:
-            return self._context(context).triples()
 
     # -- changes -----------------------------------------------------------------------------------------------
 
@@ -168,11 +100,16 @@ class WorldModel:
         :raises SkirosError: one of them is refused; nothing has changed.
         """
         with self.lock:
-            made = context not in self._contexts
-            target = self._context(context, make=True)
-            scene = target.scene
-            checks = Checks(self.ontology, self.base.prefixes, author, self.strict, self._told)
-            transaction = Transaction(scene, self.ontology, checks, author, self._exists)
+            operations = list(operations)
+            if len(operations) == 1 and isinstance(operations[0], Relate):
+                src = self._full(operations[0].src)
+                home = self._contexts.home(src, context)
+                if not home and self.ontology.individual(src) is not None:
+                    return self._relate_individual(operations[0], author)
+                context = home or context
+            is_new = context not in self._contexts
+            scene = self._contexts.named(context).scene
+            transaction = Transaction(scene, self.ontology, self.checks(author), author, self._contexts.others(context))
             scene.begin()
             try:
                 ids = transaction.run(operations)
@@ -187,7 +124,7 @@ class WorldModel:
             except Exception:
                 scene.roll_back()
                 self.reasoning.take_back(scene)
-                if made:
+                if is_new:
                     del self._contexts[context]
                 raise
             if not news:
@@ -196,7 +133,16 @@ class WorldModel:
             self.reasoning.settle()
             for wanted, given in transaction.renamed:
                 log.warning("%s: the number of %s is taken; it was added as %s", author, wanted, given)
-            return Outcome(ids, self._announcer.tell_all(news, provenance, context, scene))
+            changes = self._announcer.tell_all(news, provenance, context, scene)
+            for relation, other in transaction.elsewhere.items():
+                changes += self.transact([relation], author, other).changes
+            for other, patches in self._contexts.dangling([e.id for e in transaction.removed]):
+                changes += self.transact(patches, author, other).changes
+            return Outcome(ids, changes)
+
+    def checks(self, author: str) -> Checks:
+        """The checks of names and values in a request of an author."""
+        return Checks(self.ontology, self.base.prefixes, author, self.strict, self._told)
 
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> list[Change]:
         """Adds and removes statements in a context; in "" and `ontology` those of the ontologies.
@@ -215,52 +161,62 @@ class WorldModel:
                 self.base.update(removed, added)
                 return [self._announcer.tell(UPDATE, made, ONTOLOGY)]
             removed, added = self.base.split(statements)
-            scene = self._context(context, make=True).scene
+            scene = self._contexts.named(context).scene
             operations = element_operations(self.base, scene, removed, added)
             return self.transact(operations, author, context).changes
 
-    def load(self, filename: str, author: str, context: str = SCENE) -> Change:
+    def load(self, filename: str, author: str, context: str = SCENE, adds_root: bool = False) -> Change:
         """Replaces a context with what a file of the workspace says. The present one stays when the file is refused.
 
+        Reasoners stop before the scene is loaded and start again after it. Not to be called under the lock.
+        What is not as it should be in the file is one warning; a strict world model refuses it.
+
         :param filename: relative to the workspace; "" is the file that the context was loaded from or saved to last.
+        :param adds_root: whether a scene without a root gets one; else it is refused.
         :raises SkirosError: the file is outside the workspace, not there, does not parse, or is refused.
         """
-        with self.lock:
+        with self.reasoning.stopped() if context == SCENE else nullcontext(), self.lock:
             target = self._contexts.get(context) or Context(context, self.base)
             path = workspace_file(self._workspace, filename or target.file)
-            checks = Checks(self.ontology, self.base.prefixes, str(path), self.strict)
+            checks = FileChecks(self.base, path, self.strict)
             made = self._announcer.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, str(path), made)
+            scene, extras = target.read(scene_file_triples(path), checks, str(path), made, adds_root)
             if self.strict:
                 Report(str(path), shape_findings(scene, extras, self.base, str(path))).refuse_violations()
+            if context == SCENE:
+                self.reasoning.complete(scene)
             before = target.scene, target.extras
+            scene.succeed(target.scene, made)
             target.replace(scene, extras)
             file = filename or target.file
             try:
-                if context == SCENE:
-                    self.reasoning.replace(before[0], scene)
                 if self._journal is not None:
                     with self._journal.request(made, made.version, f"load {file}", context) as writer:
                         writer.whole(context, scene, map(str, extras), file)
             except Exception:
                 target.replace(*before)
-                if context == SCENE:
-                    self.reasoning.replace(scene, before[0])
                 raise
             target.file = file
             self._contexts[context] = target
             self.loaded[context] = path
+            self._readable.add(path)
+            self.flaws[context] = frozenset(checks.findings)
             return self._announcer.tell(RESET if context == SCENE else UPDATE, made, context)
 
-    def load_initial(self, filename: str, context: str = SCENE) -> None:
+    def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
         """Loads a context as the launch parameters want it.
 
-        :raises ConfigurationError: that is not possible.
+        :param blank_on_error: a file that is refused is logged; the context is blank then, and saved to that file.
+        :raises ConfigurationError: the file is refused, or no context can have that name.
         """
         try:
-            self.load(filename, "init", context)
+            target = self._contexts.named(context)
+            self.load(filename, "init", context, adds_root=True)
         except SkirosError as error:
-            raise ConfigurationError(f"scene {error}") from None
+            if not blank_on_error or context not in self._contexts:
+                raise ConfigurationError(f"scene {error}") from None
+            target.file = filename
+            log.error("%s; context %s is blank, and is saved to %s", error, context, filename)
 
     def save(self, filename: str, context: str = SCENE) -> Path:
         """Writes a context to a file of the workspace, as sorted Turtle; returns the file.
@@ -269,12 +225,15 @@ class WorldModel:
         :raises SkirosError: the file is outside the workspace or cannot be written, or there is no such context.
         """
         with self.lock:
-            target = self._context(context)
+            target = self._contexts.named(context)
             path = workspace_file(self._workspace, filename or target.file)
             if self.base.reads(path):
                 raise WrongValue(f"{path}: is read as an ontology or shapes; expected the name of a scene file")
             content = target.turtle()
+            if path not in self._readable:
+                keep_refused(path, self.base, self.strict)
             write_file(path, content)
+            self._readable.add(path)
             if self._journal is not None:
                 self._journal.write_file(context, filename or target.file)
             target.file = filename or target.file
@@ -293,15 +252,17 @@ class WorldModel:
             self._announcer.remove_listener(listener)
 
     def add_reasoner(self, reasoner: DiscreteReasoner) -> None:
-        """From now on the reasoner is offered the elements that name it, those of the scene first."""
+        """From now on the reasoner is offered every change of the scene.
+
+        Elements of the scene that name it get those of its default properties that they do not have.
+        """
         with self.lock:
             self.reasoning.add(reasoner)
             scene = self.scene()
             made = self._announcer.next(reasoner.__class__.__name__)
             scene.begin()
             try:
-                for node in list(scene):
-                    self.reasoning.introduce(scene, node.id, reasoner)
+                self.reasoning.complete(scene, [reasoner])
                 completed = scene.touched()
                 if completed and self._journal is not None:
                     with self._journal.request(made, made.version, "change", SCENE) as writer:
@@ -315,20 +276,18 @@ class WorldModel:
 
     # -- shared ------------------------------------------------------------------------------------------------
 
-    def _context(self, name: str, make: bool = False) -> Context:
-        found = self._contexts.get(name)
-        if found is None:
-            if not make:
-                known = ", ".join(sorted(self._contexts))
-                raise UnknownName(f"there is no context {name!r}; there are: {known}")
-            found = self._contexts[name] = Context(name, self.base)
-        return found
+    def _relate_individual(self, relation: Relate, author: str) -> Outcome:
+        """Adds or removes a relation of an individual of the ontologies."""
+        src, pred, dst = self._full(relation.src), full_name(self._full(relation.pred)), self._full(relation.dst)
+        if not self._contexts.home(dst) and self.ontology.individual(dst) is None:
+            raise UnknownName(f"{author}: {src} {pred} {dst}: there is no element or individual {dst!r}")
+        return Outcome([src], self.modify([(src, pred, dst, relation.value)], author))
+
+    def _full(self, name: str) -> str:
+        return self.base.prefixes.name(name) if is_iri(name) else name
 
     def _go_on_from(self, state: JournalState) -> None:
         self.base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
         for found in state.contexts:
             context = self._contexts.setdefault(found.name, Context(found.name, self.base))
             context.restore(found)
-
-    def _exists(self, eid: str) -> bool:
-        return any(eid in context.scene for context in self._contexts.values())

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 from abc import abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners, relations_of
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, RelationDict
-from skiros2_world_model.core.changes import Instantiate, Operation, Outcome, Relate, Remove, relation_dict
+from skiros2_world_model.core.changes import TEMPLATE, Instantiate, Operation, Outcome, Relate, Remove, relation_dict
+from skiros2_world_model.core.combinations import combinations
 from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.requests import added_elements, changes_left, written, written_properties
-from skiros2_world_model.core.scene import ROOT
+from skiros2_world_model.core.scene import ROOT, Provenance
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 log = logging.getLogger(__name__)
@@ -54,9 +54,24 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
         """The element as it is now, or None when there is none of that id."""
 
+    def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
+        """The given element if the world model has not changed it since it was read, else as `find_element`."""
+        return self.find_element(e.id, context_id)
+
+    def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
+        """The author, the time and the number of the change that removed an element, also by loading another scene.
+
+        None: the element exists, or its removal is not known. Reads memory where `find_element` does.
+        """
+        return None
+
     @abstractmethod
     def _matching(self, wanted: Element, context: str) -> list[Element]:
         """The elements like an abstract one."""
+
+    @abstractmethod
+    def _scene_now(self) -> tuple[list[Element], str]:
+        """The root of the scene and everything under it, and the snapshot id of that state."""
 
     @abstractmethod
     def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
@@ -73,10 +88,14 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     # -- reading -----------------------------------------------------------------------------------------------
 
     def get_scene_name(self) -> str:
-        """The id of the scene's root."""
-        return ROOT
+        """The name of the file with which the world model started, relative to its workspace; "" for none."""
+        return ""
 
-    def get_scene(self) -> list[Element]:
+    def get_scene(self) -> tuple[list[Element], str]:
+        """The root of the scene and everything under it, and the snapshot id of that state."""
+        return self._scene_now()
+
+    def get_scene_elements(self) -> list[Element]:
         """The root of the scene and everything under it."""
         return self.get_branch(ROOT)
 
@@ -128,18 +147,18 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def add_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
-        """Adds elements with the children that were kept aside in them, all or none.
+    def add_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[Element]:
+        """Adds elements with the children that were kept aside in them, all or none. Returns the new elements.
 
-        Each element, and each child, gets its id and what reasoners added. Returns the ids of the elements.
+        Each given element, and each child, gets its id and what reasoners added, too.
         """
-        given, operations = added_elements(es, lambda eid: self.find_element(eid, context_id) is not None)
+        given, operations = added_elements(es, lambda eid: self._exists(eid, context_id))
         outcome = self._transact(operations, context_id)
         self._refresh(given, outcome, context_id)
-        return [element.id for element in es]
+        return [element.view() for element in es]
 
-    def add_element(self, e: Element, context_id: str = _SCENE) -> str:
-        """Adds an element, as `add_elements`, and returns its id."""
+    def add_element(self, e: Element, context_id: str = _SCENE) -> Element:
+        """Adds an element, as `add_elements`, and returns the new element."""
         return self.add_elements([e], context_id)[0]
 
     def update_element(self, e: Element, context_id: str = _SCENE) -> str:
@@ -162,32 +181,31 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         :param reasoner: writes the properties that this reasoner owns, and no others.
         :raises WmException: there is no element of that id, or no such reasoner.
         """
-        keys = self._keys_of(reasoner) if reasoner else None
-        operations = written_properties(e, keys)
-        outcome = self._transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
-        left = changes_left(e, keys)
-        self._refresh([e], outcome, context_id, keep_children=True)
-        left.put_back(e)
-        return e.id
+        return self._write_properties(e, self._keys_of(reasoner) if reasoner else None, context_id)
 
     def remove_element(
         self,
-        e: Element,
+        e: Element | str,
         recursive: bool = True,
         rel_filter: str = "skiros:sceneProperty",
         type_filter: str = "",
         context_id: str = _SCENE,
-    ) -> None:
+    ) -> int:
         """Removes an element, and with `recursive` what is under it along a relation and is held by nothing else.
 
+        :param e: an element, which loses its id, or an id.
         :param type_filter: only elements of this class are taken with it; "" takes all.
+        :returns: 1.
         :raises WmException: there is no element of that id.
         """
         self._transact([Remove(_id(e), recursive, rel_filter, type_filter)], context_id)
+        if isinstance(e, Element):
+            e._id = ""
+        return 1
 
     def instanciate(
         self,
-        uri: str,
+        uri: str | Element,
         recursive: bool = False,
         relations: Sequence[RelationDict] = list(),  # noqa: C408 - the contract's default, never changed
         relation_filter: Sequence[str] = ["skiros:hasA", "skiros:contain"],
@@ -196,14 +214,15 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     ) -> Element:
         """Copies a template into the scene, in one change, and returns the copy.
 
-        :param uri: the individual's name.
+        :param uri: the individual's name, or an element of that template.
         :param recursive: copies what it is related to by the relations of the filter, too.
         :param relations: relations of the copy, as dicts; "-1" is the copy.
         :param antiloop_bind: individuals that are not copied again.
         :raises WmException: there is no such individual.
         """
+        name = uri.value_of(TEMPLATE) or uri.label if isinstance(uri, Element) else uri
         request = Instantiate(
-            self._name(uri), recursive, list(relations), list(relation_filter), frozenset(antiloop_bind)
+            self._name(name), recursive, list(relations), list(relation_filter), frozenset(antiloop_bind)
         )
         outcome = self._transact([request], context_id)
         return outcome.elements.get(outcome.ids[0]) or self.get_element(outcome.ids[0], context_id)
@@ -211,9 +230,12 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     # -- relations ---------------------------------------------------------------------------------------------
 
     def set_relation(self, subj: Any, pred: str, obj: Any, value: bool = True) -> bool:
-        """Adds (`value` true) or removes a relation; also the relations under it are removed. Returns True.
+        """Adds (`value` true) or removes a relation; also its subproperties are removed. Returns True.
 
-        :raises WmException: an element does not exist, or the scene would contain itself.
+        It is kept in the context of the subject.
+
+        :param subj, obj: elements of any context, or individuals of the ontologies.
+        :raises WmException: an element does not exist in any context, or the scene would contain itself.
         """
         self._transact([Relate(_id(subj), self._name(pred), _id(obj), value)], _SCENE)
         return True
@@ -221,26 +243,30 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     def get_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
         """The relations whose predicate is that one or under it, as dicts; an empty part matches any.
 
-        A relation that a reasoner owns is asked of it.
+        Where subject and object are given, they are the subject's own: `src` is "-1". A relation that a reasoner owns
+        is asked of it.
         """
         if pred and self._computes(pred) is not None:
-            return self.get_reasoner_relations(subj, pred, obj)
-        return self._related(_id(subj), self._name(pred) if pred else "", _id(obj))
+            found = self.get_reasoner_relations(subj, pred, obj)
+        else:
+            found = self._related(_id(subj), self._name(pred) if pred else "", _id(obj))
+        return [{**r, "src": "-1"} for r in found] if _id(subj) and _id(obj) else found
 
-    def get_reasoner(self, pred: str) -> DiscreteReasoner | None:
-        """The reasoner called so, or that owns that code, property or relation; None when none does."""
-        return reasoners.find_written(pred)
+    def get_reasoner(self, pred: str) -> DiscreteReasoner:
+        """The reasoner called so, or that owns that code, property or relation.
+
+        :raises UnknownName: there is none.
+        """
+        return reasoners.get(pred)
 
     def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
         """The relations that a reasoner computes between two elements, as dicts.
 
         :param subj, obj: elements or ids; an abstract element stands for all elements like it.
         :param pred: the relation, or a reasoner's name for all of its relations.
-        :raises WmException: no reasoner owns that.
+        :raises UnknownName: no reasoner owns that.
         """
-        reasoner = self.get_reasoner(pred)
-        if reasoner is None:
-            raise WmException(f"no reasoner is called or owns {pred!r}; loaded: {', '.join(reasoners.names())}")
+        reasoner = reasoners.get(pred)
         by_name = pred == reasoner.__class__.__name__
         return [
             relation_dict(one.id, name, other.id)
@@ -253,41 +279,42 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         """Whether a relation, or one under it, holds (`state` true) or does not hold.
 
         :param subj, obj: elements or ids; an abstract element stands for some element of its class.
-        :param abstract: asks whether the ontologies allow it: by restrictions of the classes, or between templates.
+        :param abstract: asks whether the relation is stated anywhere between the two elements or their templates
+            (`skiros:Template`); of an element with neither id nor name, whether the class restrictions allow it.
         """
         subj, obj = self._element(subj), self._element(obj)
         pred = self._name(pred)
         if abstract:
-            return self._allowed(subj, pred, obj) == state
+            return self._stated(subj, pred, obj) == state
         if self._computes(pred) is not None:
             return bool(self.get_reasoner_relations(subj, pred, obj)) == state
         return self._holds(subj, pred, obj) == state
 
+    def allows_relation(self, subject_type: str, pred: str, object_type: str) -> bool:
+        """Whether the ontologies have a restriction by which a class may be so related to another."""
+        return self._ontology.allows(*map(self._name, (subject_type, pred, object_type)))
+
     def _resolve_elements2(
-        self, keys: Sequence[str], ph: Any, verbose: bool = False
-    ) -> dict[tuple[str, ...], list[tuple[Element, ...]]]:
-        """What some parameters may be: for the keys together, every combination of elements of the scene.
+        self, keys: str | Sequence[str], ph: Any, verbose: bool = False
+    ) -> dict[str | tuple[str, ...], Any]:
+        """The elements that some parameters may have together, so that the relations between them hold.
+
+        A parameter may have any element like its abstract one; a parameter with an element of the scene keeps it. A
+        relation noted on an abstract element names the key of another parameter, or an id.
 
         :param keys: one key or several.
-        :param ph: the parameters; one that holds an element of the scene stays as it is.
+        :returns: an array of elements under the key; for several an array of rows under the tuple of the keys.
         """
         names = (keys,) if isinstance(keys, str) else tuple(keys)
-        choices: list[list[Element]] = []
-        for key in names:
-            param = ph.getParam(key)
-            value = param.value if param.value is not None else param.default
-            if not isinstance(value, Element):
-                choices.append([])
-            else:
-                choices.append(self._matching(value, _SCENE) if value.isAbstract() else [value])
-            if verbose:
-                log.info("%s may be: %s", key, choices[-1])
-        return {names: list(itertools.product(*choices))}
+        found = combinations(self, names, ph)
+        if verbose:
+            log.info("%s may be: %s", ", ".join(names), found.tolist())
+        return {names[0]: found[:, 0]} if len(names) == 1 else {names: found}
 
     # -- shared ------------------------------------------------------------------------------------------------
 
     def _write(self, elements: Sequence[Element], context_id: str, before: Sequence[Operation]) -> list[str]:
-        given, operations = written(elements, lambda eid: self.find_element(eid, context_id) is not None)
+        given, operations = written(elements, lambda eid: self._exists(eid, context_id))
         operations = [*before, *operations]
         if operations:
             outcome = self._transact(operations, context_id)
@@ -295,6 +322,21 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         unchanged = [element for element in elements if element not in given]
         self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
         return [element.id for element in elements]
+
+    def _write_properties(self, e: Element, keys: frozenset[str] | None, context_id: str) -> str:
+        operations = written_properties(e, keys)
+        outcome = self._transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
+        left = changes_left(e, keys)
+        self._refresh([e], outcome, context_id, keep_children=True)
+        left.put_back(e)
+        return e.id
+
+    def _exists(self, eid: str, context_id: str) -> bool:
+        """Whether an id is an element of a context, or of any other one."""
+        return self.find_element(eid, context_id) is not None or self.find_element(eid, "") is not None
+
+    def _elements_of(self, cls: str, recursive: bool) -> list[str]:
+        return [e.id for e in self._matching(Element(cls), _SCENE) if recursive or e.type == cls]
 
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
         """Whether a relation of the scene, or one under it, holds."""
@@ -309,18 +351,21 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
                 return True
         return False
 
-    def _allowed(self, subj: Element, pred: str, obj: Element) -> bool:
-        """Whether the ontologies allow a relation between two elements, or have it between their templates."""
-        if obj.label and self._ontology.individuals_related(subj.label, pred, obj.label):
-            return True
-        if subj.id and obj.label and self._related(subj.id, pred, obj.label):
-            return True
-        return self._ontology.allows(self._name(subj.type), pred, self._name(obj.type))
+    def _stated(self, subj: Element, pred: str, obj: Element) -> bool:
+        """Whether a relation is stated between two elements or their templates; see `check_relation`."""
+        ones, others = _individuals(subj), _individuals(obj)
+        if not ones or not others:
+            return self.allows_relation(subj.type, pred, obj.type)
+        return any(
+            self._ontology.individuals_related(one, pred, other) or bool(self._related(one, pred, other))
+            for one in ones
+            for other in others
+        )
 
     def _computes(self, pred: str) -> DiscreteReasoner | None:
         """The reasoner that computes a relation, if one does."""
-        reasoner = self.get_reasoner(pred)
-        if reasoner is None or full_name(pred) not in map(full_name, reasoner.getAssociatedRelations()):
+        reasoner = reasoners.find_written(pred)
+        if reasoner is None or full_name(pred) not in map(full_name, relations_of(reasoner)):
             return None
         return reasoner
 
@@ -343,10 +388,10 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return self.get_element(e.id, context).id
 
     def _keys_of(self, reasoner: str) -> frozenset[str]:
-        found = self.get_reasoner(reasoner)
+        found = reasoners.find_written(reasoner)
         if found is None:
             raise WmException(f"there is no reasoner {reasoner!r}; loaded: {', '.join(reasoners.names()) or 'none'}")
-        return frozenset([*found.getAssociatedData(), REASONER_PROPERTY])
+        return frozenset([*map(full_name, data_of(found)), REASONER_PROPERTY])
 
     def _refresh(
         self, elements: Sequence[Element], outcome: Outcome, context: str, keep_children: bool = False
@@ -359,6 +404,15 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
                 element._id = eid  # it is gone again
             else:
                 element.adopt(fresh, keep_children)
+
+
+def _individuals(element: Element) -> list[str]:
+    """The names by which statements know an element: its template's, and its id.
+
+    An element without id goes by its label, if it does not say what template it is of.
+    """
+    template = element.value_of("skiros:Template") or ("" if element.id else element.label)
+    return [full_name(str(name)) for name in (template, element.id) if name]
 
 
 def _id(given: Any) -> str:

@@ -61,35 +61,31 @@ class OntologyInterface(OntologyAbstractInterface):
         """Whether the server answers now."""
         return self._query_service.is_there()
 
-    def lock(self) -> None:
-        """Takes the advisory lock of the world model; waits until it is free."""
+    def lock(self) -> bool:
+        """Takes the advisory lock of the world model; waits until it is free. Returns True."""
         answer = self._lock_service.call(SetBoolRequest(True))
         if not answer.success:
             raise WmException(f"the world model cannot be locked: {answer.message}")
+        return True
 
-    def unlock(self) -> None:
-        """Gives the advisory lock back.
+    def unlock(self) -> bool:
+        """Gives the advisory lock back. Returns False when nobody has it."""
+        return bool(self._lock_service.call(SetBoolRequest(False)).success)
 
-        :raises WmException: it was not taken.
-        """
-        answer = self._lock_service.call(SetBoolRequest(False))
-        if not answer.success:
-            raise WmException(f"the world model cannot be unlocked: {answer.message}")
-
-    def load(self, filename: str = "", context: str = "scene") -> None:
-        """Replaces a context with what a file of the server's workspace says.
+    def load(self, filename: str = "", context: str = "scene") -> bool:
+        """Replaces a context with what a file of the server's workspace says. Returns True.
 
         :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
         :raises WmException: the file is refused; the present content stays.
         """
-        self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
+        return self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
 
-    def save(self, filename: str = "", context: str = "scene") -> None:
-        """Writes a context to a file of the server's workspace, as Turtle; `filename` as for `load`.
+    def save(self, filename: str = "", context: str = "scene") -> bool:
+        """Writes a context to a file of the server's workspace, as Turtle; `filename` as for `load`. Returns True.
 
         :raises WmException: the file is refused.
         """
-        self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
+        return self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
 
     # -- what the shared calls are made of ---------------------------------------------------------------------
 
@@ -130,11 +126,11 @@ class OntologyInterface(OntologyAbstractInterface):
         mutations.note()
 
     def _fetch_ontology(self) -> Ontology:
-        rows = (row.split(" ") for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))
+        rows = (row.split() for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))
         return Ontology((row[0], row[1], row[2]) for row in rows if len(row) == 3)
 
-    def _files(self, action: str, filename: str, context: str) -> None:
-        self._file_service.call(srvs.WoLoadAndSaveRequest(action, filename, context), repeatable=False)
+    def _files(self, action: str, filename: str, context: str) -> bool:
+        return bool(self._file_service.call(srvs.WoLoadAndSaveRequest(action, filename, context), repeatable=False).ok)
 
     def _wait_for_server(self) -> None:
         waited = 0.0

@@ -8,11 +8,11 @@ from typing import Any
 
 import rospy
 
-from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.discrete_reasoner import reasoners
+from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_common.ros.utils import element2msg, msg2relation
-from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import Change, Operation, Outcome, snapshot_number
@@ -22,7 +22,7 @@ from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
-from skiros2_world_model.core.scene import Scene
+from skiros2_world_model.core.scene import ROOT, Provenance, Scene
 from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
@@ -86,14 +86,18 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             answer = self._get_service.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, _SCENE, nothing, "", ""))
             self._replica.reach(answer.snapshot_id)
 
-    def load(self, filename: str = "", context: str = _SCENE) -> None:
-        """Replaces a context with what a file of the server's workspace says; what was loaded can be read then.
+    def load(self, filename: str = "", context: str = _SCENE) -> bool:
+        """Replaces a context with what a file of the server's workspace says; it can be read then. Returns True.
 
         :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
         :raises WmException: the file is refused; the present content stays.
         """
-        super().load(filename, context)
+        loaded = super().load(filename, context)
         self.catch_up()
+        return loaded
+
+    def get_scene_name(self) -> str:
+        return str(rospy.get_param(f"{self._server}/init_scene", ""))
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
         """`cb(message)` is called with each `WmMonitor`, in the thread of the subscription; None ends that."""
@@ -115,6 +119,21 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
             if str(error) == no_element(eid, context_id):
                 return None
             raise
+
+    def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
+        reader = self._local(context_id)
+        return self.find_element(e.id, context_id) if reader is None else reader.refreshed(e, context_id)
+
+    def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
+        reader = self._local(context_id)
+        if reader is not None:
+            return reader.removal(eid, context_id)
+        try:
+            entries = self.history(eid, limit=1, context_id=context_id)
+        except WmException:
+            return None  # no journal, or never such an element
+        gone = [entry for entry in entries if entry.before and not entry.after]
+        return Provenance(gone[0].number, gone[0].stamp, gone[0].author) if gone else None
 
     def leave_will(self, bequests: Sequence[Bequest]) -> None:
         self._last_will_service.call(will_request(bequests))
@@ -174,6 +193,17 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     # -- what the shared calls are made of ---------------------------------------------------------------------
 
+    def _scene_now(self) -> tuple[list[Element], str]:
+        reader = self._local(_SCENE)
+        if reader is not None and self._replica is not None:
+            with self._replica.lock:
+                return reader.branch(ROOT, "skiros:sceneProperty", "", _SCENE), self._replica.snapshot_id
+        request = srvs.WmGetRequest(
+            srvs.WmGetRequest.GET_RECURSIVE, _SCENE, msgs.WmElement(id=ROOT), "skiros:sceneProperty", ""
+        )
+        answer = self._get_service.call(request)
+        return _given(answer), str(answer.snapshot_id)
+
     def _matching(self, wanted: Element, context: str) -> list[Element]:
         reader = self._local(context)
         if reader is not None:
@@ -192,7 +222,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
         reader = self._local(_SCENE)
-        if reader is not None:
+        if reader is not None and (not src or reader.has(src, _SCENE)):
             return reader.related(src, pred, dst, _SCENE)
         request = srvs.WmQueryRelationsRequest(msgs.Relation(src, pred, dst))
         return [msg2relation(m) for m in self._relations_service.call(request).matches]
@@ -271,20 +301,16 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         self, action: str, context: str, asked: Any, relation_filter: str = "", type_filter: str = ""
     ) -> list[Element]:
         request = srvs.WmGetRequest(action, context, asked, relation_filter, type_filter)
-        answer = self._get_service.call(request)
-        number = snapshot_number(answer.snapshot_id)
-        return [msg2given_element(m, number) for m in answer.elements]
+        return _given(self._get_service.call(request))
+
+
+def _given(answer: Any) -> list[Element]:
+    """The elements in an answer of `WmGet`."""
+    number = snapshot_number(answer.snapshot_id)
+    return [msg2given_element(m, number) for m in answer.elements]
 
 
 def load_reasoners(server: str) -> None:
     """Makes the reasoners that the server uses known in this process, where they are installed."""
-    loader = PluginLoader()
-    for package in text_list(f"{server}/reasoners_pkgs"):
-        try:
-            found = loader.load(package, DiscreteReasoner)
-        except ConfigurationError as error:
-            log.warning("the world model uses reasoners of %s: %s", package, error)
-            continue
-        for plugin in found:
-            if plugin.__name__ not in reasoners.names():
-                reasoners.add(plugin())
+    for reasoner in available_reasoners(text_list(f"{server}/reasoners_pkgs"), reasoners.names()):
+        reasoners.add(reasoner)

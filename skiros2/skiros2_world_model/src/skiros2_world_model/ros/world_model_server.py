@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import rospy
 
-from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.ending import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
@@ -99,7 +99,7 @@ class WorldModelServer:
 
     def _on_query_relations(self, request: Any) -> Any:
         asked = request.relation
-        found = self._model.reader.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId), SCENE)
+        found = self._model.related(_any(asked.subjectId), _any(asked.predicate), _any(asked.objectId))
         return srvs.WmQueryRelationsResponse([relation2msg(r) for r in found])
 
     def _on_history(self, request: Any) -> Any:
@@ -111,7 +111,7 @@ class WorldModelServer:
         known = (request.ADD, request.UPDATE, request.UPDATE_PROPERTIES, request.REMOVE, request.REMOVE_RECURSIVE)
         if request.action not in known:
             raise WrongValue(f"unknown action {request.action!r}; known: {', '.join(known)}")
-        operations = [self._operation(request, element) for element in request.elements]
+        operations = _all_read(lambda element: self._operation(request, element), request.elements)
         outcome = self._model.transact(operations, request.author, request.context or SCENE)
         if request.action in (request.REMOVE, request.REMOVE_RECURSIVE):
             return srvs.WmModifyResponse(request.elements)
@@ -132,7 +132,7 @@ class WorldModelServer:
         return Remove(message.id, True, relation_filter, request.type_filter)
 
     def _on_transaction(self, request: Any) -> Any:
-        operations = [msg2operation(m) for m in request.operations]
+        operations = _all_read(msg2operation, request.operations)
         outcome: Outcome = self._model.transact(operations, request.author, request.context or SCENE)
         return srvs.WmTransactionResponse(outcome.ids, [self._message(c) for c in outcome.changes])
 
@@ -178,7 +178,7 @@ class WorldModelServer:
 def serve_world_model() -> None:
     """The program of the world model node: until shutdown.
 
-    :raises ConfigurationError: a folder, scene, context or reasoner is missing or cannot be read.
+    :raises ConfigurationError: a folder or reasoner is missing or cannot be read, or a parameter makes no sense.
     """
     scene = str(rospy.get_param("~init_scene", "")).strip()
     further = (entry.strip().partition(" ") for entry in text_list("~load_contexts"))
@@ -186,7 +186,8 @@ def serve_world_model() -> None:
     initial += [(context, filename.strip()) for context, _, filename in further]
     strict = bool(rospy.get_param("~strict", False))
     journal = open_journal(workspace_folder(), initial)
-    model = WorldModel(ontology_folder(), workspace_folder(), strict, journal, initial, triple_store())
+    folders = ontology_folder(), workspace_folder()
+    model = WorldModel(*folders, strict, journal, initial, triple_store(), blank_on_error=True)
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
     _last_wills = LastWillService(LastWills(model, journal))
@@ -205,6 +206,25 @@ def _scene_element(node: Node, outgoing: Iterable[tuple[str, str, str]]) -> Any:
     message = element2msg(Element.shared(node.type, node.label, node.id, node.properties, ()))
     message.relations = [msgs.Relation("-1", pred, dst) for _, pred, dst in outgoing]
     return message
+
+
+def _all_read(read: Callable[[Any], Operation], messages: Iterable[Any]) -> list[Operation]:
+    """The operations that messages tell.
+
+    :raises SkirosError: some cannot be read; the text has all problems.
+    """
+    operations: list[Operation] = []
+    errors: list[SkirosError] = []
+    for message in messages:
+        try:
+            operations.append(read(message))
+        except SkirosError as error:
+            errors.append(error)
+    if len(errors) > 1:
+        raise WrongValue("; ".join(map(str, errors)))
+    if errors:
+        raise errors[0]
+    return operations
 
 
 def _any(name: str) -> str:

@@ -3,6 +3,9 @@
 - Ids of tasks and of goals, stamps, times and the frames' time stamps: not compared.
 - Numbers that were measured, in texts and in properties: within a tolerance. A number in a text counts as measured when
   it has a decimal point or a per cent sign; other numbers, such as those in ids, are compared as they are.
+- The labels of a task's root, which has the task's id, and of groups.
+- How a root or a compound without messages of its own reports success: any of `PLAIN_ENDS`.
+- The leading slash of a skill manager's name in the scene.
 - Of a traceback, the last line: where in a file the error was raised is not compared.
 """
 
@@ -16,6 +19,15 @@ from typing import Any
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Change
+
+#: The types of a task's root, and of nodes that only group others.
+ROOT_TYPE, GROUP_TYPE = ":Root", ":Skill"
+
+#: The property with the name of a robot's skill manager, with a slash in older bags.
+_MANAGER = "skiros:SkillMgr"
+
+#: The codes and messages with which nodes that have children report success, in bags of any age.
+PLAIN_ENDS = frozenset({(0, ""), (1, "Success"), (1, "End")})
 
 #: Properties that are other ones at each run.
 STAMPS = frozenset({"skiros:TfTimeStamp"})
@@ -72,6 +84,8 @@ def element_differences(
         lines.append(f"is {got.type} {got.label!r}, expected {expected.type} {expected.label!r}")
     for key in sorted({*expected._props, *got._props} - set(ignored)):
         wanted, found = (e._props[key].values if key in e._props else [] for e in (expected, got))
+        if key == _MANAGER:
+            wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
         if not same_values(wanted, found, tolerance):
             lines.append(f"{key} is {_shown(found)}, expected {_shown(wanted)}")
     wanted_relations, found_relations = _relations(expected), _relations(got)
@@ -100,7 +114,8 @@ def _shortened(text: str) -> str:
     if _TRACEBACK not in text:
         return text
     before, _, after = text.partition(_TRACEBACK)
-    return before + after.rstrip().rpartition("\n")[2]
+    raised = after.rstrip().rpartition("\n")[2]
+    return before.partition(raised)[0] + raised  # before it stands the same, with the line that raised it
 
 
 def _same_number(one: str, other: str, tolerance: Tolerance) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import Message
+from skiros2_bags.core.normal import GROUP_TYPE, ROOT_TYPE
 
 #: The names of the states on the wire.
 STATES = {1: "Success", 2: "Failure", 3: "Running", 4: "Idle"}
@@ -54,8 +55,10 @@ class NodeTrace:
 
     @property
     def name(self) -> str:
-        """The label, or the type of a node that has none."""
-        return self.label or self.type
+        """The label; "root" for a root; the type of a group and of a node without label."""
+        if self.type == ROOT_TYPE:
+            return "root"
+        return self.label if self.label and self.type != GROUP_TYPE else self.type
 
     def state_changes(self) -> list[NodeState]:
         """The states without those that have only another code or message than the one before."""

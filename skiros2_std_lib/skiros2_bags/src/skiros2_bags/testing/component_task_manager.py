@@ -18,6 +18,7 @@ from skiros2_bags.testing.past_world import requests_of, scene_before, world_of
 from skiros2_bags.testing.recording import Acted, Recording
 from skiros2_bags.testing.system_nodes import start_task_manager, start_world_model
 from skiros2_common.core.errors import TimedOut, WrongValue
+from skiros2_common.core.names import same_node
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_skill.ros.utils import deserialize_skill
@@ -123,10 +124,10 @@ def _answer(result: Any) -> Answer:
 
 def _held(step: Any) -> Call:
     arguments = {
-        (key, value.id or value.label or value.type)
+        (key, value.id or value.label)
         for key, param in step.ph.items()
         for value in param.values
-        if isinstance(value, Element)
+        if isinstance(value, Element) and (value.id or value.label)  # else a default that the plan leaves open
     }
     return Call(step.name, step.manager, frozenset(arguments))
 
@@ -155,7 +156,7 @@ def _step(task: PlanningTask, call: Call) -> PlanStep:
     """
     values = dict(call.arguments)
     for action in task.actions:
-        robots = [robot for robot, manager in action.managers if manager == call.manager]
+        robots = [robot for robot, manager in action.managers if same_node(manager, call.manager)]
         if action.skill.label != call.label or not robots:
             continue
         arguments = [robots[0] if v.name == action.robot else values.get(v.key, "") for v in action.variables]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from skiros2_bags.core.normal import Tolerance, same_text
+from skiros2_bags.core.normal import GROUP_TYPE, PLAIN_ENDS, ROOT_TYPE, Tolerance, same_text
 from skiros2_bags.testing.recording import Seen
 
 #: So many lines of what came before are shown.
@@ -67,12 +67,18 @@ def same_node(one: Seen, other: Seen, tolerance: Tolerance, *, code: bool = True
 
     :param code: whether their progress codes are compared too; those of steps count ticks.
     """
-    return (
-        (one.place, one.type, one.label, one.processor, one.state)
-        == (other.place, other.type, other.label, other.processor, other.state)
-        and (not code or one.code == other.code)
-        and same_text(one.message, other.message, tolerance)
-    )
+    if (one.place, one.type, one.processor, one.state) != (other.place, other.type, other.processor, other.state):
+        return False
+    if one.label != other.label and one.type not in (ROOT_TYPE, GROUP_TYPE):
+        return False
+    if both_end_plainly(one, other):
+        return True
+    return (not code or one.code == other.code) and same_text(one.message, other.message, tolerance)
+
+
+def both_end_plainly(one: Seen, other: Seen) -> bool:
+    """Whether both nodes succeeded without a message of their own."""
+    return all(n.state == "S" and (n.code, n.message) in PLAIN_ENDS for n in (one, other))
 
 
 def node_text(node: Seen | None) -> str:

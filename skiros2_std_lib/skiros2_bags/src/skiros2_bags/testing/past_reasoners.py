@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import REASONER_PROPERTY
-from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_common.ros.reasoners import new_reasoners
+from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.reasoners import new_reasoners
 
 #: As the launch files have it.
 PACKAGES = ("skiros2_std_reasoners",)
 
 
 def add_reasoners(model: WorldModel, packages: Sequence[str] = PACKAGES) -> None:
-    """Adds the reasoners that elements of the scene name, without their threads: what those wrote is recorded.
+    """Adds the reasoners that elements of the scene name, without their loops: what those wrote is recorded.
 
     :param packages: where they are.
-    :raises ConfigurationError: a package does not exist, or has a module that cannot be imported.
+    :raises ConfigurationError: a package does not exist.
     """
     scene = model.scene()
     naming = (node.properties[REASONER_PROPERTY] for node in scene if REASONER_PROPERTY in node.properties)
@@ -29,5 +29,7 @@ def add_reasoners(model: WorldModel, packages: Sequence[str] = PACKAGES) -> None
         name = reasoner.__class__.__name__
         if name in named:
             reasoners.add(reasoner)
-            reasoner.init(LocalWorldModel(name, model))
+            reasoner.init(ReasonerWorldModel(model))
             model.add_reasoner(reasoner)
+            reasoner.run = lambda: None  # type: ignore[method-assign]
+            reasoner.execute()

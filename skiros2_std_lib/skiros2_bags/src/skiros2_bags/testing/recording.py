@@ -15,6 +15,7 @@ import roslib.message
 from skiros2_bags.core.contract_types import MONITOR, PROGRESS
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.message import Message
+from skiros2_bags.core.normal import GROUP_TYPE, ROOT_TYPE
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.selection import PARAMETERS
 from skiros2_bags.core.world_changes import read_change
@@ -54,7 +55,9 @@ class Seen:
 
     @property
     def name(self) -> str:
-        return self.label or self.type.rpartition(":")[2] or self.processor
+        if self.type == ROOT_TYPE:
+            return "root"
+        return self.label if self.label and self.type != GROUP_TYPE else self.type.rpartition(":")[2] or self.processor
 
 
 @dataclass(frozen=True)

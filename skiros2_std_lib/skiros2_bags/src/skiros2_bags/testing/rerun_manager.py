@@ -16,6 +16,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.manager_names import runs_on
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -49,7 +50,7 @@ class RerunManager:
         :raises BagError: the scene has none for this manager.
         """
         for robot in self.wmi.resolve_elements(Element("cora:Robot")):
-            if robot.hasProperty("skiros:SkillMgr", self.name):
+            if runs_on(robot, self.name):
                 found: Element = robot
                 return found
         raise BagError(f"the recorded scene has no robot of the skill manager {self.name}")

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_bags.core.normal import Tolerance, change_differences, element_differences, same_text, summary
-from skiros2_bags.testing.divergence import CONTEXT, Divergence, path_of
+from skiros2_bags.testing.divergence import CONTEXT, Divergence, both_end_plainly, path_of
 from skiros2_bags.testing.recording import Changed, Events, Seen, Told
 from skiros2_bags.testing.task_runs import TaskRun, changes_of_tasks, task_runs
 from skiros2_common.core.world_element import Element
@@ -123,7 +123,7 @@ def _same(one: Step, other: Step, tolerance: Tolerance) -> bool:
     a, b = one.node, other.node
     if (one.path, a.place, a.type, a.state) != (other.path, b.place, b.type, b.state):
         return False
-    if a.state not in "SF":
+    if a.state not in "SF" or both_end_plainly(a, b):
         return True
     return (a.code == b.code or a.code >= 0 <= b.code) and same_text(a.message, b.message, tolerance)
 

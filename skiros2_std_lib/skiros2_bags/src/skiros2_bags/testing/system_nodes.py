@@ -12,6 +12,7 @@ from skiros2_bags.testing.lab import Lab
 from skiros2_bags.testing.past_world import whole_scene
 from skiros2_bags.testing.recording import Recording
 from skiros2_msgs import srv as srvs
+from skiros2_skill.core.manager_names import SKILL_MGR, matching_name
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.wire import operation2msg
 
@@ -54,7 +55,9 @@ def _private(recording: Recording, node: str) -> dict[str, Any]:
 
 def _manager_parameters(recording: Recording, manager: str, scene: Scene) -> dict[str, Any]:
     robots = [
-        n for n in scene if "skiros:SkillMgr" in n.properties and manager in n.properties["skiros:SkillMgr"].values
+        n
+        for n in scene
+        if SKILL_MGR in n.properties and any(matching_name(v, [manager]) for v in n.properties[SKILL_MGR].values)
     ]
     if not robots:
         raise BagError(f"{recording.path}: the recorded scene has no robot of the skill manager {manager}")

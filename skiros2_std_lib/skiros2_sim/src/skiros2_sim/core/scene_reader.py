@@ -53,7 +53,7 @@ def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
     folder = Path(workspace)
     model = WorldModel(source_ontologies(), folder, initial=[("scene", str(file))])
     world_model = LocalWorldModel("simulator", model)
-    return read_scene(world_model.get_scene(), world_model.is_subclass, (folder,))
+    return read_scene(world_model.get_scene_elements(), world_model.is_subclass, (folder,))
 
 
 def read_scene(

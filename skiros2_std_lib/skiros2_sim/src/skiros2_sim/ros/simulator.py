@@ -166,7 +166,7 @@ def main() -> None:
     folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
     initial = [("scene", options.scene)] if options.scene else []
     model = WorldModel(ontology_folder(), folder, initial=initial)
-    elements = LocalWorldModel("simulator", model).get_scene()
+    elements = LocalWorldModel("simulator", model).get_scene_elements()
     scene = read_scene(elements, model.ontology.is_subclass, (folder,))
     world = _made(scene, options)
     for problem in world.problems:

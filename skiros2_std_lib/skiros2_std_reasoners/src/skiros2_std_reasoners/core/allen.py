@@ -1,7 +1,8 @@
-"""Allen's interval algebra: how two intervals lie to each other.
+"""Allen's interval algebra, as SkiROS2 computes it between the edges of boxes.
 
-J. F. Allen, Maintaining knowledge about temporal intervals, Communications of the ACM 26(11), 1983. Here the intervals
-are the edges of boxes, and ends that are closer than a tolerance count as equal.
+J. F. Allen, Maintaining knowledge about temporal intervals, Communications of the ACM 26(11), 1983. Exact comparisons
+decide first; ends that are nearly the same then count as equal (`same`). So two intervals that differ by less than the
+tolerance are `eq` or, when the first one ends later, `si`.
 """
 
 from __future__ import annotations
@@ -9,44 +10,32 @@ from __future__ import annotations
 #: Before, meets, overlaps, starts, during, finishes, equal, and the inverses.
 RELATIONS = ("p", "m", "o", "s", "d", "f", "eq", "pi", "mi", "oi", "si", "di", "fi")
 
+#: Lengths closer than this are the same (m), as are lengths that differ by less than this part of the longer one.
+LENGTH_TOLERANCE = 0.001
+_RELATIVE_TOLERANCE = 1e-6
+
 Interval = tuple[float, float]
+Metric = float | list[float]
 
 
-def relation(a: Interval, b: Interval, tolerance: float) -> str:
-    """The one of `RELATIONS` in which `a` stands to `b`.
-
-    An interval without length is a point: at an end of the other one it starts or finishes it.
-    """
-    starts = _compare(a[0], b[0], tolerance)
-    ends = _compare(a[1], b[1], tolerance)
-    if starts == 0 and ends == 0:
-        return "eq"
-    if starts == 0:
-        return "s" if ends < 0 else "si"
-    if ends == 0:
-        return "f" if starts > 0 else "fi"
-    after = _compare(a[1], b[0], tolerance)
-    if after <= 0:
-        return "p" if after < 0 else "m"
-    before = _compare(a[0], b[1], tolerance)
-    if before >= 0:
-        return "pi" if before > 0 else "mi"
-    if starts < 0:
-        return "o" if ends < 0 else "di"
-    return "d" if ends < 0 else "oi"
+def relation(a: Interval, b: Interval) -> tuple[str, Metric]:
+    """The one of `RELATIONS` in which `a` stands to `b`, with the distance or distances between their ends."""
+    (a1, a2), (b1, b2) = a, b
+    if a2 <= b2:
+        if a2 <= b1:
+            return ("m", 0.0) if same(a2, b1) else ("p", b1 - a2)
+        if a1 > b1:
+            return ("f", a1 - b1) if same(a2, b2) else ("d", [a1 - b1, b2 - a2])
+        if same(a1, b1):
+            return ("eq", 0.0) if same(a2, b2) else ("s", b2 - a2)
+        return ("fi", b1 - a1) if same(a2, b2) else ("o", [b1 - a1, a2 - b1, b2 - a2])
+    if a1 > b2:
+        return "pi", a1 - b2
+    if a1 <= b1:
+        return ("si", a2 - b2) if same(a1, b1) else ("di", [b1 - a1, a2 - b2])
+    return ("mi", 0.0) if same(a1, b2) else ("oi", [a1 - b1, b2 - a1, a2 - b2])
 
 
-def distances(name: str, a: Interval, b: Interval) -> float | tuple[float, float]:
-    """How far the intervals are from each other.
-
-    For intervals that are apart or meet, the gap; for others, from start to start and from end to end.
-    """
-    if name in ("p", "m"):
-        return b[0] - a[1]
-    if name in ("pi", "mi"):
-        return a[0] - b[1]
-    return b[0] - a[0], b[1] - a[1]
-
-
-def _compare(a: float, b: float, tolerance: float) -> int:
-    return 0 if abs(a - b) <= tolerance else (1 if a > b else -1)
+def same(x: float, y: float) -> bool:
+    """Whether two lengths count as equal."""
+    return abs(x - y) <= max(_RELATIVE_TOLERANCE * max(abs(x), abs(y)), LENGTH_TOLERANCE)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any, Protocol
 
+from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed
@@ -24,6 +25,7 @@ log = logging.getLogger(__name__)
 _NOTICEABLE = 1e-4
 
 _SPATIAL = "skiros:spatiallyRelated"
+_REASONER = "skiros:DiscreteReasoner"
 
 
 class FrameTree(Protocol):
@@ -64,18 +66,33 @@ class PoseKeeper:
 
     # -- changes of the world model ----------------------------------------------------------------------------
 
+    def read_scene(self) -> None:
+        """Tracks the elements of the scene as it is now, and no others; completes them as `parse` does.
+
+        :raises SkirosError: the world model refuses.
+        """
+        wanted = Element.shared("", "", "", {_REASONER: Property(_REASONER, self._reasoner)}, ())
+        with self.wmi.guard:
+            for frame in self.tracker.all():
+                self._forget(frame.id)
+            elements = self.wmi.resolve_elements(wanted)
+            for element in elements:
+                self.parse(element, "update")
+            completed = [element for element in elements if element.changes()]
+            if completed:
+                self.wmi.update_elements(completed, self._reasoner)
+
     def parse(self, element: Element, action: str) -> None:
         """Gives a new element its frame, and an element with another parent the pose in that one's frame.
 
+        Elements that do not name the reasoner are ignored.
+
         :param action: `add`, `update` or `remove`.
         """
-        before = self.tracker.get(element.id)
-        if action == "remove":
-            self.tracker.drop(element.id)
-            self._restructured.put(element.id)
-            if before is not None:
-                self._frames.drop(before.name)
+        if action == "remove" or not element.hasProperty(_REASONER, self._reasoner):
+            self._forget(element.id)
             return
+        before = self.tracker.get(element.id)
         now = self._time_of(element, before)
         if not space.text(element, space.FRAME):
             space.set_text(element, space.FRAME, element.id)
@@ -94,6 +111,13 @@ class PoseKeeper:
         if frame.is_own and (before is None or not _same_place(before, frame)):
             assert frame.pose is not None
             self._frames.put(frame.base, frame.name, frame.pose)
+
+    def _forget(self, eid: str) -> None:
+        frame = self.tracker.get(eid)
+        if frame is not None:
+            self.tracker.drop(eid)
+            self._restructured.put(eid)
+            self._frames.drop(frame.name)
 
     def on_change(self, change: Any) -> None:
         """Notes where parents of elements may have changed that are not parsed for it: below ones without a pose."""
@@ -141,7 +165,7 @@ class PoseKeeper:
         if changed:
             self._computed.frames = computed
             try:
-                self.wmi.update_elements(changed)
+                self.wmi.update_elements(changed, self._reasoner)
             finally:
                 self._computed.frames = {}
 
@@ -153,7 +177,7 @@ class PoseKeeper:
     # -- parents -----------------------------------------------------------------------------------------------
 
     def _spatial(self) -> list[str]:
-        return [_SPATIAL, *self.wmi.get_sub_properties(_SPATIAL)]
+        return [str(name) for name in self.wmi.get_sub_properties(_SPATIAL)]
 
     def _parent_frame(self, element: Element) -> str:
         """The frame of the nearest element above that has one, "" when there is none."""
@@ -165,7 +189,7 @@ class PoseKeeper:
             above = self.wmi.find_element(eid) if eid not in seen else None
             seen.add(eid)
             if above is not None:
-                if above.hasProperty("skiros:DiscreteReasoner", self._reasoner):
+                if above.hasProperty(_REASONER, self._reasoner):
                     return space.text(above, space.FRAME) or str(above.id)
                 waiting += [r["src"] for r in above.getRelations("", relations, "-1")]
         return ""

@@ -1,18 +1,16 @@
-"""The spatial relations between two boxes: one of Allen's on each axis, and equal or other orientation."""
+"""The spatial relations between two boxes: one of Allen's on each axis, and equal or different orientation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from skiros2_std_reasoners.core import allen
-from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between, half_extents
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between
 
-#: Lengths closer than this are equal (m), and angles (rad).
-LENGTH_TOLERANCE = 0.001
+#: Angles up to this one are equal (rad).
 ANGLE_TOLERANCE = 0.05
 
-#: The answer when it is not known where the two are to each other.
+#: The answer when the pose of one relative to the other is not known.
 UNKNOWN = ":unknownT"
 SAME_ANGLE, OTHER_ANGLE = ":eqA", ":pA"
 
@@ -22,20 +20,18 @@ ALL = (*(f":{name}{axis}" for axis in "XYZ" for name in allen.RELATIONS), SAME_A
 
 def relations_between(
     relative: Pose | None, subject_size: Sequence[float], object_size: Sequence[float]
-) -> list[tuple[str, Any]]:
+) -> list[tuple[str, allen.Metric]]:
     """The relations from a subject to an object, each with its distance or distances (m, rad).
 
-    :param relative: where the object is in the subject's frame; None: not known.
-    :param subject_size, object_size: the edges of the boxes around them, along the axes of their own frames (m).
+    :param relative: the object's pose in the subject's frame; None: not known.
+    :param subject_size, object_size: the edges of the boxes, both along the axes of the subject's frame (m).
     """
     if relative is None:
-        return [(UNKNOWN, None)]
-    found: list[tuple[str, Any]] = []
-    extents = half_extents(relative.orientation, object_size)
-    for axis, edge, centre, extent in zip("XYZ", subject_size, relative.position, extents, strict=True):
-        own, other = (-edge / 2, edge / 2), (centre - extent, centre + extent)
-        name = allen.relation(own, other, LENGTH_TOLERANCE)
-        found.append((f":{name}{axis}", allen.distances(name, own, other)))
+        return [(UNKNOWN, -1.0)]
+    found: list[tuple[str, allen.Metric]] = []
+    for axis, own, other, centre in zip("XYZ", subject_size, object_size, relative.position, strict=True):
+        name, metric = allen.relation((-own / 2, own / 2), (centre - other / 2, centre + other / 2))
+        found.append((f":{name}{axis}", metric))
     angle = angle_between(IDENTITY.orientation, relative.orientation)
     found.append((SAME_ANGLE if angle <= ANGLE_TOLERANCE else OTHER_ANGLE, angle))
     return found

@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_std_reasoners.core.geometry import Pose, normalized
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, normalized
 
 POSITION = ("skiros:PositionX", "skiros:PositionY", "skiros:PositionZ")
 ORIENTATION = ("skiros:OrientationX", "skiros:OrientationY", "skiros:OrientationZ", "skiros:OrientationW")
@@ -42,12 +42,20 @@ def is_true(element: Element, key: str) -> bool:
 
 def pose_of(element: Element) -> Pose | None:
     """The pose in the frame `skiros:BaseFrameId`; None when a part is missing or not finite."""
-    found = numbers(element, (*POSITION, *ORIENTATION))
-    values = [v for v in found if v is not None and math.isfinite(v)]
-    if len(values) != 7:
+    position, orientation = _finite(element, POSITION), _finite(element, ORIENTATION)
+    if position is None or orientation is None:
         return None
-    x, y, z = values[:3]
-    return Pose((x, y, z), normalized(values[3:]))
+    x, y, z = position
+    return Pose((x, y, z), normalized(orientation))
+
+
+def placement_of(element: Element) -> Pose | None:
+    """As `pose_of`, where a missing orientation is no rotation."""
+    position = _finite(element, POSITION)
+    if position is None:
+        return None
+    x, y, z = position
+    return Pose((x, y, z), normalized(_finite(element, ORIENTATION) or IDENTITY.orientation))
 
 
 def set_pose(element: Element, pose: Pose) -> None:
@@ -76,12 +84,17 @@ def set_numbers(element: Element, keys: Sequence[str], values: Any) -> None:
         except (TypeError, ValueError):
             raise WrongType(f"{element!r}: expected numbers for {keys[0]} ..., got {value!r}") from None
     for key, number in zip(keys, converted, strict=True):
-        element.setProperty(key, float if number is None else number, None if number is None else "xsd:float")
+        element.setProperty(key, number, "xsd:float")
 
 
 def set_text(element: Element, key: str, value: str) -> None:
     """Writes a text."""
     element.setProperty(key, value, "xsd:string")
+
+
+def _finite(element: Element, keys: Sequence[str]) -> list[float] | None:
+    found = [v for v in numbers(element, keys) if v is not None and math.isfinite(v)]
+    return found if len(found) == len(keys) else None
 
 
 def _number(value: Any) -> float | None:

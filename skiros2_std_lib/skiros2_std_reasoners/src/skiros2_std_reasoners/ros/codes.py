@@ -28,8 +28,8 @@ def _numbers(keys: Sequence[str]) -> Code:
     return Code(keys, lambda e: space.numbers(e, keys), lambda e, value: space.set_numbers(e, keys, value))
 
 
-def _get_pose(element: Element) -> list[list[float | None]]:
-    return [space.numbers(element, space.POSITION), space.numbers(element, space.ORIENTATION)]
+def _get_pose(element: Element) -> tuple[list[float | None], list[float | None]]:
+    return space.numbers(element, space.POSITION), space.numbers(element, space.ORIENTATION)
 
 
 def _set_pose(element: Element, value: Any) -> None:

@@ -40,6 +40,8 @@ class Transforms:
         self._subscribers: list[Any] = []
         self._own: set[str] = set()
         self._gone: set[str] = set()
+        #: The frames that other nodes have published.
+        self.elsewhere: set[str] = set()
         self._sent: deque[bytes] = deque(maxlen=_OWN_MESSAGES)
 
     def listen(self) -> bool:
@@ -60,6 +62,7 @@ class Transforms:
     def put(self, base: str, name: str, pose: Pose) -> None:
         """A frame of our own: from now on it is there at any time, until it is put elsewhere."""
         self._own.add(_legal(name))
+        self._gone.discard(_legal(name))
         if _legal(base) and _legal(name):
             self._set(transform_message(base, name, pose, rospy.Time(0)), True)
 
@@ -104,8 +107,11 @@ class Transforms:
     def _on_tf(self, message: Any, static: bool) -> None:
         if getattr(message, "content", None) in self._sent:
             return
+        is_ours = (getattr(message, "_connection_header", None) or {}).get("callerid") == rospy.get_name()
         for transform in message.transforms:
             name = _legal(transform.child_frame_id)
+            if not is_ours:
+                self.elsewhere.add(name)
             if name not in self._own:
                 self._gone.discard(name)
                 self._set(transform, static)

@@ -1,0 +1,35 @@
+"""The name of a skill manager: of its node with a slash, in scenes without one or with one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from skiros2_common.core.world_element import Element
+
+#: The property of a robot that names its manager.
+SKILL_MGR = "skiros:SkillMgr"
+
+
+def bare_name(name: str) -> str:
+    """The last part of a node's name, which scenes have: `robot` of `/robot`."""
+    return name.rpartition("/")[2]
+
+
+def manager_of(robot: Element) -> str:
+    """The name that a robot's element has for its manager, as a node's name, with its slash; "" when it has none."""
+    name = robot.value_of(SKILL_MGR) if robot.hasProperty(SKILL_MGR, not_none=True) else None
+    return f"/{str(name).lstrip('/')}" if name else ""
+
+
+def runs_on(robot: Element, manager: str) -> bool:
+    """Whether a robot's element names this manager, with its slash or without."""
+    return bool(manager) and matching_name(manager_of(robot), [manager]) == manager
+
+
+def matching_name(name: str, nodes: Iterable[str]) -> str:
+    """The node that a name is for: the same name, with its slash or without, or else its last part; "" for none."""
+    nodes = list(nodes)
+    wanted = f"/{name.lstrip('/')}"
+    if wanted in nodes:
+        return wanted
+    return next((node for node in nodes if name and bare_name(node) == name.strip("/")), "")

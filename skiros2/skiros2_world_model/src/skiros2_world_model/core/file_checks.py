@@ -1,0 +1,121 @@
+"""Checks of a file: everything that is wrong in it at once, with its line and what was done about it."""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from skiros2_common.core.errors import SkirosError, WrongValue
+from skiros2_common.core.names import local_name
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
+
+log = logging.getLogger(__name__)
+
+KEPT = "kept"
+LEFT_OUT = "left out"
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """Something in a file that is not as it should be, and what loading it does about that."""
+
+    finding: Finding
+    done: str
+
+
+class CollectingChecks(Checks):
+    """Checks that note what is wrong and go on."""
+
+    def __init__(self, base: OntologyBase, origin: str, strict: bool) -> None:
+        super().__init__(base.index, base.prefixes, origin, strict)
+        self.flaws: list[Flaw] = []
+
+    @property
+    def findings(self) -> list[Finding]:
+        return [flaw.finding for flaw in self.flaws]
+
+    def refuse(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
+        text = str(error).removeprefix(f"{self._origin}: ")
+        if text.startswith((f"{who}: ", f"{who} {what} ")):  # the element, or the relation, which is told beside it
+            text = text.partition(": ")[2]
+        text = text.removeprefix(f"{what}: ")
+        self.flaws.append(Flaw(Finding(VIOLATION, self._origin, who, what, text), done))
+
+    def finish(self) -> None:
+        severity = VIOLATION if self._strict else WARNING
+        for (kind, name), users in self._unknown.items():
+            element, *place = users[0].split(" ")  # an element, or a relation
+            prop = place[0] if place else name if kind in ("property", "relation") else ""
+            others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
+            finding = Finding(severity, self._origin, element, prop, f"unknown {kind} {name}{others}")
+            self.flaws.append(Flaw(finding, KEPT))
+
+
+class FileChecks(CollectingChecks):
+    """Checks of a file that is loaded: flaws are one warning; with `strict` they refuse the file."""
+
+    def __init__(self, base: OntologyBase, path: Path, strict: bool) -> None:
+        super().__init__(base, str(path), strict)
+        self._path = path
+
+    def finish(self) -> None:
+        """Warns of all flaws at once.
+
+        :raises WrongValue: there are some, and the checks are strict; the text has all of them.
+        """
+        super().finish()
+        if not self.flaws:
+            return
+        lines = SourceLines(self._path)
+        told = "\n    ".join(self._told_of(flaw, lines) for flaw in self.flaws)
+        count = f"{len(self.flaws)} flaw{'s' if len(self.flaws) > 1 else ''}"
+        if self._strict:
+            raise WrongValue(f"{self._path}: refused with {count}:\n    {told}")
+        log.warning("%s: loaded with %s:\n    %s", self._path, count, told)
+
+    def _told_of(self, flaw: Flaw, lines: SourceLines) -> str:
+        found = flaw.finding
+        line = lines.find(found.element, found.property)
+        place = f"{self._path}, line {line}" if line else str(self._path)
+        what = " ".join(part for part in (found.element, found.property) if part)
+        done = "" if self._strict else f"; {flaw.done}"
+        return ": ".join(part for part in (place, what, found.text) if part) + done
+
+
+class SourceLines:
+    """The lines of a Turtle or RDF/XML file on which names stand."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._lines = path.read_text(errors="replace").splitlines()
+        except OSError:
+            self._lines = []
+
+    def find(self, element: str, prop: str = "") -> int | None:
+        """The line, from 1, where an element is described, or its property there; None when none is found."""
+        if not element:
+            return None
+        name = _token(element)
+        subject = re.compile(rf"(?:^|\.)\s*(?:[\w.-]*:|<[^<>\s]*[#/]){name}|about=\"[^\"]*{name}")
+        start = next((i for i, line in enumerate(self._lines) if subject.search(line)), None)
+        if start is None or not prop:
+            return None if start is None else start + 1
+        wanted = re.compile(rf"[:#/<]{_token(prop)}")
+        for index in range(start, len(self._lines)):
+            if wanted.search(self._lines[index]):
+                return index + 1
+            if index > start and subject.pattern and _ENDS.search(self._lines[index]):
+                break
+        return start + 1
+
+
+#: The end of a description: of a Turtle statement, or of an RDF/XML element.
+_ENDS = re.compile(r"(?:^|\s)\.\s*(?:#.*)?$|^\s*</(?:\w+:)?(?:NamedIndividual|Description)>")
+
+
+def _token(name: str) -> str:
+    return re.escape(local_name(name).rpartition("#")[2]) + r"(?![\w-])"

@@ -1,0 +1,249 @@
+"""The world model as the reasoners of a server see it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, reasoners
+from skiros2_common.core.errors import Refused
+from skiros2_common.core.names import full_name
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import Change, Operation, Outcome, Relate
+from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.local_world_model import LocalWorldModel
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.world_model import WorldModel
+
+_Closure = Callable[[str], frozenset[str]]
+
+_READER = "reasoner"
+
+#: How long a reasoner waits for the scene before it uses it together with a reasoner that is in `parse` (s).
+_LOCK_TIMEOUT = 0.2
+
+
+class _LentModel:
+    """The world model for reasoners while a change is offered: with the change, to which their own changes are added.
+
+    Used under `Reasoning.lent`.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+        self.reader = SceneReader(model.reasoning.lent, model.scenes, lambda: model.ontology)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
+        """Adds operations to the request that is offered.
+
+        :raises Refused: it is being undone.
+        """
+        transaction = self._model.reasoning.transaction
+        if transaction is None:
+            raise Refused(f"{author}: another change is being undone; write again when `parse` has returned")
+        return Outcome(transaction.include(operations, self._model.checks(author), author))
+
+
+class ReasonerWorldModel:
+    """What a reasoner's `init` gets: reads and writes of the scene. Safe to use from all threads.
+
+    Each write names its author, for which a reasoner gives its own name. Every call may raise `WmException`.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+        self._lent = _LentModel(model)
+        self._authors: dict[str, tuple[LocalWorldModel, LocalWorldModel]] = {}
+
+    @property
+    def guard(self) -> threading.RLock:
+        """Held while the scene changes; a thread that holds it sees one state of the scene."""
+        return self._model.lock
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def get_element(self, eid: str) -> Element:
+        """The element as it is now.
+
+        :raises WmException: there is none of that id.
+        """
+        with self._as(_READER) as wm:
+            return wm.get_element(eid)
+
+    def find_element(self, eid: str) -> Element | None:
+        """The element as it is now, or None."""
+        with self._as(_READER) as wm:
+            return wm.find_element(eid)
+
+    def get_recursive(self, eid: str, rel_filter: str = "", type_filter: str = "") -> dict[str, Element]:
+        """An element and what is under it, by id: the element itself first, then the nearest.
+
+        :param rel_filter: follows this relation and its subrelations; "" follows all.
+        :param type_filter: what is under the element is of this class or a subclass; "" takes all.
+        :raises WmException: there is no element of that id.
+        """
+        found = {eid: self.get_element(eid)}
+        with self._as(_READER) as wm:
+            for element in wm.get_branch(eid, rel_filter, type_filter):
+                found.setdefault(element.id, element)
+        return found
+
+    def resolve_elements(self, description: Element) -> list[Element]:
+        """All elements of the description's class or a subclass that have its label and property values."""
+        with self._as(_READER) as wm:
+            return wm.resolve_elements(description)
+
+    def get_relations(self, relation: Mapping[str, Any]) -> list[RelationDict]:
+        """The relations like a dict with `src`, `type` and `dst`; a missing part, "" and "-1" match any."""
+        src, pred, dst = _parts(relation)
+        with self._as(_READER) as wm:
+            return wm.get_relations(src, pred, dst)
+
+    def get_sub_classes(self, name: str) -> list[str]:
+        """The class itself and all its subclasses."""
+        return _itself_first(name, self._model.ontology.subclasses)
+
+    def get_sub_properties(self, name: str) -> list[str]:
+        """The property itself and all its subproperties."""
+        return _itself_first(name, self._model.ontology.subproperties)
+
+    def get_sub_relations(self, name: str) -> list[str]:
+        """The relation itself and all its subrelations."""
+        return _itself_first(name, self._model.ontology.subproperties)
+
+    def get_reasoner(self, name: str) -> DiscreteReasoner:
+        """The reasoner that has that class name, or that owns that code, property or relation.
+
+        :raises UnknownName: there is none.
+        """
+        return reasoners.get(name)
+
+    def query(self, query: str) -> list[str]:
+        """The rows that a SPARQL query gives, as texts."""
+        with self._as(_READER) as wm:
+            return wm.query_ontology(query)
+
+    # -- writing -----------------------------------------------------------------------------------------------
+
+    def add_element(self, e: Element, author: str) -> Element:
+        """Adds an element, which gets its id; returns the new element."""
+        with self._as(author) as wm:
+            return wm.add_element(e)
+
+    def update_element(self, e: Element, author: str) -> None:
+        """Writes an element, as `WorldModelInterface.update_element`."""
+        with self._as(author) as wm:
+            wm.update_element(e)
+
+    def update_elements(self, es: Sequence[Element], author: str) -> None:
+        """Writes some elements, all or none, in one change."""
+        with self._as(author) as wm:
+            wm.update_elements(es)
+
+    def update_properties(
+        self, e: Element, author: str, reasoner: DiscreteReasoner | None = None, publish: bool = True
+    ) -> None:
+        """Writes the properties of an element, and leaves its relations.
+
+        :param reasoner: writes only the properties that this reasoner owns.
+        :param publish: has no effect: every change is published.
+        """
+        keys = frozenset(map(full_name, data_of(reasoner))) if reasoner is not None else None
+        with self._as(author) as wm:
+            wm._write_properties(e, keys, SCENE)
+
+    def remove_element(self, e: Element | str, author: str) -> None:
+        """Removes an element alone.
+
+        :param e: the element or its id.
+        """
+        with self._as(author) as wm:
+            wm.remove_element(e, False)
+
+    def remove_recursive(
+        self, e: Element | str, author: str, rel_filter: str = "skiros:sceneProperty", type_filter: str = ""
+    ) -> None:
+        """Removes an element, and what is under it along a relation and is held by nothing else.
+
+        :param e: the element or its id.
+        """
+        with self._as(author) as wm:
+            wm.remove_element(e, True, rel_filter, type_filter)
+
+    def add_relation(self, relation: Mapping[str, Any], author: str, is_relation: bool = True) -> None:
+        """Adds a relation, given as a dict with `src`, `type` and `dst`.
+
+        :param is_relation: False: `type` is a property of the element `src`, and `dst` a further value of it.
+        """
+        src, pred, dst = _parts(relation)
+        if is_relation:
+            with self._as(author) as wm:
+                wm._transact([Relate(src, pred, dst)], SCENE)
+        else:
+            element = self.get_element(src)
+            element.appendProperty(pred, dst)
+            self.update_properties(element, author)
+
+    def remove_relation(self, relation: Mapping[str, Any], author: str, is_relation: bool = True) -> None:
+        """Removes a relation; the dict and `is_relation` are those of `add_relation`. A missing part matches any."""
+        src, pred, dst = _parts(relation)
+        if is_relation:
+            with self._as(_READER) as wm:
+                gone = wm._related(src, pred, dst)
+            with self._as(author) as wm:
+                wm._transact([Relate(r["src"], r["type"], r["dst"], False) for r in gone], SCENE)
+        else:
+            element = self.get_element(src)
+            if element.hasProperty(pred, dst):
+                element.getProperty(pred).removeValue(dst)
+                self.update_properties(element, author)
+
+    # -- changes -----------------------------------------------------------------------------------------------
+
+    def add_listener(self, listener: Callable[[Change], None]) -> None:
+        """`listener` is called after each change, in its order and under `guard`."""
+        self._model.add_listener(listener)
+
+    def remove_listener(self, listener: Callable[[Change], None]) -> None:
+        """The listener is called no more."""
+        self._model.remove_listener(listener)
+
+    @contextmanager
+    def _as(self, author: str) -> Iterator[LocalWorldModel]:
+        """The world model for a call of an author."""
+        if author not in self._authors:
+            lent = LocalWorldModel(author, self._lent)  # type: ignore[arg-type]
+            self._authors[author] = LocalWorldModel(author, self._model), lent
+        usual, lent = self._authors[author]
+        lock, reasoning = self._model.lock, self._model.reasoning
+        while True:
+            if lock.acquire(timeout=_LOCK_TIMEOUT):
+                try:
+                    if not reasoning.is_lent:
+                        yield usual
+                    else:  # this thread is in `parse`
+                        with reasoning.lent:
+                            yield lent
+                finally:
+                    lock.release()
+                return
+            with reasoning.lent:
+                if reasoning.is_lent:
+                    yield lent
+                    return
+
+
+def _parts(relation: Mapping[str, Any]) -> tuple[str, str, Any]:
+    src, pred, dst = (relation.get(part) for part in ("src", "type", "dst"))
+    src, dst = ("" if end in (None, "-1") else end for end in (src, dst))
+    return src, full_name(pred) if pred else "", dst
+
+
+def _itself_first(name: str, closure: _Closure) -> list[str]:
+    name = full_name(name)
+    return [name, *sorted(closure(name) - {name})]

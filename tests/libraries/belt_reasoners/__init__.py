@@ -1,0 +1,1 @@
+"""Reasoners of a packing line, as a library for SkiROS2 has them."""

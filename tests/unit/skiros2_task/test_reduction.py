@@ -1,0 +1,126 @@
+"""Redundant steps of plans."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from hypothesis import given
+
+from skiros2_task.core.durations import Durations
+from skiros2_task.core.formula import disjunction, holds
+from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.reduction import reduced
+from skiros2_task.core.schedule import schedule_plan
+from skiros2_task.core.simulation import after, flaw
+from skiros2_task.core.task import PlanningTask, PlanStep, precondition_of
+from skiros2_task.core.task_planner import TaskPlanner
+from support.planning_world import DRIVE, REQUIRED, PlanningWorld, prop, related, skill
+from support.random_tasks import planned_tasks
+from support.transport_task import at, contain, transport_task
+
+R, G = "cora:Robot-0", "rparts:GripperEffector-0"
+A, B, C = (f"skiros:Location-{i}" for i in range(3))
+P = "skiros:Product-0"
+
+
+def drive(start: str, target: str) -> PlanStep:
+    return PlanStep("drive", (R, start, target))
+
+
+PICK, PLACE = PlanStep("pick", (R, G, A, P)), PlanStep("place", (R, G, B, P))
+BRING = (PICK, drive(A, B), PLACE)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        (drive(A, C), drive(C, A), *BRING),  # there and back
+        (PICK, drive(A, C), drive(C, A), drive(A, B), PLACE),
+        (*BRING, drive(B, C)),  # after the goal is reached
+        (PICK, PlanStep("place", (R, G, A, P)), *BRING),
+        (drive(A, C), drive(C, B), drive(B, A), *BRING, drive(B, C), drive(C, A)),  # a round trip of three
+    ],
+)
+def test_redundant_steps_are_removed(plan: tuple[PlanStep, ...]) -> None:
+    task = transport_task(1, 3, 1)
+    assert flaw(task, plan) == ""
+    assert reduced(task, plan) == BRING
+
+
+def test_a_plan_without_redundant_steps_stays() -> None:
+    assert reduced(transport_task(1, 3, 1), BRING) == BRING
+
+
+def test_a_plan_for_a_goal_that_holds_becomes_empty() -> None:
+    task = transport_task(1, 3, 1, goal=at(R, A))
+    assert reduced(task, (drive(A, B), drive(B, A))) == ()
+
+
+def test_of_alternatives_in_a_goal_one_is_kept() -> None:
+    task = transport_task(1, 3, 1, goal=disjunction([at(R, C), contain(B, P)]))
+    plan = (*BRING, drive(B, C))
+    found = reduced(task, plan)
+    assert len(found) < len(plan)
+    assert flaw(task, found) == ""
+
+
+class GivenPlan:
+    """A planner that knows one plan."""
+
+    name = "given plan"
+
+    def __init__(self, *plan: PlanStep) -> None:
+        self._plan = plan
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        return PlannerAnswer(Outcome.SOLVED, self._plan)
+
+
+def test_a_planner_that_looks_twice_gives_a_plan_that_looks_once() -> None:
+    world = PlanningWorld()
+    start, table = world.thing("skiros:Location"), world.thing("skiros:Location")
+    look = skill(
+        "Look",
+        [("Place", "skiros:Location", REQUIRED)],
+        pre=[related("Robot", "skiros:at", "Place")],
+        post=[prop("Place", "skiros:Seen", "=", True)],
+    )
+    robot = world.robot("alpha", DRIVE, look, at=start)
+    looks = [PlanStep("look", (robot, start)), PlanStep("look", (robot, table)), PlanStep("look", (robot, table))]
+    planner = GivenPlan(looks[0], PlanStep("drive", (robot, start, table)), *looks[1:])
+    result = TaskPlanner(world.wm, planner, Limits()).plan(f"(skiros:Seen {table})")
+    assert [call.label for call in result.calls] == ["drive", "look"]
+
+
+def _without(task: PlanningTask, plan: tuple[PlanStep, ...], index: int) -> tuple[PlanStep, ...] | None:
+    """The plan without a step and the later ones that then cannot run; None when the goal does not hold then."""
+    state, kept = task.init, []
+    for number, step in enumerate(plan):
+        if number != index and holds(precondition_of(task, step), state):
+            kept.append(step)
+            state = after(task, state, step)
+    return tuple(kept) if holds(task.goal, state) else None
+
+
+@given(planned_tasks(most=8))
+def test_a_reduced_plan_works_and_has_no_redundant_steps(
+    drawn: tuple[PlanningTask, tuple[PlanStep, ...]],
+) -> None:
+    task, plan = drawn
+    found = reduced(task, plan)
+    assert flaw(task, found) == ""
+    left = iter(plan)
+    assert all(step in left for step in found), "the order has changed"
+    for index in range(len(found)):
+        assert flaw(task, found[:index] + found[index + 1 :]) != ""
+        assert _without(task, found, index) is None
+
+
+@given(planned_tasks(most=8))
+def test_a_scheduled_plan_has_no_redundant_steps(drawn: tuple[PlanningTask, tuple[PlanStep, ...]]) -> None:
+    task, plan = drawn
+    found = schedule_plan(task, plan, Durations()).order.steps
+    assert flaw(task, found) == ""
+    for index in range(len(found)):
+        assert _without(task, found, index) is None

@@ -10,9 +10,9 @@ from skiros2_gui.core.window import Window
 from skiros2_gui.core.world_presenter import MARKED_FOR, WorldPresenter
 from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import LOOSE, TOP
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.testing.at_once import AtOnce, make_window
 from skiros2_gui.testing.local_system import LocalSystem
-from skiros2_world_model.core.changes import Add
+from skiros2_world_model.core.changes import RESET, Add, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -234,9 +234,26 @@ def test_an_added_element_that_others_have_put_something_in_is_not_taken_back(ce
 def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) -> None:
     cell.add()
     assert cell.tab.edits.undo_text == "add"
-    cell.window.tell(WorldChanged((), True, True))
+    reset = Change(1, "other-0", "other-1", 0.0, "other", RESET, "")
+    cell.window.tell(WorldChanged((reset,), True, True))
     assert cell.tab.edits.undo_text == ""
     assert cell.tab.mirror is not None and len(cell.tab.mirror) == len(cell.content())
+
+
+def test_a_scene_that_is_read_anew_keeps_what_can_be_undone(cell: Cell) -> None:
+    first = cell.add()
+    jobs = cell.window.jobs
+    assert isinstance(jobs, AtOnce)
+    jobs.held = True
+    cell.window.tell(WorldChanged((), is_new=True))  # as when a change was missed
+    jobs.held = False
+    second = cell.add()
+    jobs.release()  # what is read has the second already
+    assert len(cell.tab.edits.done) == 2
+    cell.undo()
+    cell.undo()
+    assert cell.wm.find_element(first) is None and cell.wm.find_element(second) is None
+    assert cell.problem == "" and cell.tab.edits.undo_text == ""
 
 
 def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:

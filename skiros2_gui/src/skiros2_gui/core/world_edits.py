@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -57,6 +58,7 @@ class Edits:
         self.undone: list[Edit] = []
         self.done: list[Edit] = []
         self._heard: dict[str, HistoryEntry] = {}
+        self._known: deque[str] = deque(maxlen=_MOST_HEARD)  # what was heard; a scene read anew has it told again
         self._sent: list[_Sent] = []
 
     @property
@@ -93,7 +95,8 @@ class Edits:
 
     def heard(self, changes: Mapping[str, HistoryEntry]) -> None:
         """Changes of this window's author have come, by snapshot id."""
-        self._heard.update(changes)
+        self._heard.update((state, made) for state, made in changes.items() if state not in self._known)
+        self._known.extend(changes)
         while len(self._heard) > _MOST_HEARD:
             del self._heard[next(iter(self._heard))]
         self._match()

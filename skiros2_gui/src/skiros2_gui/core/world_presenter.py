@@ -17,7 +17,7 @@ from skiros2_gui.core.world_editor import SceneEditor
 from skiros2_gui.core.world_requests import Requests
 from skiros2_gui.core.world_scene import TOP, SceneMirror
 from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
-from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
@@ -74,6 +74,7 @@ class WorldPresenter:
         self._clock = clock
         self._waiting: list[Change] | None = None  # what has come while the scene is being read
         self._is_stale = False
+        self._is_replaced = False  # another scene was loaded: that of the mirror, and its edits, are over
         self._is_missing = True  # the scene was not read, or could not be read anew
         self._to_select = ""  # an element that was added and has not been heard of yet
         window.subscribe(WorldChanged, self._on_changed)
@@ -103,7 +104,9 @@ class WorldPresenter:
             return
         self.mirror, self.vocabulary = found
         self._is_missing = False
-        self._editor.forget()
+        if self._is_replaced:
+            self._is_replaced = False
+            self._editor.forget()
         self.marks.clear()
         if self.view is not None:
             self.view.show_scene()
@@ -123,14 +126,14 @@ class WorldPresenter:
             self.read()
 
     def _on_changed(self, event: WorldChanged) -> None:
-        if event.is_new or self.mirror is None:
-            self.read()
-            return
+        if any(change.action == RESET for change in event.changes):
+            self._is_replaced = True
         if self._waiting is not None:
             self._waiting.extend(event.changes)
-        else:
-            self._follow(event.changes)
-        if event.ontology:
+        self._follow(event.changes)  # also while the scene is read anew: what is read tells not what an edit made other
+        if event.is_new or self.mirror is None:
+            self.read()
+        elif event.ontology:
             self._read_vocabulary()
 
     def _read_vocabulary(self) -> None:
@@ -156,7 +159,8 @@ class WorldPresenter:
         author = self.author()
         touched = mirror.follow(changes, author)
         if touched is None:
-            self.read()
+            if self._waiting is None:
+                self.read()
             return
         now = self._clock()
         marked: dict[str, None] = {}

@@ -88,6 +88,7 @@ class WorldLink:
         self._author = author
         self._told = told
         self._changed = changed
+        self._server = ""  # what names the server's run
         self._asked_at = 0.0  # monotonic; 0.0 while nothing is asked
         self._lock = threading.Lock()
         self._ended = threading.Event()
@@ -140,7 +141,11 @@ class WorldLink:
         :raises WmException: it does not answer.
         """
         nothing = msgs.WmElement(type=_NOTHING[0], label=_NOTHING[1])
-        self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, "scene", nothing, "", ""))
+        answer = self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, "scene", nothing, "", ""))
+        server = answer.snapshot_id.rpartition("-")[0]
+        if self._server not in ("", server):
+            self._set(False, "")  # it was started anew so fast that nobody missed it
+        self._server = server
         if self.world is None:
             world = WindowWorld(self._author, self._wanted.set)
             world.present()
@@ -154,7 +159,7 @@ class WorldLink:
         """Something has changed; called in the thread of the subscription, when the replica has it."""
         if change.action == RESET or not (change.elements or change.relations):
             self._wanted.set()  # it has to be fetched first
-        else:
+        if change.action == RESET or change.elements or change.relations:
             self._told(WorldChanged((change,)))
 
     def _set(self, is_up: bool, why: str) -> None:

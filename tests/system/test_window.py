@@ -130,7 +130,7 @@ def test_a_part_that_is_killed_is_missed_and_found_again(window: Driver, demo: R
         return next(part for part in window.window.system.parts if part.kind == kind)
 
     label = next(label for label in window.window.status.parts if kind in label.text())
-    assert label.text().startswith("●")
+    window.wait_until(lambda: label.text().startswith("●"), f"the {kind} being shown")
     since = part().since
     demo.kill_node(node)  # roslaunch starts it again, which may take less time than the window needs to miss it
     window.wait_until(lambda: part().since > since, f"the {kind} being missed")

@@ -88,7 +88,7 @@ class WorldLink:
         self._author = author
         self._told = told
         self._changed = changed
-        self._server = ""  # what names the server's run
+        self._server = ""  # the address of the server that has answered
         self._asked_at = 0.0  # monotonic; 0.0 while nothing is asked
         self._lock = threading.Lock()
         self._ended = threading.Event()
@@ -141,11 +141,10 @@ class WorldLink:
         :raises WmException: it does not answer.
         """
         nothing = msgs.WmElement(type=_NOTHING[0], label=_NOTHING[1])
-        answer = self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, "scene", nothing, "", ""))
-        server = answer.snapshot_id.rpartition("-")[0]
-        if self._server not in ("", server):
+        self._ping.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, "scene", nothing, "", ""))
+        if self._server not in ("", self._ping.server):
             self._set(False, "")  # it was started anew so fast that nobody missed it
-        self._server = server
+        self._server = self._ping.server
         if self.world is None:
             world = WindowWorld(self._author, self._wanted.set)
             world.present()

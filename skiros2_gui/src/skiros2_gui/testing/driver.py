@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -128,11 +129,12 @@ class Driver:
     def wait_until(self, condition: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
         """Lets the window go on until the condition is true; returns its value.
 
-        :raises TimedOut: it is not true within `patience` (s).
+        :raises TimedOut: it is not true within `patience` (s); what each thread does is on stderr then.
         """
         end = time.monotonic() + patience
         while not (value := condition()):
             if time.monotonic() > end:
+                faulthandler.dump_traceback()
                 raise TimedOut(f"the window: {what}: not within {patience:g} s")
             _process()
         return value

@@ -31,6 +31,7 @@ class ServicePool:
         self._name = rospy.resolve_name(name)
         self._kind = kind
         self.patience = patience
+        self.server = ""  # the address of the server that has answered last; a server started anew has another one
         self._idle: list[Any] = []
         self._lock = threading.Lock()
 
@@ -64,6 +65,7 @@ class ServicePool:
                 proxy.close()
                 raise WmException(f"service {self._name} was not called: {error}") from error
             else:
+                self.server = proxy.uri
                 self._put_back(proxy)
                 return response
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from support.source import PACKAGES, SourceFile, source_files
+from support.source import PACKAGES, WINDOW_SUBJECTS, SourceFile, source_files
 
 FILES = source_files()
 CORES = [file for file in FILES if file.part in ("core", "tools")]
@@ -48,6 +48,11 @@ PORTS = {
     },
 }
 
+WINDOW_CORES = tuple(f"skiros2_gui.{subject}" for subject in WINDOW_SUBJECTS)
+WINDOW_ADAPTERS = tuple(f"{subject}.{folder}" for subject in WINDOW_CORES for folder in ("widgets", "ros"))
+QT = {"python_qt_binding", "PyQt5", "PySide2"}
+ROS = {"rospy", "rosgraph", "actionlib", "skiros2_msgs", "visualization_msgs", "interactive_markers"}
+
 
 def test_every_package_is_looked_at() -> None:
     assert {file.package for file in FILES} == set(PACKAGES)
@@ -60,9 +65,18 @@ def test_a_core_imports_only_its_own_layer_and_those_below(file: SourceFile) -> 
     wrong = [
         f"{file}:{line}: {name}"
         for line, name in file.imports()
-        if name.partition(".")[0] not in allowed and not _under(name, (*own, *PORTS.get(file.package, ())))
+        if name.partition(".")[0] not in allowed
+        and (not _under(name, (*own, *WINDOW_CORES, *PORTS.get(file.package, ()))) or _under(name, WINDOW_ADAPTERS))
     ]
     assert not wrong, "a core has no ROS and no layer above it"
+
+
+@pytest.mark.parametrize("file", [f for f in FILES if f.package == "skiros2_gui" and f.part], ids=str)
+def test_window_uses_qt_in_widgets_and_ros_in_adapters_only(file: SourceFile) -> None:
+    """The programs at the top of the package, such as `standalone`, may use both."""
+    modules = {name.partition(".")[0] for _, name in file.imports()}
+    assert file.part == "widgets" or not modules & QT
+    assert file.part in ("ros", "nodes") or not modules & ROS
 
 
 @pytest.mark.parametrize("file", FILES, ids=str)

@@ -47,10 +47,10 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
     with master:
         import rospy
 
-        from skiros2_common.ros.inbound import greet_in_threads
+        from skiros2_common.ros.inbound_connections import handshake_in_threads
 
         rospy.init_node("tests", anonymous=True, disable_signals=True)
-        greet_in_threads()
+        handshake_in_threads()
         yield master
         rospy.signal_shutdown("the tests are over")
     os.environ.clear()

@@ -10,21 +10,21 @@ from skiros2_bags.core.contract_types import PROGRESS
 from skiros2_bags.core.differences import Difference, Kind, differences
 from skiros2_bags.core.normal import Tolerance
 from skiros2_bags.core.run import Run
-from skiros2_common.command_line.answer import REFUSED, Answer, WrongUsage
+from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError
 from skiros2_common.command_line.layout import Screen, table
 
 #: So many differences are shown, unless all are wanted.
 _SHOWN = 20
 
 
-def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What was otherwise in another run: where they part first, then the rest."""
     if not 0 <= arguments.tolerance < math.inf:
-        raise WrongUsage(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
+        raise UsageError(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
     other = Run.open(arguments.other)
     found = differences(run, other, Tolerance(arguments.tolerance, arguments.tolerance))
     if not found:
-        return Answer(["the runs are alike", *_times(run, other, screen)], [])
+        return CommandResult(["the runs are alike", *_times(run, other, screen)], [])
     shown = found if arguments.all else found[:_SHOWN]
     lines = ["first divergence:", *_told(found[0], screen)]
     if len(found) > 1:
@@ -32,7 +32,7 @@ def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
         lines += [f"  {line}" for line in table(screen, map(_row, shown), ("at s", "what", "where", "expected", "got"))]
         lines += [f"  {len(found) - len(shown)} more: --all"] if len(shown) < len(found) else []
     lines += _times(run, other, screen)
-    return Answer(lines, [asdict(difference) for difference in found], REFUSED)
+    return CommandResult(lines, [asdict(difference) for difference in found], REFUSED)
 
 
 def _told(difference: Difference, screen: Screen) -> list[str]:

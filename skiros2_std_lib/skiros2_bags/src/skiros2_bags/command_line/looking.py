@@ -13,14 +13,14 @@ from skiros2_bags.core.moments import local_time, relative
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.skill_time import SkillTime
 from skiros2_bags.core.task_trace import FAILURE, STATES, SUCCESS, TaskTrace
-from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import local_name
 
 _MARKS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
 
 
-def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What is in a bag: how long it is, the goals, the tasks, the actions, the world model."""
     counts = Counter(message.topic for message in run.messages())
     lines = [
@@ -39,7 +39,7 @@ def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
     if arguments.topics:
         rows = [(topic, kind, str(counts[topic])) for topic, kind in sorted(run.topics.items())]
         lines += _section("topics", table(screen, rows, ("topic", "type", "messages")))
-    return Answer(lines, lambda: _run_json(run, tasks, counts))
+    return CommandResult(lines, lambda: _run_json(run, tasks, counts))
 
 
 def _section(title: str, lines: list[str]) -> list[str]:
@@ -102,16 +102,16 @@ def _run_json(run: Run, tasks: list[TaskTrace], counts: Counter[str]) -> dict[st
     }  # fmt: skip
 
 
-def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Whether a bag has all of its run from the start: no change, task or goal is missing."""
     findings = check(run)
     marks = ("✓", "✗") if screen.fancy else ("ok ", "BAD")
     lines = [screen.fitted(f"{marks[not f.holds]} {f.text}") for f in findings]
     status = 0 if all(f.holds for f in findings) else REFUSED
-    return Answer(lines, [{"holds": f.holds, "text": f.text} for f in findings], status)
+    return CommandResult(lines, [{"holds": f.holds, "text": f.text} for f in findings], status)
 
 
-def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The tree of each task, with what each node was at last, and when it ran."""
     chosen = [
         task for task in run.tasks() if _is_meant(task.robot, arguments.robot) and arguments.task in (None, task.id)
@@ -124,7 +124,7 @@ def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
             screen.fitted(f"{title}{'' if task.has_ended else ', not ended'}"),
             *_task_tree(task, run, screen),
         ]
-    return Answer(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in chosen])
+    return CommandResult(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in chosen])
 
 
 def _task_tree(task: TaskTrace, run: Run, screen: Screen) -> list[str]:
@@ -170,7 +170,7 @@ def _task_json(task: TaskTrace) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """When each skill ran, and for how long."""
     chosen = [
         skill
@@ -182,7 +182,7 @@ def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
     else:
         headers = ("skill", "robot", "task", "at s", "took s", "state", "message")
         lines = table(screen, [_skill_row(s, run) for s in chosen], headers)
-    return Answer(lines if chosen else ["no skills"], lambda: [_skill_json(s) for s in chosen])
+    return CommandResult(lines if chosen else ["no skills"], lambda: [_skill_json(s) for s in chosen])
 
 
 def _skill_row(skill: SkillTime, run: Run) -> tuple[str, ...]:

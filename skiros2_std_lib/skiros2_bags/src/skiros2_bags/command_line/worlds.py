@@ -11,7 +11,7 @@ from skiros2_bags.core.moments import moment, relative
 from skiros2_bags.core.normal import summary
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.world_changes import TimedChange
-from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.command_line.reading import element_answer, scene_tree
@@ -28,7 +28,7 @@ _SPATIAL = ("skiros:contain", "skiros:hasA")
 _SHOWN = 12
 
 
-def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The world model as it was at a time, or one element of it."""
     at = moment(arguments.at, run) if arguments.at else run.end
     scene = run.world(at, arguments.partial)
@@ -41,10 +41,10 @@ def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
         answer = element_answer(element, screen)
     else:
         answer = scene_tree(elements, _SPATIAL, screen, "", arguments.all)
-    return Answer([screen.fitted(f"at {relative(at, run)} s:"), "", *answer.lines], answer.data)
+    return CommandResult([screen.fitted(f"at {relative(at, run)} s:"), "", *answer.lines], answer.data)
 
 
-def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What was changed in the world model, when, and by whom."""
     since = moment(arguments.since, run) if arguments.since else float("-inf")
     until = moment(arguments.until, run) if arguments.until else float("inf")
@@ -62,7 +62,7 @@ def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
             lines += [screen.fitted(f"    {line}") for line in shown]
             lines += [f"    {len(told) - len(shown)} more: --all"] if len(shown) < len(told) else []
             data.append(_change_json(timed))
-    return Answer(lines or ["no changes"], data)
+    return CommandResult(lines or ["no changes"], data)
 
 
 def _told(scene: Scene, timed: TimedChange) -> list[str]:

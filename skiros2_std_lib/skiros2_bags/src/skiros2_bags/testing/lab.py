@@ -7,10 +7,10 @@ from typing import Any
 
 import rospy
 
-from skiros2_common.ros.own_system import OwnSystem
+from skiros2_common.ros.private_system import PrivateSystem
 
 
-class Lab(OwnSystem):
+class Lab(PrivateSystem):
     """A context manager; one in a process."""
 
     def __init__(self) -> None:

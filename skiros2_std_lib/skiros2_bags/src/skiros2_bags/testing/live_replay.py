@@ -16,7 +16,7 @@ from skiros2_bags.testing.lab import Lab
 from skiros2_bags.testing.past_world import operations_of, requests_of
 from skiros2_bags.testing.recording import Acted, Changed, Event, Events, Recording, Told, tree
 from skiros2_common.core.errors import TimedOut
-from skiros2_common.ros.listeners import wait_for_listeners
+from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
@@ -107,7 +107,7 @@ class Player:
                 client = self._clients[goal.action] = actionlib.ActionClient(goal.action, kind)
                 if not client.wait_for_server(rospy.Duration.from_sec(PATIENCE)):
                     raise TimedOut(f"no server of {goal.action} within {PATIENCE:g} s")
-                wait_for_listeners(client.pub_goal)
+                wait_for_subscribers(client.pub_goal)
 
     def play(self) -> None:
         """Plays all, and waits for the ends of the goals.

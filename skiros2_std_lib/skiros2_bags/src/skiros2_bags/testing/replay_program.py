@@ -16,8 +16,8 @@ from pathlib import Path
 from skiros2_bags.core.normal import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.kinds import KINDS, Settings, replay
-from skiros2_common.core.end_signals import status_of
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.termination import exit_status
 
 #: For a program that plays a bag: when it ends, however that is, its end of the pipe closes.
 WHILE_STDIN = "--while-stdin"
@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         print("replay: stopped; everything that it started has ended", file=sys.stderr)  # noqa: T201
-        return status_of(interrupt)
+        return exit_status(interrupt)
     print(found if found is not None else "as recorded")  # noqa: T201
     return 0 if found is None else 1
 

@@ -23,7 +23,7 @@ from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
 from skiros2_bags.testing.task_runs import TaskRun, changes_of_tasks
 from skiros2_bags.testing.tick_times import tick_times
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.changes import Change

@@ -10,21 +10,21 @@ from skiros2_bags.core.diff import Difference, Kind, diff_runs
 from skiros2_bags.core.message import PROGRESS
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.tolerance import Tolerance
-from skiros2_common.command_line.answer import REFUSED, Answer, WrongUsage
+from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError
 from skiros2_common.command_line.layout import Screen, table
 
 #: Maximum number of differences to print without `--all`.
 _MAX_ROWS = 20
 
 
-def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Compares a run with another one: the first divergence, then all differences."""
     if not 0 <= arguments.tolerance < math.inf:
-        raise WrongUsage(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
+        raise UsageError(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
     other = Run.open(arguments.other)
     found = diff_runs(run, other, Tolerance(arguments.tolerance, arguments.tolerance))
     if not found:
-        return Answer(["the runs are alike", *_times(run, other, screen)], [])
+        return CommandResult(["the runs are alike", *_times(run, other, screen)], [])
     shown = found if arguments.all else found[:_MAX_ROWS]
     lines = ["first divergence:", *_difference_lines(found[0], screen)]
     if len(found) > 1:
@@ -32,7 +32,7 @@ def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
         lines += [f"  {line}" for line in table(screen, map(_row, shown), ("at s", "what", "where", "expected", "got"))]
         lines += [f"  {len(found) - len(shown)} more: --all"] if len(shown) < len(found) else []
     lines += _times(run, other, screen)
-    return Answer(lines, [asdict(difference) for difference in found], REFUSED)
+    return CommandResult(lines, [asdict(difference) for difference in found], REFUSED)
 
 
 def _difference_lines(difference: Difference, screen: Screen) -> list[str]:

@@ -9,11 +9,10 @@ from typing import Any
 
 from skiros2_bags.command_line import diff_command, run_commands, world_commands
 from skiros2_bags.core.run import Run
-from skiros2_common.command_line.answer import USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, program, screen
+from skiros2_common.command_line.command import USAGE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.layout import Screen
 
-Command = Callable[[Run, argparse.Namespace, Screen], Answer]
+Command = Callable[[Run, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = (
     "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), 14:05:30, "
@@ -24,7 +23,7 @@ _TIMES = (
 def _run(name: str, arguments: Sequence[str]) -> int:
     command, parser = _parser(name)
     options = parser.parse_args(arguments)
-    return answered(name, lambda: command(Run.open(options.bag), options, screen()), options.json, USAGE)
+    return run_command(name, lambda: command(Run.open(options.bag), options, screen()), options.json, USAGE)
 
 
 run = program(_run)

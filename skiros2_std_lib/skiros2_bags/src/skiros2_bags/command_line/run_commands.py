@@ -12,14 +12,14 @@ from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.task_run import FAILURE, STATES, SUCCESS, SkillRun, TaskRun
 from skiros2_bags.core.times import local_time, relative_time
-from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import local_name
 
 _SYMBOLS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
 
 
-def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Prints a summary of a bag: duration, goals, tasks, actions, world model."""
     counts = Counter(message.topic for message in run.messages())
     lines = [
@@ -38,7 +38,7 @@ def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
     if arguments.topics:
         rows = [(topic, kind, str(counts[topic])) for topic, kind in sorted(run.topics.items())]
         lines += _section("topics", table(screen, rows, ("topic", "type", "messages")))
-    return Answer(lines, lambda: _run_json(run, tasks, counts))
+    return CommandResult(lines, lambda: _run_json(run, tasks, counts))
 
 
 def _section(title: str, lines: list[str]) -> list[str]:
@@ -101,16 +101,16 @@ def _run_json(run: Run, tasks: list[TaskRun], counts: Counter[str]) -> dict[str,
     }  # fmt: skip
 
 
-def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Checks that a bag is complete from the start: no change, task or goal is missing."""
     findings = check(run)
     marks = ("✓", "✗") if screen.fancy else ("ok ", "BAD")
     lines = [screen.fitted(f"{marks[not f.holds]} {f.text}") for f in findings]
     status = 0 if all(f.holds for f in findings) else REFUSED
-    return Answer(lines, [{"holds": f.holds, "text": f.text} for f in findings], status)
+    return CommandResult(lines, [{"holds": f.holds, "text": f.text} for f in findings], status)
 
 
-def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Prints the tree of each task, with the states and times of its nodes."""
     selected = [
         task
@@ -125,7 +125,7 @@ def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
             screen.fitted(f"{title}{'' if task.has_ended else ', not ended'}"),
             *_task_tree(task, run, screen),
         ]
-    return Answer(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in selected])
+    return CommandResult(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in selected])
 
 
 def _task_tree(task: TaskRun, run: Run, screen: Screen) -> list[str]:
@@ -171,7 +171,7 @@ def _task_json(task: TaskRun) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Prints when each skill ran, and for how long."""
     selected = [
         skill
@@ -183,7 +183,7 @@ def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
     else:
         headers = ("skill", "robot", "task", "at s", "took s", "state", "message")
         lines = table(screen, [_skill_row(s, run) for s in selected], headers)
-    return Answer(lines if selected else ["no skills"], lambda: [_skill_json(s) for s in selected])
+    return CommandResult(lines if selected else ["no skills"], lambda: [_skill_json(s) for s in selected])
 
 
 def _skill_row(skill: SkillRun, run: Run) -> tuple[str, ...]:
@@ -215,10 +215,10 @@ def _matches_robot(robot: str, wanted: str) -> bool:
     return not wanted or robot.strip("/") == wanted.strip("/") or local_name(robot) == wanted
 
 
-def plot(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def plot(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Draws a PNG of the skill runs by robot and of the changes of the world model."""
     from skiros2_bags.core.gantt import save_gantt  # imports in a second
 
     output = arguments.output or run.path.with_suffix(".png")
     save_gantt(run, output, arguments.depth)
-    return Answer([str(output)], {"file": str(output)})
+    return CommandResult([str(output)], {"file": str(output)})

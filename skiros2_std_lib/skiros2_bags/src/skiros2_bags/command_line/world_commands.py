@@ -13,8 +13,7 @@ from skiros2_bags.core.run import Run
 from skiros2_bags.core.times import parse_time, relative_time
 from skiros2_bags.core.tolerance import summary
 from skiros2_bags.core.world_history import TimedChange
-from skiros2_common.command_line.answer import Answer
-from skiros2_common.command_line.frame import user
+from skiros2_common.command_line.command import CommandResult, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.command_line.reading import element_answer, scene_tree
@@ -31,7 +30,7 @@ _SPATIAL = ("skiros:contain", "skiros:hasA")
 _MAX_LINES = 12
 
 
-def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Prints the scene at a time, or one element of it."""
     at = parse_time(arguments.at, run) if arguments.at else run.end
     scene = run.world(at, arguments.partial)
@@ -44,10 +43,10 @@ def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
         answer = element_answer(element, screen)
     else:
         answer = scene_tree(elements, _SPATIAL, screen, "", arguments.all)
-    return Answer([screen.fitted(f"at {relative_time(at, run)} s:"), "", *answer.lines], answer.data)
+    return CommandResult([screen.fitted(f"at {relative_time(at, run)} s:"), "", *answer.lines], answer.data)
 
 
-def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Prints the changes of the world model with time and author."""
     since = parse_time(arguments.since, run) if arguments.since else float("-inf")
     until = parse_time(arguments.until, run) if arguments.until else float("inf")
@@ -65,7 +64,7 @@ def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
             lines += [screen.fitted(f"    {line}") for line in shown]
             lines += [f"    {len(details) - len(shown)} more: --all"] if len(shown) < len(details) else []
             data.append(_change_json(timed))
-    return Answer(lines or ["no changes"], data)
+    return CommandResult(lines or ["no changes"], data)
 
 
 def _change_lines(scene: Scene, timed: TimedChange) -> list[str]:
@@ -105,7 +104,7 @@ def _change_json(timed: TimedChange) -> dict[str, Any]:
     }
 
 
-def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Replaces the scene of a running world model by the scene of the bag at a time, in one transaction."""
     from skiros2_world_model.command_line.connection import connect  # takes a second to import, and needs ROS
 
@@ -114,4 +113,4 @@ def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> Answer:
     done = restore_scene(connect(arguments.wm, user()), scene)
     counts = f"{done.added} added, {done.changed} changed, {done.removed} removed"
     text = f"the scene is as at {relative_time(at, run)} s: {counts}"
-    return Answer([screen.fitted(text)], asdict(done))
+    return CommandResult([screen.fitted(text)], asdict(done))

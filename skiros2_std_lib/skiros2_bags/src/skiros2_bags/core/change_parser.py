@@ -11,7 +11,7 @@ import json
 import struct
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.property import Property, shown
+from skiros2_common.core.property import Property, format_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, relation_dict, snapshot_number
 
@@ -98,7 +98,7 @@ def _property(content: bytes) -> Property:
     try:
         values = _read_json(text)
     except (ValueError, RecursionError) as error:
-        raise WrongValue(f"property {key!r}: {shown(text)} is no JSON list: {error}") from None
+        raise WrongValue(f"property {key!r}: {format_value(text)} is no JSON list: {error}") from None
     if not isinstance(values, list):
         values = [values]
     kind = _TYPES.get(type_name, type(values[0]) if values else str)

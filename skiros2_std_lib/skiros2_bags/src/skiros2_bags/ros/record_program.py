@@ -17,12 +17,11 @@ from skiros2_bags.core.checking import check
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.selection import Selection, pattern
 from skiros2_bags.ros.recorder import Recorder
-from skiros2_common.command_line.answer import OK, REFUSED, USAGE
-from skiros2_common.command_line.frame import INTERRUPTED, Parser, given_arguments
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, USAGE, Parser, command_arguments
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.ros.ending import ended_beside_main, spin
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.node import bridge_logging
+from skiros2_common.ros.shutdown import shutdown_in_thread, spin
 
 #: Period of checks for a missing master (s).
 _MASTER_PERIOD = 0.2
@@ -33,7 +32,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
     :param arguments: of the command line; None for those of this process.
     """
-    options = _parser().parse_args(given_arguments(arguments))
+    options = _parser().parse_args(command_arguments(arguments))
     try:
         status = _record(options)
     except SkirosError as error:
@@ -73,7 +72,7 @@ def _record(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         writer.close()
         raise
-    with ended_beside_main():
+    with shutdown_in_thread():
         rospy.init_node("recorder", disable_signals=True)
         bridge_logging()
         watch_master()

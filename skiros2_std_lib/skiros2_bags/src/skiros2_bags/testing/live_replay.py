@@ -24,7 +24,7 @@ from skiros2_bags.testing.recording import (
 )
 from skiros2_bags.testing.replay_system import ReplaySystem
 from skiros2_common.core.errors import TimedOut
-from skiros2_common.ros.listeners import wait_for_listeners
+from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
@@ -115,7 +115,7 @@ class Player:
                 client = self._clients[goal.action] = actionlib.ActionClient(goal.action, kind)
                 if not client.wait_for_server(rospy.Duration.from_sec(TIMEOUT)):
                     raise TimedOut(f"no server of {goal.action} within {TIMEOUT:g} s")
-                wait_for_listeners(client.pub_goal)
+                wait_for_subscribers(client.pub_goal)
 
     def play(self) -> None:
         """Plays all events, and waits for the end of all goals.

@@ -15,8 +15,8 @@ from pathlib import Path
 from skiros2_bags.core.tolerance import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.replay import KINDS, Settings, replay
-from skiros2_common.core.end_signals import status_of
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.termination import exit_status
 
 #: Option for a calling program: the replay exits when the caller, the other end of the pipe, exits.
 WHILE_STDIN = "--while-stdin"
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         print("replay: stopped; everything that it started has ended", file=sys.stderr)  # noqa: T201
-        return status_of(interrupt)
+        return exit_status(interrupt)
     print(found if found is not None else "as recorded")  # noqa: T201
     return 0 if found is None else 1
 

@@ -11,14 +11,14 @@ import rospy
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.testing.recorded_world import scene_operations
 from skiros2_bags.testing.recording import Recording
-from skiros2_common.ros.own_system import OwnSystem
+from skiros2_common.ros.private_system import PrivateSystem
 from skiros2_msgs import srv as srvs
 from skiros2_skill.core.manager_names import SKILL_MGR, matching_name
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.wire import operation2msg
 
 
-class ReplaySystem(OwnSystem):
+class ReplaySystem(PrivateSystem):
     """A context manager that starts the master; this process is one of its nodes. One per process."""
 
     def __init__(self) -> None:

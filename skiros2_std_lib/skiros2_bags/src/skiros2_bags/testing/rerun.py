@@ -33,7 +33,7 @@ from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Reco
 from skiros2_bags.testing.replay import Settings
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.changes import Change

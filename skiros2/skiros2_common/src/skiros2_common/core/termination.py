@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+TERMINATION_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class EndedBySignal(KeyboardInterrupt):
+class Terminated(KeyboardInterrupt):
     """A signal has asked the program to end.
 
     :ivar number: of the signal.
@@ -22,8 +22,8 @@ class EndedBySignal(KeyboardInterrupt):
         self.number = number
 
 
-class EndSignals:
-    """A context manager, for the main thread: within it the first signal to end raises `EndedBySignal`.
+class TerminationSignals:
+    """A context manager, for the main thread: within it the first signal to end raises `Terminated`.
 
     Those that come after it are left out, and those that the program ignores (nohup) stay ignored.
     """
@@ -33,9 +33,9 @@ class EndSignals:
         self._came: int | None = None
         self._is_held = False
 
-    def __enter__(self) -> EndSignals:
+    def __enter__(self) -> TerminationSignals:
         """:raises ValueError: this is not the main thread."""
-        for number in END_SIGNALS:
+        for number in TERMINATION_SIGNALS:
             if signal.getsignal(number) != signal.SIG_IGN:
                 self._before[number] = signal.signal(number, self._end)
         return self
@@ -53,9 +53,9 @@ class EndSignals:
         finally:
             self._is_held = False
         if self._came is not None:
-            raise EndedBySignal(self._came)
+            raise Terminated(self._came)
 
-    def leave_out(self) -> None:
+    def ignore(self) -> None:
         """From now on signals are left out: the program is ending."""
         self._is_held = True
 
@@ -63,9 +63,9 @@ class EndSignals:
         if self._came is None:
             self._came = number
             if not self._is_held:
-                raise EndedBySignal(number)
+                raise Terminated(number)
 
 
-def status_of(interrupt: KeyboardInterrupt) -> int:
+def exit_status(interrupt: KeyboardInterrupt) -> int:
     """What a program ends with that a signal has ended, as shells have it."""
-    return 128 + (interrupt.number if isinstance(interrupt, EndedBySignal) else signal.SIGINT)
+    return 128 + (interrupt.number if isinstance(interrupt, Terminated) else signal.SIGINT)

@@ -7,7 +7,7 @@ from typing import Any
 
 from actionlib import CommState
 
-from skiros2_common.ros.listeners import Listeners
+from skiros2_common.ros.subscribers import RegisteredSubscribers
 
 #: Time after which the other listeners of an action's goals are not waited for any more (s).
 _LISTENERS_TIMEOUT = 5.0
@@ -24,7 +24,7 @@ class ServerWatch:
         self._heard: Any = self._client.last_status_msg
         self._heard_at = self._made_at = time.monotonic()
         self._overdue: dict[int, float] = {}  # since when (s), by the state in which an answer is waited for
-        self._listeners: Listeners | None = None
+        self._listeners: RegisteredSubscribers | None = None
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class ServerWatch:
             and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
         )
         if is_connected and self._listeners is None:
-            self._listeners = Listeners(client.pub_goal)
+            self._listeners = RegisteredSubscribers(client.pub_goal)
         if not is_connected or self._listeners is None:
             return False
         return self.age() > _LISTENERS_TIMEOUT or self._listeners.are_connected()
@@ -54,7 +54,7 @@ class ServerWatch:
         """Time since the creation (s of wall time)."""
         return time.monotonic() - self._made_at
 
-    def silence(self) -> float:
+    def time_since_status(self) -> float:
         """For how long the server has said nothing, as seen by the calls of this method (s of wall time).
 
         A server publishes its status five times a second.
@@ -64,14 +64,14 @@ class ServerWatch:
             self._heard, self._heard_at = status, time.monotonic()
         return time.monotonic() - self._heard_at
 
-    def late_result(self, handle: Any) -> float:
+    def time_without_result(self, handle: Any) -> float:
         """For how long the server has said that a goal is ended without its result, likewise (s).
 
         A result is lost when the server was started anew under its name just before: the connections seem to be there.
         """
         return self._waiting(handle, CommState.WAITING_FOR_RESULT)
 
-    def untaken(self, handle: Any) -> float:
+    def time_without_ack(self, handle: Any) -> float:
         """For how long the server has not said that it has got a goal that was sent, likewise (s).
 
         A goal is lost as a result is.

@@ -17,15 +17,15 @@ import rospy.impl.tcpros_base as tcpros
 log = logging.getLogger(__name__)
 
 #: How long a new connection may take to say what it wants (s).
-PATIENCE = 10.0
+HANDSHAKE_TIMEOUT = 10.0
 
 #: The longest header that is listened to (bytes). Those of ROS clients hold the text of a message type at most.
-LONGEST_HEADER = 4 * 1024 * 1024
+MAX_HEADER_BYTES = 4 * 1024 * 1024
 
 Greet = Callable[[socket.socket, tuple[str, int]], None]
 
 
-def greet_in_threads() -> None:
+def handshake_in_threads() -> None:
     """From now on no connection waits for another one. To be called after `rospy.init_node`; once is enough."""
     tcpros.start_tcpros_server()
     server = tcpros._tcpros_server.tcp_ros_server
@@ -44,14 +44,14 @@ class _Greeter:
 
     def _hear(self, connection: socket.socket, address: tuple[str, int]) -> None:
         usual = connection.gettimeout()
-        connection.settimeout(PATIENCE)
+        connection.settimeout(HANDSHAKE_TIMEOUT)
         try:
             size = int.from_bytes(connection.recv(4, socket.MSG_PEEK), "little")
         except OSError as error:
             log.debug("a connection from %s said nothing: %s", address, error)
             connection.close()
             return
-        if size > LONGEST_HEADER:
+        if size > MAX_HEADER_BYTES:
             log.debug("a connection from %s does not speak ROS", address)
             connection.close()
             return

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_common.core.end_signals import END_SIGNALS, EndedBySignal, EndSignals, status_of
 from skiros2_common.core.processes import descendants, end_processes
+from skiros2_common.core.termination import TERMINATION_SIGNALS, Terminated, TerminationSignals, exit_status
 from support.programs import ProcessId
 from support.ros import wait_until
 
@@ -17,22 +17,22 @@ from support.ros import wait_until
 @pytest.fixture
 def before() -> Iterator[list[object]]:
     """The handlers of the process; those that a test has left behind go."""
-    handlers = [signal.getsignal(number) for number in END_SIGNALS]
+    handlers = [signal.getsignal(number) for number in TERMINATION_SIGNALS]
     yield list(handlers)
-    for number, handler in zip(END_SIGNALS, handlers, strict=True):
+    for number, handler in zip(TERMINATION_SIGNALS, handlers, strict=True):
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", END_SIGNALS)
+@pytest.mark.parametrize("number", TERMINATION_SIGNALS)
 def test_a_signal_to_end_is_an_exception(number: signal.Signals, before: list[object]) -> None:
-    with pytest.raises(EndedBySignal, match=number.name) as ended, EndSignals():
+    with pytest.raises(Terminated, match=number.name) as ended, TerminationSignals():
         signal.raise_signal(number)
-    assert status_of(ended.value) == 128 + number
-    assert [signal.getsignal(n) for n in END_SIGNALS] == before
+    assert exit_status(ended.value) == 128 + number
+    assert [signal.getsignal(n) for n in TERMINATION_SIGNALS] == before
 
 
 def test_only_the_first_signal_disturbs(before: list[object]) -> None:
-    with pytest.raises(EndedBySignal) as ended, EndSignals():
+    with pytest.raises(Terminated) as ended, TerminationSignals():
         try:
             signal.raise_signal(signal.SIGTERM)
         finally:
@@ -42,7 +42,7 @@ def test_only_the_first_signal_disturbs(before: list[object]) -> None:
 
 def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) -> None:
     done = []
-    with pytest.raises(EndedBySignal), EndSignals() as signals:
+    with pytest.raises(Terminated), TerminationSignals() as signals:
         with signals.held():
             signal.raise_signal(signal.SIGTERM)
             done.append("what was held")
@@ -52,7 +52,7 @@ def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) ->
 
 def test_a_signal_that_is_ignored_stays_so(before: list[object]) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with EndSignals():
+    with TerminationSignals():
         signal.raise_signal(signal.SIGHUP)
     assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
 

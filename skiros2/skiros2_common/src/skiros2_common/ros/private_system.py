@@ -16,16 +16,16 @@ from xmlrpc.client import ServerProxy
 
 import rospy
 
-from skiros2_common.core.end_signals import EndSignals
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
-from skiros2_common.core.no_answer import NO_ANSWER
 from skiros2_common.core.ports import free_port, is_free
 from skiros2_common.core.processes import end_processes
+from skiros2_common.core.termination import TerminationSignals
+from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
 #: How long a process may take to end when asked to (s), before it is killed. roslaunch gives its nodes 15 s.
-END_SECONDS = 20.0
+STOP_TIMEOUT = 20.0
 #: How long a part of the system may take to start (s).
-START_SECONDS = 60.0
+START_TIMEOUT = 60.0
 
 _POLL = 0.02  # s
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]|\x1b\][^\x07]*\x07")
@@ -37,9 +37,9 @@ class SystemDown(SkirosError):
     """A part of the system could not start, or has ended."""
 
 
-class OwnSystem:
+class PrivateSystem:
     """A context manager, for the main thread. Within it `ROS_MASTER_URI` and `ROS_HOME` of this process and of all that
-    it starts are the system's, and a signal to end raises `EndedBySignal`.
+    it starts are the system's, and a signal to end raises `Terminated`.
 
     All processes are in sessions of their own, so that Ctrl-C reaches only the program, which then ends them in order.
 
@@ -58,7 +58,7 @@ class OwnSystem:
         self._environment: dict[str, str | None] = {}
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._is_node = False
-        self._signals = EndSignals()
+        self._signals = TerminationSignals()
 
     def __enter__(self) -> Self:
         """Starts the master and waits for it.
@@ -84,14 +84,14 @@ class OwnSystem:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Ends all processes, the master and this process's node last. Signals do not hold this up."""
-        self._signals.leave_out()
+        self._signals.ignore()
         master = self._running.pop("master", None)
-        end_processes(list(self._running.values()), END_SECONDS)
+        end_processes(list(self._running.values()), STOP_TIMEOUT)
         self._running.clear()
         if self._is_node:
             rospy.signal_shutdown(f"the {self._name} is over")
         if master is not None:
-            end_processes([master], END_SECONDS)
+            end_processes([master], STOP_TIMEOUT)
         if self._home:
             shutil.rmtree(self._home, ignore_errors=True)
         for key, value in self._environment.items():
@@ -134,7 +134,7 @@ class OwnSystem:
 
     def end(self, name: str) -> None:
         """Ends a process that was started by this name."""
-        end_processes([self._running.pop(name)], END_SECONDS)
+        end_processes([self._running.pop(name)], STOP_TIMEOUT)
 
     def check(self) -> None:
         """:raises SystemDown: one of the processes has ended; the text has why, as far as its log tells."""
@@ -142,7 +142,7 @@ class OwnSystem:
             if process.poll() is not None:
                 raise SystemDown(f"the {name} has ended: {self._complaint(name)}")
 
-    def wait_for(self, condition: Callable[[], Any], what: str, timeout: float = START_SECONDS) -> None:
+    def wait_for(self, condition: Callable[[], Any], what: str, timeout: float = START_TIMEOUT) -> None:
         """Waits until a condition holds; looks 50 times a second.
 
         :param what: what is waited for, in words.
@@ -178,7 +178,7 @@ class OwnSystem:
         try:
             with ServerProxy(f"http://localhost:{self.port}") as master:
                 return bool(master.getPid(f"/{self._name}"))
-        except NO_ANSWER:
+        except XMLRPC_ERRORS:
             return False
 
     def _complaint(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""What the programs of all packages share: their usage errors, their screen, how they answer and how they end."""
+"""The frame of all command-line programs: arguments, usage errors, result, output and exit status."""
 
 from __future__ import annotations
 
@@ -10,15 +10,34 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
-from skiros2_common.command_line.answer import NOT_THERE, OK, REFUSED, USAGE, Answer, WrongUsage
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import NotThere
+from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import SkirosError
 
-#: Exit status of a command that was interrupted by Ctrl-C.
+#: Exit statuses.
+OK, REFUSED, USAGE, UNAVAILABLE = 0, 1, 2, 3
+#: Exit status of a command that Ctrl-C interrupted.
 INTERRUPTED = 130
+
+
+class UsageError(SkirosError):
+    """The arguments are wrong in every state of the system; ends with `USAGE`."""
+
+
+@dataclass
+class CommandResult:
+    """The output of a command and its exit status.
+
+    :param lines: text for people.
+    :param data: JSON data for programs, or a function that returns it.
+    """
+
+    lines: list[str] = field(default_factory=list)
+    data: Any = None
+    status: int = OK
 
 
 class Parser(argparse.ArgumentParser):
@@ -27,7 +46,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
-def given_arguments(arguments: Sequence[str] | None = None) -> list[str]:
+def command_arguments(arguments: Sequence[str] | None = None) -> list[str]:
     """The arguments without what rosrun and roslaunch give to every node.
 
     :param arguments: None: those of this process.
@@ -48,12 +67,12 @@ def program(status: Callable[[str, Sequence[str]], int]) -> Callable[..., NoRetu
         :param name: the command.
         :param arguments: of the command line; None: of this process's.
         """
-        end(status(name, given_arguments(arguments)))
+        end(status(name, command_arguments(arguments)))
 
     return run
 
 
-def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: int = REFUSED) -> int:
+def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, refused: int = REFUSED) -> int:
     """Does the work of a command and prints its answer; what goes wrong is one line on stderr.
 
     :param refused: the exit status when it is refused.
@@ -62,9 +81,9 @@ def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: i
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
     try:
         answer = work()
-    except NotThere as error:
-        return _fail(program, error, NOT_THERE)
-    except WrongUsage as error:
+    except Unavailable as error:
+        return _fail(program, error, UNAVAILABLE)
+    except UsageError as error:
         return _fail(program, error, USAGE)
     except SkirosError as error:
         return _fail(program, error, refused)
@@ -75,7 +94,7 @@ def answered(program: str, work: Callable[[], Answer], as_json: bool, refused: i
     lines = answer.lines
     if as_json and answer.data is not None:
         data = answer.data() if callable(answer.data) else answer.data
-        lines = [json.dumps(finite(data), ensure_ascii=False, indent=2)]
+        lines = [json.dumps(json_safe(data), ensure_ascii=False, indent=2)]
     try:
         sys.stdout.writelines(f"{line}\n" for line in lines)
     except BrokenPipeError:
@@ -116,10 +135,10 @@ def user() -> str:
         return "command line"
 
 
-def finite(data: Any) -> Any:
+def json_safe(data: Any) -> Any:
     """The data with texts for infinite numbers and for what is no number, which JSON has not."""
     if isinstance(data, dict):
-        return {key: finite(value) for key, value in data.items()}
+        return {key: json_safe(value) for key, value in data.items()}
     if isinstance(data, (list, tuple)):
-        return [finite(value) for value in data]
+        return [json_safe(value) for value in data]
     return str(data) if isinstance(data, float) and not math.isfinite(data) else data

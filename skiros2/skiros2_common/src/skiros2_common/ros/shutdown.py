@@ -38,7 +38,7 @@ class _Ender(threading.Thread):
 
 
 @contextlib.contextmanager
-def ended_beside_main() -> Iterator[None]:
+def shutdown_in_thread() -> Iterator[None]:
     """Within it a signal to end shuts the node down in a thread of its own, and so does the end of it.
 
     For the main thread, with `rospy.init_node(..., disable_signals=True)` inside. The main thread goes on meanwhile: it
@@ -57,7 +57,7 @@ def ended_beside_main() -> Iterator[None]:
 
 
 def spin() -> None:
-    """As `rospy.spin`, within `ended_beside_main`: returns when a signal has shut the node down, hooks and all."""
+    """As `rospy.spin`, within `shutdown_in_thread`: returns when a signal has shut the node down, hooks and all."""
     assert _ender is not None, "spin is for within ended_beside_main"
     while not rospy.is_shutdown() and not _ender.began.wait(_PERIOD):
         pass

@@ -55,7 +55,8 @@ class Frame:
     def durations(self) -> list[float]:
         """Returns the duration of each node (s); NaN for nodes that have not started."""
         began, ended = self.rows["began"], self.rows["ended"]
-        durations: list[float] = np.maximum(np.where(np.isnan(ended), self.time - self.start, ended) - began, 0.0).tolist()
+        ended = np.where(np.isnan(ended), self.time - self.start, ended)
+        durations: list[float] = np.maximum(ended - began, 0.0).tolist()
         return durations
 
     def running(self) -> list[int]:

@@ -94,7 +94,9 @@ class WorldPresenter:
             self._is_stale = True  # what is being read may be from before
             return
         self._waiting = []
-        self.window.jobs.run(lambda: read_scene(world), self._scene_read, self._read_failed, activity="reading the scene")
+        self.window.jobs.run(
+            lambda: read_scene(world), self._scene_read, self._read_failed, activity="reading the scene"
+        )
 
     def _scene_read(self, found: tuple[SceneHierarchy, Vocabulary]) -> None:
         changes, self._waiting = self._waiting or [], None
@@ -140,7 +142,10 @@ class WorldPresenter:
         world = self.window.system.world
         if world is not None:
             self.window.jobs.run(
-                lambda: read_vocabulary(world), self._vocabulary_read, activity="reading the ontologies", queue="ontologies"
+                lambda: read_vocabulary(world),
+                self._vocabulary_read,
+                activity="reading the ontologies",
+                queue="ontologies",
             )
 
     def _vocabulary_read(self, vocabulary: Vocabulary) -> None:

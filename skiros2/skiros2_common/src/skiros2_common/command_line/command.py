@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import SkirosError
 
 #: Exit statuses.
@@ -25,6 +24,10 @@ INTERRUPTED = 130
 
 class UsageError(SkirosError):
     """The arguments are wrong in every state of the system; ends with `USAGE`."""
+
+
+class Unavailable(SkirosError):
+    """The master or the requested node is not running; ends with `UNAVAILABLE`."""
 
 
 @dataclass

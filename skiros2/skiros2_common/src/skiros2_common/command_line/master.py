@@ -8,15 +8,11 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
 #: The timeout for a response of a master or node (s).
 TIMEOUT = 2.0
-
-
-class Unavailable(SkirosError):
-    """The master or the requested node is not running."""
 
 
 def ask_master(call: str, *arguments: Any) -> Any:

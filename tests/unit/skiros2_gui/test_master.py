@@ -9,7 +9,8 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from skiros2_common.command_line.master import Unavailable, ask_master
+from skiros2_common.command_line.command import Unavailable
+from skiros2_common.command_line.master import ask_master
 from skiros2_gui.ros import master
 
 

@@ -90,7 +90,7 @@ def node_text(
     if path:
         facts.append(("in", " › ".join(["…", *path[-_MOST_ABOVE:]] if len(path) > _MOST_ABOVE else path)))
     conditions = [_condition(condition, state) for condition in now.conditions] if now is not None else []
-    params = [] if now is None else [(p.key, p.value or "unset", p.words if p.source else "") for p in now.params]
+    params = [] if now is None else [(p.key, p.value or "unset", p.source_text if p.source else "") for p in now.params]
     return NodeText(
         shape.name(place), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
     )

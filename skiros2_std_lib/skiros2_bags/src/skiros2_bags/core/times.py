@@ -1,4 +1,4 @@
-"""Times of a bag, as users write and read them."""
+"""Parses and formats times of a bag."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import time
 from skiros2_bags.core.run import Run
 from skiros2_common.core.errors import WrongValue
 
-#: Numbers from here on are s since the epoch (1973); smaller ones, s since the start of the bag.
+#: Numbers from here on are s since the epoch (1973); smaller numbers are s since the start of the bag.
 _ABSOLUTE = 1e8
 
 _CLOCK = ("%H:%M:%S", "%H:%M")
 _DATE = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%S")
 
 
-def moment(text: str, run: Run) -> float:
-    """The time that a text means (s since the epoch).
+def parse_time(text: str, run: Run) -> float:
+    """Returns the time that a text denotes (s since the epoch).
 
-    `12.5` is that long after the start of the bag, `-3` that long before its end, `1795233085.4` s since the epoch,
-    `14:05:30` the local time of that day, `2026-11-21 14:05:30` a date too.
+    `12.5` is 12.5 s after the start of the bag, `-3` is 3 s before its end, `1795233085.4` is s since the epoch,
+    `14:05:30` is the local time on the day of the bag, `2026-11-21 14:05:30` includes the date.
 
-    :raises WrongValue: it is none of these.
+    :raises WrongValue: the text has none of these forms.
     """
     text = text.strip()
     try:
@@ -49,11 +49,11 @@ def _from_clock(text: str, run: Run) -> float:
     )
 
 
-def relative(at: float, run: Run) -> str:
-    """A time as s after the start of the bag."""
+def relative_time(at: float, run: Run) -> str:
+    """Formats a time as s after the start of the bag."""
     return f"{at - run.start:.2f}"
 
 
 def local_time(at: float) -> str:
-    """A time as local date and time."""
+    """Formats a time as local date and time."""
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(at))

@@ -1,4 +1,4 @@
-"""Making a world model as it was in a bag."""
+"""Restores the scene of a world model from a bag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skiros2_world_model.core.scene import ROOT, Scene
 
 @dataclass(frozen=True)
 class Restored:
-    """How many elements were otherwise."""
+    """Numbers of elements added, changed and removed."""
 
     added: int
     changed: int
@@ -22,40 +22,41 @@ class Restored:
 
 
 def restore(wm: Any, scene: Scene) -> Restored:
-    """Makes the scene of a world model as another one is, in one request: whole or not at all.
+    """Replaces the scene of a world model, in one transaction.
 
-    Elements keep their ids. What running skill managers have told of their skills is replaced too.
+    Elements keep their ids. The skills that running skill managers have registered are replaced too.
 
     :param wm: a `WorldModelAbstractInterface`.
-    :raises WmException: the world model does not answer, or refuses: its ontologies do not know a name, for one.
+    :raises WmException: the world model does not answer, or rejects the scene: a name is not in its ontologies, for
+        example.
     """
-    operations = restoring(scene, wm.resolve_elements(Element("")))
+    operations = restore_operations(scene, wm.resolve_elements(Element("")))
     if operations:
         wm.transact(operations)
     kinds = [sum(isinstance(o, kind) for o in operations) for kind in (Add, Update, Remove)]
     return Restored(*kinds)
 
 
-def restoring(scene: Scene, present: Sequence[Element]) -> list[Operation]:
-    """What is to be done so that a scene is like another one.
+def restore_operations(scene: Scene, elements: Sequence[Element]) -> list[Operation]:
+    """Returns the operations that turn one scene into another.
 
-    :param present: all elements of the scene that is to be changed, each with its relations.
+    :param elements: all elements of the scene to change, each with its relations.
     """
-    there = {element.id: element for element in present}
-    gone = [eid for eid in there if eid not in scene and eid != ROOT]
-    operations: list[Operation] = [Remove(eid, recursive=False) for eid in gone]
+    current = {element.id: element for element in elements}
+    removed = [eid for eid in current if eid not in scene and eid != ROOT]
+    operations: list[Operation] = [Remove(eid, recursive=False) for eid in removed]
     for node in scene:
         element = Element.shared(node.type, node.label, node.id, node.properties, ())
-        before = there.get(node.id)
+        before = current.get(node.id)
         if before is None:
             operations.append(Add(element))
         elif not _same(before, element):
             operations.append(Update(element, relations=False))
     facts = {
         (e.id, r["type"], r["dst"])
-        for e in present
+        for e in elements
         for r in e._rels
-        if r["src"] == "-1" and not {e.id, r["dst"]} & {*gone}
+        if r["src"] == "-1" and not {e.id, r["dst"]} & {*removed}
     }
     wanted = set(scene.relations())
     operations += [Relate(*fact, value=False) for fact in sorted(facts - wanted)]

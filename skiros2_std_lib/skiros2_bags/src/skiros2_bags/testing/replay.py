@@ -1,4 +1,4 @@
-"""The ways to play a recording again."""
+"""The kinds of replay."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skiros2_bags.core.normal import NARROW, Tolerance
+from skiros2_bags.core.tolerance import NARROW, Tolerance
 
 if TYPE_CHECKING:
     from skiros2_bags.testing.divergence import Divergence
@@ -25,15 +25,15 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Settings:
-    """What the code under test is, and how strictly it is judged.
+    """Settings of a replay.
 
-    :param workspace: folder of the ontologies that the scene needs beside the platform's; None: as the bag's parameter
-        `workspace_dir` of the world model says.
-    :param played: labels of primitives that a re-run does not run: they do what was told of them. Those that call
-        services are played anyway, since bags have no answers of services.
+    :param workspace: folder of additional ontologies for the scene; None for the recorded parameter `workspace_dir` of
+        the world model.
+    :param played: labels of primitives that a re-run replaces by their recorded progress. Primitives that call
+        services are always replaced, since bags do not contain answers of services.
     :param tolerance: of measured numbers.
-    :param launch: for a trace, what stands beside the platform: package, launch file, arguments. None: action servers
-        answer as recorded.
+    :param launch: for `trace`, what to start besides the platform: package, launch file, arguments. Empty: action
+        servers answer as recorded.
     """
 
     workspace: Path | None = None
@@ -43,12 +43,12 @@ class Settings:
 
 
 def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
-    """Plays a bag again. None: all went as recorded. Of the kinds with nodes, one in a process.
+    """Replays a bag. Returns the first divergence; None without one. Kinds with nodes can run once per process.
 
-    :raises BagError: the bag has not what that takes.
-    :raises SkirosError: it cannot be played.
+    :raises BagError: the bag lacks required messages.
+    :raises SkirosError: the replay fails.
     """
-    # Here and below, because pytest knows the kinds in each run, and ROS takes its time to be imported.
+    # Imported here, because the pytest plugin needs only the names of the kinds, and ROS is slow to import.
     from skiros2_bags.testing.recording import Recording
 
     recording = Recording(bag)
@@ -59,10 +59,10 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
         from skiros2_bags.testing.rerun import rerun
 
         return rerun(recording, settings)
-    from skiros2_bags.testing.component_task_manager import replay_task_manager
-    from skiros2_bags.testing.component_world_model import replay_world_model
-    from skiros2_bags.testing.lab import Lab
+    from skiros2_bags.testing.replay_system import ReplaySystem
     from skiros2_bags.testing.system_replay import replay_skill_managers, replay_trace
+    from skiros2_bags.testing.task_manager_replay import replay_task_manager
+    from skiros2_bags.testing.world_model_replay import replay_world_model
 
     players = {
         TRACE: replay_trace,
@@ -70,6 +70,6 @@ def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:
         SKILL_MANAGER: replay_skill_managers,
         TASK_MANAGER: replay_task_manager,
     }
-    with Lab() as lab:
-        lab.init_node("replay")
-        return players[kind](recording, settings, lab)
+    with ReplaySystem() as system:
+        system.init_node("replay")
+        return players[kind](recording, settings, system)

@@ -1,4 +1,4 @@
-"""A world model is made as it was in a bag."""
+"""Restoring the scene of a world model from a bag."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.restoring import Restored, restore
+from skiros2_bags.core.restore import Restored, restore
 from skiros2_bags.core.run import Run
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -28,12 +28,12 @@ def content(scene: Scene) -> dict[str, object]:
 
 
 def world_model(workspace: Path | None, strict: bool = False) -> tuple[LocalWorldModel, WorldModel]:
-    """A world model in this process, as skills see it and as it is."""
+    """A world model in this process, and its interface for skills."""
     model = WorldModel(source_ontologies(), workspace, strict)
     return LocalWorldModel(model=model), model
 
 
-def test_another_scene_becomes_that_of_the_bag(run: Run) -> None:
+def test_restored_scene_equals_that_of_the_bag(run: Run) -> None:
     wm, model = world_model(WORKSPACE)
     extra = wm.add_element(Element("skiros:Product", "not in the bag")).id
     wanted = run.world(run.start + 5)
@@ -45,7 +45,7 @@ def test_another_scene_becomes_that_of_the_bag(run: Run) -> None:
     assert content(there) == content(wanted)
 
 
-def test_only_what_is_otherwise_is_changed(run: Run) -> None:
+def test_only_different_elements_are_changed(run: Run) -> None:
     wm, _ = world_model(WORKSPACE)
     restore(wm, run.world(run.start + 5))
     assert restore(wm, run.world(run.start + 5)) == Restored(0, 0, 0)
@@ -54,7 +54,7 @@ def test_only_what_is_otherwise_is_changed(run: Run) -> None:
     assert wm.get_relations("demo:Tray-12", "skiros:contain", "skiros:Product-14")
 
 
-def test_what_the_ontologies_do_not_know_is_refused_as_a_whole(run: Run) -> None:
+def test_unknown_names_reject_the_whole_scene(run: Run) -> None:
     wm, model = world_model(None, strict=True)
     with pytest.raises(WmException):
         restore(wm, run.world())

@@ -1,12 +1,12 @@
-"""What of a run may be otherwise each time, and is compared accordingly. All of it is here.
+"""What may differ between two runs, and how values are compared. All rules are here.
 
-- Ids of tasks and of goals, stamps, times and the frames' time stamps: not compared.
-- Numbers that were measured, in texts and in properties: within a tolerance. A number in a text counts as measured when
-  it has a decimal point or a per cent sign; other numbers, such as those in ids, are compared as they are.
-- The labels of a task's root, which has the task's id, and of groups.
-- How a root or a compound without messages of its own reports success: any of `PLAIN_ENDS`.
-- The leading slash of a skill manager's name in the scene.
-- Of a traceback, the last line: where in a file the error was raised is not compared.
+- Ids of tasks and goals, times and time stamps: not compared.
+- Measured numbers, in texts and properties: within a tolerance. A number in a text counts as measured if it has a
+  decimal point or a per cent sign; other numbers, such as those in ids, are compared exactly.
+- The labels of groups, and of the root of a task, which contains the id of the task: not compared.
+- The success message of a root or compound without its own messages: any of `DEFAULT_SUCCESS`.
+- The leading slash of a skill manager's name in the scene: ignored.
+- Tracebacks: only the last line is compared.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from skiros2_world_model.core.changes import Change
 #: The types of a task's root, and of nodes that only group others.
 ROOT_TYPE, GROUP_TYPE = ":Root", ":Skill"
 
-#: The property with the name of a robot's skill manager, with a slash in older bags.
+#: The property with the name of a robot's skill manager; with a leading slash in older bags.
 _MANAGER = "skiros:SkillMgr"
 
-#: The codes and messages with which nodes that have children report success, in bags of any age.
-PLAIN_ENDS = frozenset({(0, ""), (1, "Success"), (1, "End")})
+#: Codes and messages with which nodes with children report success, in bags of any version.
+DEFAULT_SUCCESS = frozenset({(0, ""), (1, "Success"), (1, "End")})
 
-#: Properties that are other ones at each run.
+#: Properties that differ in every run.
 STAMPS = frozenset({"skiros:TfTimeStamp"})
 
 _MEASURED = re.compile(r"(?<![\w.-])-?\d+\.\d+(?:e[-+]?\d+)?|(?<![\w.-])-?\d+(?=\s?%)", re.IGNORECASE)
@@ -38,10 +38,10 @@ _TRACEBACK = "Traceback (most recent call last):"
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far measured numbers may be apart.
+    """Largest difference between measured numbers that count as equal.
 
-    :param relative: of the larger of two numbers.
-    :param absolute: whatever their size: metres, radians, per cent as they are written.
+    :param relative: as a fraction of the larger number.
+    :param absolute: in the unit of the numbers: metres, radians, per cent.
     """
 
     relative: float = 0.02
@@ -52,15 +52,15 @@ class Tolerance:
         return one == other or math.isclose(one, other, rel_tol=self.relative, abs_tol=self.absolute)
 
 
-#: Where nothing is measured by physics.
+#: For runs without physics.
 NARROW = Tolerance(0.001, 0.001)
 
 
 def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
-    """Whether two texts say the same."""
+    """Whether two texts are equal within the tolerance."""
     if one == other:
         return True
-    one, other = _shortened(one), _shortened(other)
+    one, other = _without_trace(one), _without_trace(other)
     if _MEASURED.sub("#", one) != _MEASURED.sub("#", other):
         return False
     pairs = zip(_MEASURED.finditer(one), _MEASURED.finditer(other), strict=True)
@@ -68,14 +68,14 @@ def same_text(one: str, other: str, tolerance: Tolerance) -> bool:
 
 
 def same_values(one: Sequence[Any], other: Sequence[Any], tolerance: Tolerance) -> bool:
-    """Whether two properties have the same values."""
+    """Whether the values of two properties are equal within the tolerance."""
     return len(one) == len(other) and all(_same_value(a, b, tolerance) for a, b in zip(one, other, strict=True))
 
 
-def element_differences(
+def diff_elements(
     expected: Element, got: Element, tolerance: Tolerance, ignored: Collection[str] = STAMPS
 ) -> list[str]:
-    """What is otherwise in an element, a line each.
+    """Returns the differences between two elements, one line each.
 
     :param ignored: keys of properties that are not compared.
     """
@@ -87,35 +87,35 @@ def element_differences(
         if key == _MANAGER:
             wanted, found = ([str(v).lstrip("/") for v in values] for values in (wanted, found))
         if not same_values(wanted, found, tolerance):
-            lines.append(f"{key} is {_shown(found)}, expected {_shown(wanted)}")
+            lines.append(f"{key} is {_format_values(found)}, expected {_format_values(wanted)}")
     wanted_relations, found_relations = _relations(expected), _relations(got)
     lines += [f"lacks {' '.join(relation)}" for relation in sorted(wanted_relations - found_relations)]
     return lines + [f"has {' '.join(relation)}" for relation in sorted(found_relations - wanted_relations)]
 
 
-def change_differences(expected: Change, got: Change, tolerance: Tolerance) -> list[str]:
-    """What is otherwise in a change, a line each."""
+def diff_changes(expected: Change, got: Change, tolerance: Tolerance) -> list[str]:
+    """Returns the differences between two changes, one line each."""
     wanted, found = {e.id: e for e in expected.elements}, {e.id: e for e in got.elements}
     if (expected.action, wanted.keys()) != (got.action, found.keys()):
         return [f"{summary(got)}, expected {summary(expected)}"]
-    lines = [f"{eid} {line}" for eid in wanted for line in element_differences(wanted[eid], found[eid], tolerance)]
+    lines = [f"{eid} {line}" for eid in wanted for line in diff_elements(wanted[eid], found[eid], tolerance)]
     if _facts(expected.relations) != _facts(got.relations):
         lines.append(f"{summary(got)}, expected {summary(expected)}")
     return lines
 
 
 def summary(change: Change) -> str:
-    """A change in a few words."""
+    """Returns the action of a change and the ids of its elements, in one line."""
     parts = [e.id for e in change.elements] + [" ".join(fact) for fact in sorted(_facts(change.relations))]
     return f"{change.action} {', '.join(parts) or 'of the ontologies'}"
 
 
-def _shortened(text: str) -> str:
+def _without_trace(text: str) -> str:
     if _TRACEBACK not in text:
         return text
     before, _, after = text.partition(_TRACEBACK)
     raised = after.rstrip().rpartition("\n")[2]
-    return before.partition(raised)[0] + raised  # before it stands the same, with the line that raised it
+    return before.partition(raised)[0] + raised  # the part before repeats the message, with its source line
 
 
 def _same_number(one: str, other: str, tolerance: Tolerance) -> bool:
@@ -144,5 +144,5 @@ def _facts(relations: Sequence[Any]) -> set[tuple[str, str, str]]:
     return {(r["src"], r["type"], r["dst"]) for r in relations}
 
 
-def _shown(values: Sequence[Any]) -> str:
+def _format_values(values: Sequence[Any]) -> str:
     return ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in values) or "not there"

@@ -1,4 +1,4 @@
-"""What was otherwise in one run than in another."""
+"""Differences between two runs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.differences import Kind, differences
-from skiros2_bags.core.normal import Tolerance
+from skiros2_bags.core.diff import Kind, diff_runs
 from skiros2_bags.core.run import Run
+from skiros2_bags.core.tolerance import Tolerance
 from support.recorded_run import (
     FAILURE,
     GOAL,
@@ -36,18 +36,18 @@ def compare(tmp_path: Path) -> Callable[..., list[tuple[str, str, str, str]]]:
     def compared(messages: Messages, **how: Any) -> list[tuple[str, str, str, str]]:
         files = (tmp_path / f"{next(numbers)}.bag" for _ in range(2))
         runs = [Run.open(write_bag(file, m)) for file, m in zip(files, (good_run(), messages), strict=True)]
-        return [(d.kind, d.where, d.expected, d.got) for d in differences(*runs, **how)]
+        return [(d.kind, d.where, d.expected, d.got) for d in diff_runs(*runs, **how)]
 
     return compared
 
 
-def test_runs_that_are_alike_but_for_times_and_numbers_of_tasks(compare: Any) -> None:
+def test_times_and_task_numbers_are_not_compared(compare: Any) -> None:
     again = good_run()
     again.insert(4, ("progress", tree("pick", RUNNING, ended=False)))
     assert compare(again) == []
 
 
-def test_a_skill_that_fails_is_the_first_divergence(compare: Any) -> None:
+def test_failed_skill_is_the_first_divergence(compare: Any) -> None:
     messages = good_run()[:5]
     messages[4] = ("progress", tree("pick", FAILURE))
     found = compare(messages)
@@ -57,7 +57,7 @@ def test_a_skill_that_fails_is_the_first_divergence(compare: Any) -> None:
     assert (Kind.SCENE, f'{PRODUCT} "Product A"', "", f"lacks {TRAY_B} skiros:contain {PRODUCT}") in found
 
 
-def test_another_change_is_told_with_its_author(compare: Any) -> None:
+def test_different_change_names_its_author(compare: Any) -> None:
     messages = [entry for entry in good_run() if entry[0] != "change"]
     monitor = Monitor()
     elsewhere = element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.7])
@@ -69,7 +69,7 @@ def test_another_change_is_told_with_its_author(compare: Any) -> None:
     assert compare(messages, tolerance=Tolerance(0.0, 0.3)) == []
 
 
-def test_how_often_a_moving_thing_was_told_of_is_no_difference(compare: Any) -> None:
+def test_number_of_pose_updates_is_not_compared(compare: Any) -> None:
     messages = good_run()
     monitor = Monitor()
     for action in ("reset", "update"):
@@ -84,7 +84,7 @@ def test_how_often_a_moving_thing_was_told_of_is_no_difference(compare: Any) -> 
     ]
 
 
-def test_an_element_that_is_not_there_at_the_end(compare: Any) -> None:
+def test_removed_element_differs_in_the_final_scene(compare: Any) -> None:
     messages = good_run()
     monitor = Monitor()
     for action in ("reset", "update"):
@@ -95,7 +95,7 @@ def test_an_element_that_is_not_there_at_the_end(compare: Any) -> None:
     assert (Kind.SCENE, PRODUCT, 'there, "Product A"', "not there") in found
 
 
-def test_another_goal(compare: Any) -> None:
+def test_different_goal_is_a_divergence(compare: Any) -> None:
     messages = good_run()
     messages[1] = ("goal", ("goal-1", "(skiros:at a b)"))
     assert compare(messages) == [(Kind.GOAL, "goal 1", GOAL, "(skiros:at a b)")]

@@ -1,4 +1,4 @@
-"""The commands that tell what is in a bag: show, check, tasks and skills."""
+"""The commands `show`, `check`, `tasks`, `skills` and `plot`."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ from collections.abc import Iterable
 from typing import Any
 
 from skiros2_bags.core.checking import check
-from skiros2_bags.core.contract_types import MONITOR, PROGRESS
-from skiros2_bags.core.moments import local_time, relative
+from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.skill_time import SkillTime
-from skiros2_bags.core.task_trace import FAILURE, STATES, SUCCESS, TaskTrace
+from skiros2_bags.core.task_run import FAILURE, STATES, SUCCESS, SkillRun, TaskRun
+from skiros2_bags.core.times import local_time, relative_time
 from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import local_name
 
-_MARKS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
+_SYMBOLS = {SUCCESS: ("✓", "+"), FAILURE: ("✗", "x")}
 
 
 def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What is in a bag: how long it is, the goals, the tasks, the actions, the world model."""
+    """Prints a summary of a bag: duration, goals, tasks, actions, world model."""
     counts = Counter(message.topic for message in run.messages())
     lines = [
         screen.fitted(
@@ -43,7 +42,7 @@ def show(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResu
 
 
 def _section(title: str, lines: list[str]) -> list[str]:
-    """Some lines under a title; nothing where a table has no rows."""
+    """Returns lines with a title; no lines for an empty table."""
     return ["", f"{title}:", *(f"  {line}" for line in lines)] if len(lines) > 2 or title == "world model" else []
 
 
@@ -51,14 +50,14 @@ def _goal_rows(run: Run) -> Iterable[tuple[str, ...]]:
     for goal in run.goals():
         took = f"{goal.end - goal.time:.2f}" if goal.end is not None else ""
         outcome = goal.state or goal.call.status_name
-        yield relative(goal.time, run), took, goal.call.name, outcome, goal.goals
+        yield relative_time(goal.time, run), took, goal.call.name, outcome, goal.goals
 
 
-def _task_row(task: TaskTrace, run: Run) -> tuple[str, ...]:
+def _task_row(task: TaskRun, run: Run) -> tuple[str, ...]:
     skills = ", ".join(node.name for node in task.nodes.values() if node.depth == 1)
     state = STATES.get(task.root.state, "") if task.has_ended else "not ended"
     outcome = state if task.message == state or not task.message else f"{state}: {task.message}"
-    return relative(task.start, run), f"{task.end - task.start:.2f}", task.robot, str(task.id), skills, outcome
+    return relative_time(task.start, run), f"{task.end - task.start:.2f}", task.robot, str(task.id), skills, outcome
 
 
 def _action_rows(run: Run) -> Iterable[tuple[str, ...]]:
@@ -72,15 +71,15 @@ def _action_rows(run: Run) -> Iterable[tuple[str, ...]]:
 def _world_lines(run: Run) -> list[str]:
     changes = run.changes()
     authors = Counter(timed.change.author for timed in changes)
-    made = ", ".join(f"{number} by {author}" for author, number in authors.most_common())
+    by_author = ", ".join(f"{number} by {author}" for author, number in authors.most_common())
     gaps = sum(bool(timed.gap) for timed in changes)
-    there = [f"{len(run.world(partial=True))} elements at the end"] if changes else []
-    return [f"{len(changes)} changes: {made}" if changes else "no changes", *there] + (
+    size = [f"{len(run.world(partial=True))} elements at the end"] if changes else []
+    return [f"{len(changes)} changes: {by_author}" if changes else "no changes", *size] + (
         [f"{gaps} times changes are missing: see check"] if gaps else []
     )
 
 
-def _run_json(run: Run, tasks: list[TaskTrace], counts: Counter[str]) -> dict[str, Any]:
+def _run_json(run: Run, tasks: list[TaskRun], counts: Counter[str]) -> dict[str, Any]:
     return {
         "bag": str(run.path),
         "start": run.start,
@@ -103,7 +102,7 @@ def _run_json(run: Run, tasks: list[TaskTrace], counts: Counter[str]) -> dict[st
 
 
 def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Whether a bag has all of its run from the start: no change, task or goal is missing."""
+    """Checks that a bag is complete from the start: no change, task or goal is missing."""
     findings = check(run)
     marks = ("✓", "✗") if screen.fancy else ("ok ", "BAD")
     lines = [screen.fitted(f"{marks[not f.holds]} {f.text}") for f in findings]
@@ -112,45 +111,47 @@ def check_bag(run: Run, arguments: argparse.Namespace, screen: Screen) -> Comman
 
 
 def tasks(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The tree of each task, with what each node was at last, and when it ran."""
-    chosen = [
-        task for task in run.tasks() if _is_meant(task.robot, arguments.robot) and arguments.task in (None, task.id)
+    """Prints the tree of each task, with the states and times of its nodes."""
+    selected = [
+        task
+        for task in run.tasks()
+        if _matches_robot(task.robot, arguments.robot) and arguments.task in (None, task.id)
     ]
     lines: list[str] = []
-    for task in chosen:
-        title = f"{task.robot}, task {task.id}: {relative(task.start, run)} to {relative(task.end, run)} s"
+    for task in selected:
+        title = f"{task.robot}, task {task.id}: {relative_time(task.start, run)} to {relative_time(task.end, run)} s"
         lines += [
             "",
             screen.fitted(f"{title}{'' if task.has_ended else ', not ended'}"),
             *_task_tree(task, run, screen),
         ]
-    return CommandResult(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in chosen])
+    return CommandResult(lines[1:] or ["no tasks"], lambda: [_task_json(task) for task in selected])
 
 
-def _task_tree(task: TaskTrace, run: Run, screen: Screen) -> list[str]:
+def _task_tree(task: TaskRun, run: Run, screen: Screen) -> list[str]:
     branches: dict[int, Branch] = {}
     for node in task.nodes.values():
         states = node.state_changes()
-        marks = " ".join(_mark(s.state, screen) for s in states)
+        marks = " ".join(_symbol(s.state, screen) for s in states)
         began = next((s.time for s in states if STATES.get(s.state) != "Idle"), None)
         ended = next((s.time for s in reversed(states) if s.state in (SUCCESS, FAILURE)), None)
-        times = [relative(t, run) if t is not None else "" for t in (began, ended)]
+        times = [relative_time(t, run) if t is not None else "" for t in (began, ended)]
         branch = Branch([f"{node.name} {node.processor}".strip(), marks, *times, node.states[-1].message])
         branches[node.id] = branch
-        above = branches.get(node.parent_id)
-        if above is not None and node.depth:
-            above.branches.append(branch)
+        parent = branches.get(node.parent_id)
+        if parent is not None and node.depth:
+            parent.branches.append(branch)
     return tree(screen, [branches[task.id]])
 
 
-def _mark(state: int, screen: Screen) -> str:
-    known = _MARKS.get(state)
+def _symbol(state: int, screen: Screen) -> str:
+    known = _SYMBOLS.get(state)
     if known is not None:
         return known[not screen.fancy]
     return {"Running": "r", "Idle": "."}.get(STATES.get(state, ""), "?")
 
 
-def _task_json(task: TaskTrace) -> dict[str, Any]:
+def _task_json(task: TaskRun) -> dict[str, Any]:
     return {
         "robot": task.robot,
         "task": task.id,
@@ -171,29 +172,29 @@ def _task_json(task: TaskTrace) -> dict[str, Any]:
 
 
 def skills(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """When each skill ran, and for how long."""
-    chosen = [
+    """Prints when each skill ran, and for how long."""
+    selected = [
         skill
         for skill in run.skills()
-        if _is_meant(skill.robot, arguments.robot) and arguments.depth in (0, skill.depth)
+        if _matches_robot(skill.robot, arguments.robot) and arguments.depth in (0, skill.depth)
     ]
     if arguments.total:
-        lines = table(screen, _total_rows(chosen), ("skill", "runs", "failed", "mean s", "least", "most", "sum s"))
+        lines = table(screen, _total_rows(selected), ("skill", "runs", "failed", "mean s", "least", "most", "sum s"))
     else:
         headers = ("skill", "robot", "task", "at s", "took s", "state", "message")
-        lines = table(screen, [_skill_row(s, run) for s in chosen], headers)
-    return CommandResult(lines if chosen else ["no skills"], lambda: [_skill_json(s) for s in chosen])
+        lines = table(screen, [_skill_row(s, run) for s in selected], headers)
+    return CommandResult(lines if selected else ["no skills"], lambda: [_skill_json(s) for s in selected])
 
 
-def _skill_row(skill: SkillTime, run: Run) -> tuple[str, ...]:
+def _skill_row(skill: SkillRun, run: Run) -> tuple[str, ...]:
     name = "  " * (skill.depth - 1) + skill.label
-    times = relative(skill.start, run), f"{skill.duration:.2f}"
+    times = relative_time(skill.start, run), f"{skill.duration:.2f}"
     return name, skill.robot, str(skill.task_id), *times, skill.state_name, skill.message
 
 
-def _total_rows(chosen: Iterable[SkillTime]) -> Iterable[tuple[str, ...]]:
-    runs: dict[str, list[SkillTime]] = defaultdict(list)
-    for skill in chosen:
+def _total_rows(selected: Iterable[SkillRun]) -> Iterable[tuple[str, ...]]:
+    runs: dict[str, list[SkillRun]] = defaultdict(list)
+    for skill in selected:
         runs[skill.label].append(skill)
     for label, found in sorted(runs.items(), key=lambda item: -sum(s.duration for s in item[1])):
         times = [s.duration for s in found]
@@ -202,7 +203,7 @@ def _total_rows(chosen: Iterable[SkillTime]) -> Iterable[tuple[str, ...]]:
         yield label, str(len(found)), str(failed or ""), *(f"{number:.2f}" for number in numbers)
 
 
-def _skill_json(skill: SkillTime) -> dict[str, Any]:
+def _skill_json(skill: SkillRun) -> dict[str, Any]:
     return {
         "robot": skill.robot, "task": skill.task_id, "node": skill.node_id, "depth": skill.depth, "label": skill.label,
         "type": skill.type, "start": skill.start, "end": skill.end, "state": skill.state_name, "code": skill.code,
@@ -210,5 +211,14 @@ def _skill_json(skill: SkillTime) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _is_meant(robot: str, wanted: str) -> bool:
+def _matches_robot(robot: str, wanted: str) -> bool:
     return not wanted or robot.strip("/") == wanted.strip("/") or local_name(robot) == wanted
+
+
+def plot(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Draws a PNG of the skill runs by robot and of the changes of the world model."""
+    from skiros2_bags.core.gantt import save_gantt  # imports in a second
+
+    output = arguments.output or run.path.with_suffix(".png")
+    save_gantt(run, output, arguments.depth)
+    return CommandResult([str(output)], {"file": str(output)})

@@ -1,4 +1,4 @@
-"""Times of a bag as users write them."""
+"""Parsing of times of a bag."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.moments import local_time, moment
+from skiros2_bags.core.times import local_time, parse_time
 from skiros2_common.core.errors import WrongValue
 
 START = 1795233085.25
@@ -26,11 +26,11 @@ RUN: Any = SimpleNamespace(start=START, end=START + 60)
         (time.strftime("%H:%M:%S", time.localtime(START + 7)), int(START) + 7),
     ],
 )
-def test_a_time(text: str, expected: float) -> None:
-    assert moment(text, RUN) == expected
+def test_time_is_parsed(text: str, expected: float) -> None:
+    assert parse_time(text, RUN) == expected
 
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "noon", "25:00"])
-def test_what_is_no_time(text: str) -> None:
+def test_invalid_time_is_rejected(text: str) -> None:
     with pytest.raises(WrongValue, match="is no time"):
-        moment(text, RUN)
+        parse_time(text, RUN)

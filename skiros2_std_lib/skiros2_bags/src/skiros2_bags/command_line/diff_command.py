@@ -1,4 +1,4 @@
-"""The command that compares two runs."""
+"""The command `diff`."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import argparse
 import math
 from dataclasses import asdict
 
-from skiros2_bags.core.contract_types import PROGRESS
-from skiros2_bags.core.differences import Difference, Kind, differences
-from skiros2_bags.core.normal import Tolerance
+from skiros2_bags.core.diff import Difference, Kind, diff_runs
+from skiros2_bags.core.message import PROGRESS
 from skiros2_bags.core.run import Run
+from skiros2_bags.core.tolerance import Tolerance
 from skiros2_common.command_line.command import REFUSED, CommandResult, UsageError
 from skiros2_common.command_line.layout import Screen, table
 
-#: So many differences are shown, unless all are wanted.
-_SHOWN = 20
+#: Maximum number of differences to print without `--all`.
+_MAX_ROWS = 20
 
 
 def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What was otherwise in another run: where they part first, then the rest."""
+    """Compares a run with another one: the first divergence, then all differences."""
     if not 0 <= arguments.tolerance < math.inf:
         raise UsageError(f"--tolerance {arguments.tolerance}: expected a number of at least 0")
     other = Run.open(arguments.other)
-    found = differences(run, other, Tolerance(arguments.tolerance, arguments.tolerance))
+    found = diff_runs(run, other, Tolerance(arguments.tolerance, arguments.tolerance))
     if not found:
         return CommandResult(["the runs are alike", *_times(run, other, screen)], [])
-    shown = found if arguments.all else found[:_SHOWN]
-    lines = ["first divergence:", *_told(found[0], screen)]
+    shown = found if arguments.all else found[:_MAX_ROWS]
+    lines = ["first divergence:", *_difference_lines(found[0], screen)]
     if len(found) > 1:
         lines += ["", "all differences:"]
         lines += [f"  {line}" for line in table(screen, map(_row, shown), ("at s", "what", "where", "expected", "got"))]
@@ -35,7 +35,7 @@ def diff(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResu
     return CommandResult(lines, [asdict(difference) for difference in found], REFUSED)
 
 
-def _told(difference: Difference, screen: Screen) -> list[str]:
+def _difference_lines(difference: Difference, screen: Screen) -> list[str]:
     lines = [f"at {difference.time:.2f} s, {difference.kind}: {difference.where}"]
     lines += [f"expected: {difference.expected}"] if difference.expected else []
     return [screen.fitted(f"  {line}") for line in [*lines, f"got:      {difference.got}"]]
@@ -47,7 +47,7 @@ def _row(difference: Difference) -> tuple[str, ...]:
 
 
 def _times(run: Run, other: Run, screen: Screen) -> list[str]:
-    """How long both took, by skill."""
+    """Returns a table of the time per skill in both runs."""
     totals = [_totals(r) for r in (run, other)]
     labels = dict.fromkeys([*totals[0], *totals[1]])
     rows = [(label, *(f"{t[label]:.2f}" if label in t else "" for t in totals)) for label in labels]

@@ -1,17 +1,19 @@
-"""The commands that tell of the world model in a bag: world and changes."""
+"""The commands `world`, `changes` and `restore`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.moments import moment, relative
-from skiros2_bags.core.normal import summary
+from skiros2_bags.core.restore import restore as restore_scene
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.world_changes import TimedChange
-from skiros2_common.command_line.command import CommandResult
+from skiros2_bags.core.times import parse_time, relative_time
+from skiros2_bags.core.tolerance import summary
+from skiros2_bags.core.world_history import TimedChange
+from skiros2_common.command_line.command import CommandResult, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.command_line.reading import element_answer, scene_tree
@@ -21,52 +23,52 @@ from skiros2_world_model.core.differences import changed_lines, difference
 from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 
-#: What leads down the tree of a scene; a bag has no ontologies that could tell.
+#: Relations along which the tree of a scene is printed; a bag contains no ontologies to derive them from.
 _SPATIAL = ("skiros:contain", "skiros:hasA")
 
-#: So many lines of one change are shown, unless all are wanted.
-_SHOWN = 12
+#: Maximum number of lines per change without `--all`.
+_MAX_LINES = 12
 
 
 def world(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The world model as it was at a time, or one element of it."""
-    at = moment(arguments.at, run) if arguments.at else run.end
+    """Prints the scene at a time, or one element of it."""
+    at = parse_time(arguments.at, run) if arguments.at else run.end
     scene = run.world(at, arguments.partial)
     elements = _elements(scene, [node.id for node in scene])
     if arguments.id:
         element = scene.element(arguments.id)
         if element is None:
             others = f"only {len(scene)} others"
-            raise BagError(f"{run.path}: there was no element {arguments.id!r} at {relative(at, run)} s, {others}")
+            raise BagError(f"{run.path}: there was no element {arguments.id!r} at {relative_time(at, run)} s, {others}")
         answer = element_answer(element, screen)
     else:
         answer = scene_tree(elements, _SPATIAL, screen, "", arguments.all)
-    return CommandResult([screen.fitted(f"at {relative(at, run)} s:"), "", *answer.lines], answer.data)
+    return CommandResult([screen.fitted(f"at {relative_time(at, run)} s:"), "", *answer.lines], answer.data)
 
 
 def changes(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What was changed in the world model, when, and by whom."""
-    since = moment(arguments.since, run) if arguments.since else float("-inf")
-    until = moment(arguments.until, run) if arguments.until else float("inf")
+    """Prints the changes of the world model with time and author."""
+    since = parse_time(arguments.since, run) if arguments.since else float("-inf")
+    until = parse_time(arguments.until, run) if arguments.until else float("inf")
     scene = Scene()
     lines: list[str] = []
     data: list[dict[str, Any]] = []
     for timed in run.changes():
-        told = _told(scene, timed)
+        details = _change_lines(scene, timed)
         change = timed.change
-        is_meant = not arguments.id or any(arguments.id in line.split() for line in told)
-        if since < timed.time <= until and arguments.author in ("", change.author) and is_meant:
+        matches = not arguments.id or any(arguments.id in line.split() for line in details)
+        if since < timed.time <= until and arguments.author in ("", change.author) and matches:
             lines += [screen.fitted(f"MISSING: {timed.gap}")] if timed.gap else []
-            lines += [screen.fitted(f"{relative(timed.time, run)} s  {change.author}  {change.action}")]
-            shown = told if arguments.all else told[:_SHOWN]
+            lines += [screen.fitted(f"{relative_time(timed.time, run)} s  {change.author}  {change.action}")]
+            shown = details if arguments.all else details[:_MAX_LINES]
             lines += [screen.fitted(f"    {line}") for line in shown]
-            lines += [f"    {len(told) - len(shown)} more: --all"] if len(shown) < len(told) else []
+            lines += [f"    {len(details) - len(shown)} more: --all"] if len(shown) < len(details) else []
             data.append(_change_json(timed))
     return CommandResult(lines or ["no changes"], data)
 
 
-def _told(scene: Scene, timed: TimedChange) -> list[str]:
-    """What a change made otherwise, a line each; the scene is that before it, and then that behind."""
+def _change_lines(scene: Scene, timed: TimedChange) -> list[str]:
+    """Returns the lines of a change, and applies it to the scene."""
     change = timed.change
     ids = [e.id for e in change.elements]
     if change.action == RESET:
@@ -100,3 +102,15 @@ def _change_json(timed: TimedChange) -> dict[str, Any]:
         "elements": [element_json(e) for e in change.elements],
         "relations": [{"src": r["src"], "type": r["type"], "dst": r["dst"]} for r in change.relations],
     }
+
+
+def restore(run: Run, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
+    """Replaces the scene of a running world model by the scene of the bag at a time, in one transaction."""
+    from skiros2_world_model.command_line.connection import connect  # takes a second to import, and needs ROS
+
+    at = parse_time(arguments.at, run) if arguments.at else run.end
+    scene = run.world(at, arguments.partial)
+    done = restore_scene(connect(arguments.wm, user()), scene)
+    counts = f"{done.added} added, {done.changed} changed, {done.removed} removed"
+    text = f"the scene is as at {relative_time(at, run)} s: {counts}"
+    return CommandResult([screen.fitted(text)], asdict(done))

@@ -1,17 +1,16 @@
-"""The world model alone: what changed it in a recording comes as requests, and has to change it in the same way."""
+"""Replay of the world model alone: sends the recorded changes as requests and compares the resulting changes."""
 
 from __future__ import annotations
 
 import rospy
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.normal import Tolerance, change_differences, element_differences, summary
+from skiros2_bags.core.tolerance import Tolerance, diff_changes, diff_elements, summary
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.kinds import Settings
-from skiros2_bags.testing.lab import Lab
-from skiros2_bags.testing.past_world import operations_of, requests_of, scene_before
-from skiros2_bags.testing.recording import Changed, Recording
-from skiros2_bags.testing.system_nodes import start_world_model
+from skiros2_bags.testing.recorded_world import change_operations, group_requests, scene_before
+from skiros2_bags.testing.recording import Recording, WorldChange
+from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_system import ReplaySystem, start_world_model
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.following import follow
@@ -21,36 +20,38 @@ from skiros2_world_model.ros.wire import msg2change, msg2given_element, operatio
 NODE = "/wm"
 
 
-def replay_world_model(recording: Recording, settings: Settings, lab: Lab) -> Divergence | None:
-    """Plays all changes of a recording into a world model. None: all came of them as recorded.
+def replay_world_model(recording: Recording, settings: Settings, system: ReplaySystem) -> Divergence | None:
+    """Plays all recorded changes into a world model. Returns the first divergence; None without one.
 
-    It runs without reasoners: what these have completed is in the recorded changes, and so in the requests.
+    The world model runs without reasoners: the recorded changes contain their additions.
     """
     first = next((e for e in recording.changes if e.change.action == RESET), None)
     if first is None:
         raise BagError(f"{recording.path}: no whole scene on wm/monitor; expected it at the start")
     scene = scene_before(recording, first.order + 1)
-    start_world_model(lab, scene, settings.workspace, [])
+    start_world_model(system, scene, settings.workspace, [])
     transact = rospy.ServiceProxy(f"{NODE}/transaction", srvs.WmTransaction, persistent=True)
     tolerance = settings.tolerance
     begin = recording.events[0].time
-    for request in requests_of([e for e in recording.changes if e.order > first.order]):
-        found = _play(request, scene, transact, tolerance)
+    for request in group_requests([e for e in recording.changes if e.order > first.order]):
+        found = _play_request(request, scene, transact, tolerance)
         if found is not None:
             where = f"{request[0].time - begin:.3f} s, a request of {request[0].change.author}"
             return Divergence(where, "the world model", *found)
-    return _final(scene, tolerance)
+    return _diff_final_scene(scene, tolerance)
 
 
-def _play(request: list[Changed], scene: Scene, transact: object, tolerance: Tolerance) -> tuple[str, str] | None:
-    """Sends one request. Returns what came of it otherwise: as recorded, and now.
+def _play_request(
+    request: list[WorldChange], scene: Scene, transact: object, tolerance: Tolerance
+) -> tuple[str, str] | None:
+    """Sends one request. Returns a mismatch (recorded, now); None without one.
 
-    :param scene: as it is before; it follows the recording.
+    :param scene: the recorded scene before the request; updated.
     """
     expected = [e.change for e in request if e.change.elements or e.change.relations]
     operations = []
     for change in expected:
-        operations += operations_of(change, scene)
+        operations += change_operations(change, scene)
         follow(scene, change)
     if not operations:
         return None
@@ -60,30 +61,30 @@ def _play(request: list[Changed], scene: Scene, transact: object, tolerance: Tol
         return _summaries(expected), f"refused: {error}"
     got = [msg2change(m, "scene") for m in answer.changes]
     differences = [
-        line for one, other in zip(expected, got, strict=False) for line in change_differences(one, other, tolerance)
+        line for one, other in zip(expected, got, strict=False) for line in diff_changes(one, other, tolerance)
     ]
     if len(got) == len(expected) and not differences:
         return None
     return _summaries(expected), "\n".join([_summaries(got), *differences])
 
 
-def _final(scene: Scene, tolerance: Tolerance) -> Divergence | None:
-    """What is otherwise in the scene at the end."""
+def _diff_final_scene(scene: Scene, tolerance: Tolerance) -> Divergence | None:
+    """Compares the final scene with the recorded one."""
     answer = rospy.ServiceProxy(f"{NODE}/snapshot", srvs.WmSnapshot)("")
-    there = {m.id: msg2given_element(m, 0) for m in answer.elements}
+    remaining = {m.id: msg2given_element(m, 0) for m in answer.elements}
     for node in scene:
         expected = scene.element(node.id)
         assert expected is not None
-        got = there.pop(node.id, None)
+        got = remaining.pop(node.id, None)
         if got is None:
             return Divergence("at the end", node.id, "an element of the scene", "no such element")
         outgoing = [r for r in expected._rels if r["src"] == "-1"]
         expected = type(expected).shared(node.type, node.label, node.id, node.properties, outgoing)
-        differences = element_differences(expected, got, tolerance)
+        differences = diff_elements(expected, got, tolerance)
         if differences:
             return Divergence("at the end", node.id, "as recorded", "\n".join(differences))
-    left = ", ".join(there)
-    return Divergence("at the end", "the scene", "no further element", left) if left else None
+    extra = ", ".join(remaining)
+    return Divergence("at the end", "the scene", "no further element", extra) if extra else None
 
 
 def _summaries(changes: list[Change]) -> str:

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_skill.core.devices import free_former_devices, locks_in
+from skiros2_skill.core.engine.devices import free_former_devices, locks_in
 
 ROUNDS = 30
 

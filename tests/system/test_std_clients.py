@@ -16,10 +16,10 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_std_skills import action_client_primitive
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from skiros2_skill.core.ticker import RECURSION_LIMIT
+from skiros2_skill.core.runtime.scheduler import RECURSION_LIMIT
 from skiros2_skill.testing import SkillBench
 
 

@@ -4,10 +4,10 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_skill.core.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.engine.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import ParallelFf, SelectorStar, Serial, Skill
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Work, contains, describe, primitive, running_for
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])

@@ -8,10 +8,10 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused
-from skiros2_skill.core import devices
-from skiros2_skill.core.devices import free_former_devices, locks_in
-from skiros2_skill.core.executor import Executor
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.engine import devices
+from skiros2_skill.core.engine.devices import free_former_devices, locks_in
+from skiros2_skill.core.engine.executor import Executor
+from skiros2_skill.core.runtime.scheduler import Ticker
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.ros import wait_until

@@ -5,7 +5,7 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import EXECUTE
-from skiros2_skill.core.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
 from unit.skiros2_skill.skills import Work, primitive
 
 

@@ -13,8 +13,8 @@ from skiros2_common.core.explanation import Left
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.emptiness import candidates_of, told
-from skiros2_skill.core.inference import infer
+from skiros2_skill.core.diagnosis.no_candidates import candidates_of, told
+from skiros2_skill.core.engine.inference import infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 make = SkillDescription()

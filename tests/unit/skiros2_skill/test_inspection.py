@@ -4,8 +4,8 @@ import pytest
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import HOLD, PRE
-from skiros2_skill.core.inspection import FAILS, HOLDS, UNKNOWN, NodeNow, inspect
-from skiros2_skill.core.task import Task
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, UNKNOWN, NodeNow, inspect
+from skiros2_skill.core.runtime.task import Task
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe, primitive, running_for
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])

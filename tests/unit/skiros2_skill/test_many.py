@@ -8,8 +8,8 @@ from collections import Counter
 import pytest
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_skill.core.runtime.scheduler import Ticker
 from skiros2_skill.core.skill import ParallelFf, Skill, SkillBase
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import OBJECT, OPTIONAL, Work, describe, primitive, running_for
 
 Say = describe("Say", [("Text", "words", OPTIONAL), OBJECT])

@@ -8,8 +8,8 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.conditions import ConditionProperty
 from skiros2_common.core.world_element import Element
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import NoFail, ParallelFf, Sequential, Skill
-from skiros2_skill.core.task import Task
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from unit.skiros2_skill.conftest import Workbench
 from unit.skiros2_skill.skills import INFERRED, OPTIONAL, REQUIRED, contains, describe, primitive

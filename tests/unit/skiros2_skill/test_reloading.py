@@ -6,9 +6,9 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError, UnknownName
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.reloading import reloading
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.library.reload import reloading
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.bench_task import BenchTask
 
 SKILLS = """

@@ -6,7 +6,7 @@ from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongT
 from skiros2_common.core.explanation import GIVEN, PARAMETER, START
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.runtime.request import SkillRequest, make_nodes, why_refused
 from unit.skiros2_skill.skills import OBJECT, REQUIRED, Note, Speak, describe, primitive
 
 

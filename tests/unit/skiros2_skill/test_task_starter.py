@@ -10,8 +10,8 @@ from skiros2_common.core.explanation import PARAMETER
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.history import History
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Ticker
 from skiros2_skill.ros.progress import param_messages, wire_code, wire_text
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter
 from skiros2_world_model.core.world_model_abstract_interface import WmException

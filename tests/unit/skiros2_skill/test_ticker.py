@@ -8,8 +8,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_skill.core.runtime.scheduler import Ticker
 from skiros2_skill.core.skill import Skill
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import Work, primitive, running_for
 
 

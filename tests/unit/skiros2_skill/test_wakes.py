@@ -7,8 +7,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive_thread import PrimitiveThreadBase
-from skiros2_skill.core.ticker import Ticker
-from skiros2_skill.core.worker import WAKES
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.worker import WAKES
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Work, contains, describe, primitive
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])

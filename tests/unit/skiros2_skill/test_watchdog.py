@@ -6,8 +6,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
+from skiros2_skill.core.runtime.scheduler import Ticker
 from skiros2_skill.core.skill import ParallelFf, Skill
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
 
 TIMEOUT = 0.3  # s for a preempted task to end

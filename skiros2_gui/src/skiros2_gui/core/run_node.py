@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING, look_of
-from skiros2_skill.core.inspection import FAILS, HOLDS, ConditionNow, NodeNow
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionNow, NodeNow
 
 #: How a verdict is marked.
 VERDICTS = {HOLDS: "✓", FAILS: "✗"}

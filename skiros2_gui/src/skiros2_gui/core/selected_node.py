@@ -16,7 +16,7 @@ from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_node import NodeText, node_text
 from skiros2_gui.core.states import FAILURE
 from skiros2_gui.core.window import Window
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeNow
 
 _OF_A_BAG = "The values of conditions are not recorded in bags."
 _OF_THE_PAST = "The values of conditions are known at present only."

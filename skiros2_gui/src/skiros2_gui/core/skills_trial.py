@@ -17,9 +17,9 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.core.skills_catalogue import Offer
 from skiros2_gui.core.skills_fields import ElementChoice, element_choices
 from skiros2_skill.command_line.description import KINDS, Parameter, Skill
-from skiros2_skill.core.emptiness import candidates_of, told
-from skiros2_skill.core.failures import PRE_FAILED
-from skiros2_skill.core.inference import infer, inferable
+from skiros2_skill.core.diagnosis.no_candidates import candidates_of, told
+from skiros2_skill.core.engine.failures import PRE_FAILED
+from skiros2_skill.core.engine.inference import infer, inferable
 from skiros2_skill.core.manager_names import runs_on
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import as_condition

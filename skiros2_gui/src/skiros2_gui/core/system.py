@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from skiros2_skill.command_line.description import Skill
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeNow
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface

@@ -22,7 +22,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.core.health import clock
 from skiros2_gui.core.problems import Problems
 from skiros2_gui.qt.theme import tint
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 #: So many characters of the first line of a text are shown, and of the whole text in the tooltip; the list has all.
 MOST_SHOWN, MOST_IN_TIP = 400, 4000

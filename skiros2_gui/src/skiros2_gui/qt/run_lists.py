@@ -14,7 +14,7 @@ from skiros2_gui.core.run_node import clock_text, duration_text
 from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.states import look_of
 from skiros2_gui.qt.theme import signal_colour
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 
 class _Rows(QAbstractListModel):

@@ -8,7 +8,7 @@ from python_qt_binding.QtWidgets import QLabel, QWidget
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import FAILURE
 from skiros2_gui.qt.theme import is_dark, tint
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 #: So many characters of the first line are shown; the tooltip has more.
 _LONGEST, _LONGEST_TIP = 240, 2000

@@ -11,7 +11,7 @@ from skiros2_gui.core.run_presenter import RunPresenter
 from skiros2_gui.core.run_tree import RunTree
 from skiros2_gui.core.states import look_of
 from skiros2_gui.qt.run_graph import TreeItem
-from skiros2_skill.core.breakpoints import AT_END, BEFORE_START
+from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START
 
 #: From far enough for a tree of thousands of nodes to one letter.
 _SMALLEST, _LARGEST = 0.005, 4.0

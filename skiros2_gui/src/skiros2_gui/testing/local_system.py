@@ -17,13 +17,13 @@ from skiros2_gui.core.events import ConnectionChanged, ManagersChanged, Progress
 from skiros2_gui.core.inbox import Inbox
 from skiros2_gui.core.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_skill.command_line.description import Skill, read_skill
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.history import REFUSED, History, Record
-from skiros2_skill.core.inspection import NodeNow, inspect
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.diagnosis.inspection import NodeNow, inspect
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.history import REFUSED, History, Record
+from skiros2_skill.core.runtime.request import SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel

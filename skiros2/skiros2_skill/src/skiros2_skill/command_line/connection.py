@@ -15,7 +15,7 @@ from skiros2_common.core.names import nearest
 from skiros2_skill.command_line.description import Skill, read_skill
 
 if TYPE_CHECKING:
-    from skiros2_skill.core.inspection import NodeNow
+    from skiros2_skill.core.diagnosis.inspection import NodeNow
 
 _SKILLS, _COMMAND = "get_skills", "command"
 
@@ -123,7 +123,7 @@ class Manager:
         :raises UnknownName: there is no such task or node.
         """
         from skiros2_msgs import srv as srvs
-        from skiros2_skill.core.inspection import NodeNow
+        from skiros2_skill.core.diagnosis.inspection import NodeNow
 
         answer = self._call("inspect", srvs.SkillInspection, task_id, node_id)
         if not answer.ok:

@@ -15,7 +15,7 @@ from typing import NoReturn
 from skiros2_common.command_line.answer import OK, REFUSED, USAGE, Answer
 from skiros2_common.command_line.frame import Parser, answered, end, given_arguments
 from skiros2_skill.command_line.knowledge import world_model_of
-from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Fault, lint_libraries
+from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Fault, lint_libraries
 
 #: Its skills may be used by those of any library.
 _STANDARD = "skiros2_std_skills"

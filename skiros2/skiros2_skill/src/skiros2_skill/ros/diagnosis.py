@@ -12,12 +12,12 @@ import rospy
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.authors import name_authors
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.history import History
-from skiros2_skill.core.inspection import inspect
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.diagnosis.authors import name_authors
+from skiros2_skill.core.diagnosis.inspection import inspect
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import wire_text
 from skiros2_skill.ros.task_starter import explanations_json
 

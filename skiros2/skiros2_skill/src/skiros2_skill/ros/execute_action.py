@@ -13,9 +13,9 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.history import Record, record_of
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.runtime.history import Record, record_of
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import WIRE_STATES, param_messages, wire_code, wire_text
 from skiros2_skill.ros.skill_run import MOST_AT_ONCE
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json

@@ -14,7 +14,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.task import NodeProgress, Task
+from skiros2_skill.core.runtime.task import NodeProgress, Task
 
 log = logging.getLogger(__name__)
 

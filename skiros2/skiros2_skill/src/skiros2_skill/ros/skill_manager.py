@@ -13,11 +13,11 @@ from std_msgs.msg import Bool, Empty
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.history import History
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.reloading import reloading
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.library.reload import reloading
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction

@@ -18,8 +18,8 @@ from skiros2_common.core.names import nearest
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeNow
+from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.ros.skill_run import SkillRun, SkillRunner
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -260,7 +260,7 @@ class SkillManagerInterface:
         return NodeNow.from_json(answer.json)
 
     def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
-        """Makes tasks pause; see `skiros2_skill.core.breakpoints`. Returns the number of the breakpoint.
+        """Makes tasks pause; see `skiros2_skill.core.engine.breakpoints`. Returns the number of the breakpoint.
 
         :raises SkirosError: the manager refuses, or does not answer.
         """

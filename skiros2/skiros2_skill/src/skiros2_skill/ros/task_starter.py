@@ -15,11 +15,11 @@ from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.property import shown
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
-from skiros2_skill.core.history import REFUSED, History, Record, one_line
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import Plain, SkillRequest, make_nodes, why_refused
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.runtime.request import Plain, SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.task import Task
 
 log = logging.getLogger(__name__)
 

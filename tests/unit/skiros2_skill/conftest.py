@@ -27,7 +27,7 @@ def bench():
 
 @pytest.fixture
 def deep_stack():
-    """As many frames as a ticker allows for."""
+    """As many frames as a scheduler allows for."""
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(RECURSION_LIMIT)
     yield

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
 from skiros2_gui.core.run_frame import Frame
 from skiros2_gui.core.states import IDLE, RUNNING, look_of
-from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionNow, NodeNow
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionStatus, NodeStatus
 
 #: How a verdict is marked.
 VERDICTS = {HOLDS: "✓", FAILS: "✗"}
@@ -61,7 +61,7 @@ class NodeText:
 
 
 def node_text(
-    frame: Frame, place: int, now: NodeNow | None = None, why: Explanation | None = None, note: str = ""
+    frame: Frame, place: int, now: NodeStatus | None = None, why: Explanation | None = None, note: str = ""
 ) -> NodeText:
     """A node at a tick.
 
@@ -96,7 +96,7 @@ def node_text(
     )
 
 
-def _condition(now: ConditionNow, state: int) -> ConditionText:
+def _condition(now: ConditionStatus, state: int) -> ConditionText:
     """What a condition is now; that is not always when it is needed."""
     stage = STAGES.get(now.stage, now.stage)
     if now.stage == PRE and state != IDLE:

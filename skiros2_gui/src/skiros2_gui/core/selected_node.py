@@ -16,7 +16,7 @@ from skiros2_gui.core.run_history import TaskRun
 from skiros2_gui.core.run_node import NodeText, node_text
 from skiros2_gui.core.states import FAILURE
 from skiros2_gui.core.window import Window
-from skiros2_skill.core.diagnosis.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
 _OF_A_BAG = "The values of conditions are not recorded in bags."
 _OF_THE_PAST = "The values of conditions are known at present only."
@@ -25,7 +25,7 @@ _ENDED = "The task has ended: its conditions are not checked any more, what is t
 
 @dataclass(frozen=True)
 class _Answer:
-    now: NodeNow | None
+    now: NodeStatus | None
     why: Explanation | None
     note: str
 
@@ -98,7 +98,7 @@ class SelectedNode:
             self._on_change()
 
 
-def _inspect(manager: Any, task_id: int, node: int) -> tuple[NodeNow | None, str]:
+def _inspect(manager: Any, task_id: int, node: int) -> tuple[NodeStatus | None, str]:
     """What a node is now; where the manager does not tell, as the task has just ended, what it says instead."""
     try:
         return manager.inspect(task_id, node), ""

@@ -3,7 +3,7 @@
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.engine.preemption import SkillPreempted
+from skiros2_skill.core.engine.hooks import SkillPreempted
 from skiros2_skill.core.processors import (
     Loop,
     NoFail,

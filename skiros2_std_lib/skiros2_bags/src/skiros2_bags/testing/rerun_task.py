@@ -72,7 +72,7 @@ class RerunTask:
         try:
             for _ in range(2 + int((told.time - before.time) / _PERIOD)):
                 self._task.tick()
-                if self._task.take_changed() or self._task.ended.is_set():
+                if self._task.update_revision() or self._task.ended.is_set():
                     break
         finally:
             self._manager.ticked = None

@@ -1,9 +1,8 @@
-"""A node of a running task looked at: its parameters and whether its conditions hold now. Plain data that travels as
-JSON; made when somebody asks, in any thread, while the task is ticked."""
+"""Inspects a node of a running task: its parameters and whether its conditions hold. The result is plain data with a
+JSON form. Any thread, while another ticks the task."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,24 +11,24 @@ from skiros2_common.core.explanation import HOLD, POST, PRE, Origin
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.provenance import origins, told_values
+from skiros2_skill.core.diagnosis.provenance import format_values, provenance_of
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.node import SkillInterface
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
-#: Whether a condition holds; the last where it cannot be said.
+#: The verdict on a condition; `UNKNOWN` when it cannot be evaluated.
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 
 @dataclass
-class ConditionNow:
-    """A condition as it is now.
+class ConditionStatus:
+    """The present status of a condition.
 
-    :param stage: `PRE`, `HOLD` or `POST`: when the node needs it.
-    :param text: what it asks for, with the values of the parameters.
+    :param stage: `PRE`, `HOLD` or `POST`.
+    :param text: its description, with the values of the parameters.
     :param verdict: `HOLDS`, `FAILS` or `UNKNOWN`.
-    :param found: what is so instead, or why it cannot be said; "" where nothing more is known.
-    :param elements: those that it speaks of, as they stand in the text: `id-label`.
+    :param found: the fact found instead, or why it is unknown; may be "".
+    :param elements: the elements named in the text, as `id-label`.
     """
 
     stage: str
@@ -41,11 +40,11 @@ class ConditionNow:
 
 
 @dataclass
-class NodeNow(JsonData):
-    """A node as it is now.
+class NodeStatus(JsonData):
+    """The present status of a node.
 
     :param node: its id in the task.
-    :param params: the values of its parameters and where they came from.
+    :param params: the values of its parameters and their provenance.
     """
 
     _called = "node"
@@ -54,39 +53,36 @@ class NodeNow(JsonData):
     type: str
     label: str
     params: list[Origin] = field(default_factory=list)
-    conditions: list[ConditionNow] = field(default_factory=list)
+    conditions: list[ConditionStatus] = field(default_factory=list)
 
 
-def inspect(task: Task, node_id: int, wmi: Any) -> NodeNow:
-    """What a node of a task is now.
+def inspect(task: Task, node_id: int, wmi: Any) -> NodeStatus:
+    """Inspects a node of a task.
 
-    :param wmi: the world model that its conditions are checked against.
+    :param wmi: the world model that its conditions are evaluated against.
     :raises UnknownName: the task has no such node.
     """
     node = next((n for n in task.nodes() if n._id == node_id), None)
     if node is None:
         raise UnknownName(f"task {task.id} has no node {node_id}: it may have been replaced")
-    now = NodeNow(node_id, node._type, node._label, _params(node))
+    status = NodeStatus(node_id, node._type, node._label, _params(node))
     if isinstance(node, SkillWrapper):
         stages = ((PRE, node._pre_conditions), (HOLD, node._hold_conditions), (POST, node._post_conditions))
-        # The task goes on meanwhile: what is checked is a copy.
+        # A copy, because the task continues meanwhile.
         params = ParamHandler(node._params.getCopy())
-        now.conditions = [_checked(stage, c, params, wmi) for stage, conditions in stages for c in list(conditions)]
-    return now
+        status.conditions = [_checked(stage, c, params, wmi) for stage, conditions in stages for c in list(conditions)]
+    return status
 
 
 def _params(node: SkillInterface) -> list[Origin]:
     if isinstance(node, SkillWrapper) and node.slots:
-        return origins(node.slots, node._pre_conditions)
-    return [Origin(key, told_values(p._values) if p.is_bound() else "", "") for key, p in _pairs(node)]
+        return provenance_of(node.slots, node._pre_conditions)
+    params = list(node._params.getParamMap().items())
+    return [Origin(key, format_values(p._values) if p.is_bound() else "", "") for key, p in params]
 
 
-def _pairs(node: SkillInterface) -> Sequence[tuple[str, Any]]:
-    return list(node._params.getParamMap().items())
-
-
-def _checked(stage: str, condition: Any, params: ParamHandler, wmi: Any) -> ConditionNow:
-    """A condition's own code may raise anything."""
+def _checked(stage: str, condition: Any, params: ParamHandler, wmi: Any) -> ConditionStatus:
+    """Evaluates a condition, whose code may raise anything."""
     own = condition.copy()
     text = type(own).__name__
     elements: list[str] = []
@@ -97,5 +93,5 @@ def _checked(stage: str, condition: Any, params: ParamHandler, wmi: Any) -> Cond
         known = {repr(v) for p in params.values() for v in p.values if isinstance(v, Element) and v.id}
         elements = sorted(name for name in known if name in text or name in found)
     except FOREIGN_ERRORS as error:
-        return ConditionNow(stage, own.label, text, UNKNOWN, f"it cannot be checked: {error}", elements)
-    return ConditionNow(stage, own.label, text, verdict, "" if found in text else found, elements)
+        return ConditionStatus(stage, own.label, text, UNKNOWN, f"it cannot be checked: {error}", elements)
+    return ConditionStatus(stage, own.label, text, verdict, "" if found in text else found, elements)

@@ -1,4 +1,4 @@
-"""Where the values of a node's parameters came from, in words. Asked on failure only."""
+"""The provenance of parameter values, for explanations."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.blackboard import Slot
 
 
-def origins(slots: Iterable[Slot], conditions: Sequence[Any]) -> list[Origin]:
-    """Where the values of the parameters in some slots of a node came from.
+def provenance_of(slots: Iterable[Slot], conditions: Sequence[Any]) -> list[Origin]:
+    """The provenance of the parameters of a node.
 
-    :param conditions: the pre-conditions, for the inferred ones.
+    :param conditions: the pre-conditions, which are named for inferred parameters.
     """
-    return [_origin(slot, conditions) for slot in slots]
+    return [_provenance(slot, conditions) for slot in slots]
 
 
-def _origin(slot: Slot, conditions: Sequence[Any]) -> Origin:
+def _provenance(slot: Slot, conditions: Sequence[Any]) -> Origin:
     key, values = slot.param.key, slot.param._values
     if not slot.param.is_bound():
         return Origin(key, "", UNSET)
-    origin = CHANGED if slot.param.assigned else slot.origin
-    if origin == INFERRED:
+    provenance = CHANGED if slot.param.assigned else slot.provenance
+    if provenance == INFERRED:
         names = [c.label for c in conditions if key in c.getKeys()]
     else:
-        names = [slot.giver] if origin in (ABOVE, CHANGED) and slot.giver else []
-    return Origin(key, told_values(values), origin, names)
+        names = [slot.pushed_by] if provenance in (ABOVE, CHANGED) and slot.pushed_by else []
+    return Origin(key, format_values(values), provenance, names)
 
 
-def told_values(values: Sequence[Any]) -> str:
-    """The values of a parameter as a text: of many the first."""
+def format_values(values: Sequence[Any]) -> str:
+    """Formats the values of a parameter; only the first of many."""
     named = [repr(v) if isinstance(v, Element) else shown(v) for v in values[:MOST_NAMED]]
     more = f" and {len(values) - MOST_NAMED} more" if len(values) > MOST_NAMED else ""
     return ", ".join(named) + more

@@ -1,8 +1,8 @@
-"""The blackboard of a task: one flat map from keys to parameters, which all nodes of the task share.
+"""The blackboard of a task: one flat map from keys to parameters, shared by all nodes of the task.
 
-A node's key on it is the key after the remaps of the node and of all nodes above it. A node that starts, and a running
-one before each `execute`, *pulls* the values for its keys; afterwards it *pushes* its own. The list of values itself is
-passed on: what one holder of a key does to it in place, all holders see.
+The blackboard key of a node's parameter results from the remaps of the node and its ancestors. At its start, and before
+each `execute`, a node *pulls* the values of its keys; afterwards it *pushes* its own. Nodes share the list of values
+itself: all of them see changes in place.
 """
 
 from __future__ import annotations
@@ -23,39 +23,41 @@ log = logging.getLogger(__name__)
 
 
 class Slot:
-    """A parameter of a running node, and its key on the blackboard.
+    """The connection of a node's parameter to its key on the blackboard.
 
-    :param placeholder: the list that the default, an abstract element, has made; it is not put on the blackboard.
+    :param provenance: see `Origin`.
     """
 
     __slots__ = (
-        "candidate", "giver", "inferred", "is_element", "keeps", "key", "origin", "param", "passed", "placeholder",
-        "seen",
+        "candidate", "default_ids", "ignored", "inferred", "is_element", "key", "param", "placeholder", "provenance",
+        "pushed_by", "shared",
     )  # fmt: skip
 
-    def __init__(self, param: Param, key: str, origin: str) -> None:
+    def __init__(self, param: Param, key: str, provenance: str) -> None:
         self.param = param
         self.key = key
         self.is_element = param.is_element
-        #: Where the values came from, as `Origin` names it, and the label of the node that put them on the blackboard.
-        self.origin = origin
-        self.giver = ""
+        self.provenance = provenance
+        #: The label of the node that has pushed the values.
+        self.pushed_by = ""
         self.inferred = False
         default = param._default
-        #: The ids of the default, which is kept unless the blackboard has just these; () for a default without ids,
-        #: which is always kept; None when nothing is kept.
-        self.keeps: list[str] | tuple[()] | None = None
+        #: The ids of a default that is kept unless the blackboard has elements with the same ids; () for a default
+        #: that is always kept; None when there is none to keep.
+        self.default_ids: list[str] | tuple[()] | None = None
+        #: The list with an abstract element as the default, which is not pushed.
         self.placeholder = None
         if default and not self.is_element:
-            self.keeps = ()
+            self.default_ids = ()
         elif default and default[0].id:
-            self.keeps = [e.id for e in default]
+            self.default_ids = [e.id for e in default]
         elif default:
             self.placeholder = param._values
-        #: The list that was last taken from the blackboard, or put on it, and the one that was last not taken.
-        self.seen: list[Any] | None = None
-        self.passed: list[Any] | None = None
-        #: An inferred value on the blackboard, which is tried first.
+        #: The list that was last pulled or pushed.
+        self.shared: list[Any] | None = None
+        #: The list that was last not pulled because of the default.
+        self.ignored: list[Any] | None = None
+        #: An inferred value on the blackboard, which inference tries first.
         self.candidate: list[Any] | None = None
 
     @property
@@ -66,7 +68,7 @@ class Slot:
 class Blackboard:
     """The parameters of a task by key. For the thread that ticks the task.
 
-    :param params: those of the task's root, in which it is kept.
+    :param params: the parameters of the root, which store the blackboard.
     """
 
     def __init__(self, params: ParamHandler) -> None:
@@ -80,7 +82,7 @@ class Blackboard:
         return key in self._entries
 
     def values(self, key: str) -> list[Any]:
-        """The values for a key; none when it is not there."""
+        """The values of a key; [] when the blackboard does not have it."""
         entry = self._entries.get(key)
         return entry._values if entry is not None else []
 
@@ -89,52 +91,52 @@ class Blackboard:
         return {v.id for p in self._entries.values() if p.is_element for v in p._values}
 
     def pull(self, node: SkillInterface, slots: list[Slot], is_start: bool = False) -> bool:
-        """Takes what is on the blackboard for the parameters of a node. Returns whether anything was new.
+        """Copies values from the blackboard to the parameters of a node. Returns whether a parameter has changed.
 
-        A parameter with a default keeps it, unless that is an abstract element or elements with the same ids. An
-        inferred value is taken by a parameter that is Optional, or, while the node runs, has no value; at the start
-        others have it as a candidate.
+        A parameter with a default keeps it, unless the default is an abstract element or elements with the same ids. An
+        inferred value is pulled by an Optional parameter and, while the node runs, by one without a value; for others
+        it is a candidate.
         """
         entries = self._entries
-        new = False
+        changed = False
         for slot in slots:
             entry = entries.get(slot.key)
             if entry is None:
                 continue
             values, param = entry._values, slot.param
-            if values is param._values or values is slot.passed or values is slot.seen or not values:
+            if values is param._values or values is slot.ignored or values is slot.shared or not values:
                 continue
-            if slot.keeps is not None and slot.keeps != [v.id for v in values if isinstance(v, Element)]:
-                slot.passed = values
+            if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
+                slot.ignored = values
                 continue
             if entry.is_inferred and param._param_type is not ParamTypes.Optional and (is_start or param.is_bound()):
                 slot.candidate = values
                 continue
-            slot.seen = values
+            slot.shared = values
             try:
                 param._values = param._checked(values)
             except WrongType as error:
                 log.error("%s keeps its own value, not the one on the blackboard: %s", node.printState(), error)
                 continue
-            _looked_at(param)
+            _update_lent(param)
             slot.inferred = entry.is_inferred
-            by_others = ABOVE if is_start or not node._children else CHANGED
-            slot.origin, slot.giver = by_others if entry.given_by else GIVEN, entry.given_by
-            new = True
-        return new
+            pushed = ABOVE if is_start or not node._children else CHANGED
+            slot.provenance, slot.pushed_by = pushed if entry.given_by else GIVEN, entry.given_by
+            changed = True
+        return changed
 
     def push(self, node: SkillInterface, slots: list[Slot], everything: bool = False, removes: bool = True) -> bool:
-        """Puts the parameters of a node on the blackboard that were assigned, or changed in place, since they were
-        last looked at; one without a value takes its key off. Returns whether the blackboard has changed.
+        """Copies parameters of a node that were assigned or changed in place to the blackboard; a parameter without a
+        value removes its key. Returns whether the blackboard has changed.
 
-        :param everything: also what was not changed, but for abstract elements that the description has declared.
-        :param removes: whether keys are taken off.
+        :param everything: also pushes unchanged parameters, except for abstract elements that are defaults.
+        :param removes: whether keys are removed.
         """
         entries = self._entries
         params = node._params._params
-        if len(params) != len(slots):  # the skill has declared parameters while it runs
+        if len(params) != len(slots):  # the running skill has declared parameters
             add_slots(node, slots)
-        news = False
+        pushed = False
         for slot in slots:
             param = slot.param
             values = param._values
@@ -143,7 +145,7 @@ class Blackboard:
                 param.assigned = False
                 slot.placeholder = None
                 slot.inferred = False
-                slot.origin, slot.giver = CHANGED, ""
+                slot.provenance, slot.pushed_by = CHANGED, ""
             if param.lent is not None and not is_same(values, param.lent):
                 param.lent = list(values)
                 changed = True
@@ -156,32 +158,32 @@ class Blackboard:
             if not values:
                 if removes and entry is not None:
                     del entries[slot.key]
-                    news = True
+                    pushed = True
             elif entry is not None and entry._values is values:
                 if changed:
                     entry.is_inferred, entry.given_by = slot.inferred, node._label
-                    news = True
-            elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.seen)):
+                    pushed = True
+            elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.shared)):
                 entries[slot.key] = entry = param._copy(values)
                 entry._key = slot.key
                 entry.is_inferred, entry.given_by = slot.inferred, node._label
-                slot.seen = values
-                news = True
-        return news
+                slot.shared = values
+                pushed = True
+        return pushed
 
 
 def has_changed_in_place(lent: Iterable[Param]) -> bool:
-    """Whether a list of values that was handed out holds something else than when it was last looked at."""
+    """Whether a list of values that the skill's code has got was changed in place."""
     return any(not is_same(param._values, param.lent) for param in lent)
 
 
-def _looked_at(param: Param) -> None:
+def _update_lent(param: Param) -> None:
     if param.lent is not None:
         param.lent = list(param._values)
 
 
 def is_same(values: list[Any], other: list[Any] | None) -> bool:
-    """Whether two lists hold the same; values that cannot be compared do not."""
+    """Whether two lists are equal; values that cannot be compared are not."""
     try:
         return values == other
     except FOREIGN_ERRORS:
@@ -189,44 +191,44 @@ def is_same(values: list[Any], other: list[Any] | None) -> bool:
 
 
 def scope(outer: Mapping[str, str], remaps: Mapping[str, str]) -> Mapping[str, str]:
-    """The keys on the blackboard that keys below a node stand for, where they differ.
+    """Composes remaps: maps the keys of a node to keys on the blackboard, where they differ.
 
-    :param outer: the same for the node above.
-    :param remaps: the node's own.
+    :param outer: the result for the parent.
+    :param remaps: of the node.
     """
-    return {**outer, **{key: outer.get(above, above) for key, above in remaps.items()}} if remaps else outer
+    return {**outer, **{key: outer.get(name, name) for key, name in remaps.items()}} if remaps else outer
 
 
 def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandler, list[Slot]]:
-    """The parameters of a node that starts, set to their defaults or to what the node was given, and their slots.
+    """Creates the parameters of a node that starts, with their specified values or defaults, and their slots.
 
-    Unknown keys and values of another type are logged and ignored.
+    Unknown keys and values of a wrong type are logged and ignored.
 
     :param declared: the parameters of the implementation.
     """
     names = node._scope
-    given = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
-    fixed = GIVEN if node._parent is not None and node._parent._parent is None else FIXED
+    specified = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
+    provenance = GIVEN if node._parent is not None and node._parent._parent is None else FIXED
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():
-        own = param._checked_or_log([_own(v) for v in given.pop(key)]) if key in given else None
+        own = param._checked_or_log([_view(v) for v in specified.pop(key)]) if key in specified else None
         if own is None:
             params[key] = param = param.at_default()
         else:
             params[key] = param = param._copy(own)
             param._default = list(own)
-        slot = Slot(param, names.get(key, key), DEFAULT if own is None else fixed)
+        slot = Slot(param, names.get(key, key), DEFAULT if own is None else provenance)
         if slot.placeholder is not None or not param._values:
-            slot.origin = UNSET
+            slot.provenance = UNSET
         slots.append(slot)
-    for key in given:
+    for key in specified:
         log.error("%s: %s", node.printState(), declared.unknown(key))
     return ParamHandler(params, is_strict=True), slots
 
 
 def add_slots(node: Any, slots: list[Slot]) -> None:
-    """Slots for the parameters that a skill has declared, or declared again, since it was started."""
+    """Updates the slots of a skill that has declared parameters since its start."""
     known = {slot.param._key: slot for slot in slots}
     params = node._params._params
     slots[:] = [slot for slot in slots if slot.param._key in params]
@@ -242,15 +244,14 @@ def add_slots(node: Any, slots: list[Slot]) -> None:
 # -- elements ------------------------------------------------------------------------------------------------------
 
 
-def refresh(slots: list[Slot], wmi: Any, present: Any) -> list[str]:
-    """Reads the elements among the values again where they have changed in the world model; what was changed on them
-    here is kept. Elements that are not there any more are dropped.
+def refresh_elements(slots: list[Slot], wmi: Any, revisions: Any) -> list[str]:
+    """Reads elements that have changed in the world model again, keeping local changes; removed elements are dropped.
 
     :param slots: those of element type.
-    :param present: the world model's `Present`, which tells which are the same; None: it is not known.
-    :returns: the ids of those that were dropped.
+    :param revisions: of the world model's elements; None: not known.
+    :returns: the ids of the dropped elements.
     """
-    gone = []
+    dropped = []
     for slot in slots:
         values = slot.param._values
         is_complete = True
@@ -259,30 +260,30 @@ def refresh(slots: list[Slot], wmi: Any, present: Any) -> list[str]:
             if not eid:
                 is_complete = is_complete and value.version < 0
                 continue
-            mark = present.element(eid) if present is not None else None
-            if mark is not None and mark.version == value.version:
+            revision = revisions.element(eid) if revisions is not None else None
+            if revision is not None and revision.version == value.version:
                 continue
             found = wmi.find_element(eid)
             if found is None:
-                gone.append(eid)
+                dropped.append(eid)
                 is_complete = False
             elif found.version != value.version or found.version < 0:
                 changes = value.changes() if value.touched else None
-                values[index] = with_changes(found, changes) if changes else found
+                values[index] = apply_changes(found, changes) if changes else found
         if not is_complete:
-            slot.param._values = [v for v in values if v.id not in gone and not is_removed(v)]
-            slot.seen = None
-        _looked_at(slot.param)
-    return gone
+            slot.param._values = [v for v in values if v.id not in dropped and not is_removed(v)]
+            slot.shared = None
+        _update_lent(slot.param)
+    return dropped
 
 
 def is_removed(element: Element) -> bool:
-    """Whether an element was read from the world model, and has lost its id since, as it was removed."""
+    """Whether an element was read from the world model and removed since, which clears its id."""
     return not element.id and element.version >= 0
 
 
-def with_changes(element: Element, changes: ElementChanges) -> Element:
-    """An element with the changes that were made on an earlier reading of it."""
+def apply_changes(element: Element, changes: ElementChanges) -> Element:
+    """Applies local changes to an element that was read again. Returns the element."""
     for key, prop in changes.properties.items():
         element.setProperty(key, prop.dataType())
         element.setProperty(key, list(prop._values))
@@ -299,8 +300,8 @@ def with_changes(element: Element, changes: ElementChanges) -> Element:
     return element
 
 
-def removal(eid: str, wmi: Any) -> str:
-    """That an element is gone, who removed it and when, as far as the world model tells."""
+def removal_text(eid: str, wmi: Any) -> str:
+    """States that an element is missing and, if the world model knows, who removed it and when."""
     try:
         removed = wmi.removal_of(eid) if hasattr(wmi, "removal_of") else None
     except SkirosError:
@@ -312,25 +313,25 @@ def removal(eid: str, wmi: Any) -> str:
 
 
 def assigned_elements(slots: list[Slot]) -> list[Element]:
-    """The elements that are to be written after an `execute`: those with an id in parameters that were assigned."""
+    """The changed elements with an id in assigned parameters, which are written after an `execute`."""
     found: dict[int, Element] = {}
     for slot in slots:
         values = slot.param._values
         if slot.param.assigned and values and values[0].id:
-            found.update((id(e), e) for e in values if e.id and _has_news(e))
+            found.update((id(e), e) for e in values if e.id and _has_changes(e))
     return list(found.values())
 
 
 def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
-    """The elements that were changed in place and not written."""
+    """The elements with changes in place, which are not written."""
     for slot in slots:
         for element in slot.param._values:
             if element.id and element.touched and element.changes():
                 yield element
 
 
-def drop_changes(slots: list[Slot], wmi: Any) -> None:
-    """Discards what a skill has changed on its elements: they are read again."""
+def discard_changes(slots: list[Slot], wmi: Any) -> None:
+    """Discards a skill's local changes of elements by reading them again."""
     for slot in slots:
         values = slot.param._values
         for index, element in enumerate(values):
@@ -338,36 +339,36 @@ def drop_changes(slots: list[Slot], wmi: Any) -> None:
                 values[index] = wmi.find_element(element.id) or element
 
 
-def _has_news(element: Element) -> bool:
+def _has_changes(element: Element) -> bool:
     changes = element.changes()
     return changes is None or bool(changes) or bool(element.local_relations)
 
 
-def _own(value: Any) -> Any:
+def _view(value: Any) -> Any:
     return value.view() if isinstance(value, Element) else value
 
 
-# -- remaps to nowhere ---------------------------------------------------------------------------------------------
+# -- remaps without a target ---------------------------------------------------------------------------------------
 
 
-def why_not_provided(node: Any, slot: Slot, board: Blackboard) -> str:
-    """Why a parameter is not inferred that was remapped to a key which no other node has; "" when one has it."""
-    if slot.key == slot.param._key or slot.key in board:
+def unprovided_remap(node: Any, slot: Slot, blackboard: Blackboard) -> str:
+    """The error text when a parameter is remapped to a key that no other node has; else ""."""
+    if slot.key == slot.param._key or slot.key in blackboard:
         return ""
     known: set[str] = set()
     root = node
     while root._parent is not None:
         root = root._parent
-    waiting: list[tuple[Any, Mapping[str, str]]] = [(root, {})]
-    while waiting:
-        other, outer = waiting.pop()
+    pending: list[tuple[Any, Mapping[str, str]]] = [(root, {})]
+    while pending:
+        other, outer = pending.pop()
         names = scope(outer, other._remaps)
-        waiting += [(child, names) for child in other._children]
+        pending += [(child, names) for child in other._children]
         if other is not node:
             known.update(names.get(key, key) for key in _declared_keys(other))
     if slot.key in known:
         return ""
-    near = nearest(slot.key, known | set(board._entries))
+    near = nearest(slot.key, known | set(blackboard._entries))
     return (
         f"parameter {slot.param._key!r} is remapped to {slot.key!r}, which no other node of the task has"
         f"{'; near: ' + ', '.join(near) if near else ''}"
@@ -375,7 +376,7 @@ def why_not_provided(node: Any, slot: Slot, board: Blackboard) -> str:
 
 
 def _declared_keys(node: Any) -> Collection[str]:
-    """The keys that a node declares; none for a group, or a skill that no library has."""
+    """The keys that a node declares; () for a group or an unknown skill."""
     try:
         return list(node.declared_params()) if hasattr(node, "declared_params") else ()
     except UnknownName:

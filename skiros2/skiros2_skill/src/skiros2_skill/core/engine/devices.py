@@ -1,8 +1,8 @@
-"""Locks on devices: a skill has the ones among its parameters with the option Lock to itself while it runs.
+"""Locks on devices: a running skill has exclusive use of the elements in its parameters with the option Lock.
 
-A lock is two properties of the device in the world model: its state, which is busy, and who has it. It is taken by
-compare-and-set, so that one of several managers gets it, and given back by its holder alone. A device whose release is
-refused, or whose lock nobody knows the outcome of, is tried again until it is free or another's.
+A lock consists of two properties of the device in the world model: the state Busy, and the holder. It is acquired by
+compare-and-set, so that one of several managers gets it, and released by its holder alone. A release that was refused,
+or an acquisition with an unknown outcome, is retried until the device is free or held by another manager.
 """
 
 from __future__ import annotations
@@ -22,75 +22,75 @@ from skiros2_world_model.core.world_model_abstract_interface import WmConflict
 
 log = logging.getLogger(__name__)
 
-#: What a locked device's state is while a skill has it, and the property that names the program that does.
+#: The state of a locked device, and the property that names the program that holds it.
 DEVICE_BUSY = "Busy"
 DEVICE_HOLDER = "skiros:LockedBy"
 
-#: How often a release that was refused is tried again (s).
+#: Time between retries of a refused release (s).
 RETRY_PERIOD = 1.0
 
-#: How often a device is read again because something else of it, its pose for example, has changed meanwhile.
+#: How many times a write is tried when other properties of the device, such as its pose, change meanwhile.
 _ATTEMPTS = 20
-#: How long a release waits for another call on the same world model that does not return (s).
-_PATIENCE = 1.0
+#: How long a release waits for a call of another thread (s).
+_RELEASE_TIMEOUT = 1.0
 
 
 class Locks:
-    """The locks that one program has in one world model. Safe to use from all threads.
+    """The locks that one program holds in one world model. Any thread.
 
-    Each has an owner, which tells a node's lock from a later one on the same device. The world model is given to each
-    call, not held, so that both end together.
+    Each lock has an owner, which distinguishes a node's lock from a later one on the same device. The world model is an
+    argument of each call, not an attribute: `_locks` refers to it weakly.
     """
 
     def __init__(self) -> None:
-        self._using = threading.Lock()  # one thread at a time reads and writes locks
-        self._held: dict[str, Any] = {}  # the owner by the id of the device
-        self._to_free: dict[str, Any] = {}  # likewise, of locks whose owner has ended
-        self._again: threading.Thread | None = None
+        self._access = threading.Lock()  # one thread at a time reads and writes locks
+        self._held: dict[str, Any] = {}  # owner by device id
+        self._to_free: dict[str, Any] = {}  # owner by device id, of locks to release
+        self._retrying: threading.Thread | None = None
 
-    def take(self, eid: str, owner: Any, wmi: Any) -> None:
-        """Takes an idle device.
+    def acquire(self, eid: str, owner: Any, wmi: Any) -> None:
+        """Locks an idle device.
 
-        :raises Refused: it is not idle; the text names who has it.
+        :raises Refused: it is not idle; the text names the holder.
         :raises WmException: the world model refuses or does not answer.
         """
-        with self._using:
+        with self._access:
             try:
                 _lock(eid, wmi)
             except Refused:
                 raise
             except SkirosError:
-                self._to_free[eid] = owner  # it may have been carried out
-                self._try_again(wmi)
+                self._to_free[eid] = owner  # the lock may have been acquired
+                self._retry_later(wmi)
                 raise
             self._held[eid] = owner
 
-    def give_back(self, eids: list[str], owner: Any, wmi: Any) -> None:
-        """Frees devices. Those for which that fails are freed later."""
+    def release(self, eids: list[str], owner: Any, wmi: Any) -> None:
+        """Releases devices; failed releases are retried later."""
         self._to_free.update(dict.fromkeys(eids, owner))
-        if self._using.acquire(timeout=_PATIENCE):
+        if self._access.acquire(timeout=_RELEASE_TIMEOUT):
             try:
                 self._free(eids, wmi)
             finally:
-                self._using.release()
+                self._access.release()
         if self._to_free:
-            self._try_again(wmi)
+            self._retry_later(wmi)
 
-    def give_back_former(self, wmi: Any) -> None:
-        """Frees what an earlier life of this program has left locked.
+    def release_stale(self, wmi: Any) -> None:
+        """Releases the devices that a former process of this program has left locked.
 
         :raises WmException: the world model does not answer.
         """
         locked = Element("")
         locked.setProperty(DEVICE_HOLDER, wmi.author)
-        with self._using:
+        with self._access:
             found = [device.id for device in wmi.resolve_elements(locked) if device.id not in self._held]
         if found:
-            log.warning("%s frees what was left locked: %s", wmi.author, ", ".join(found))
-            self.give_back(found, None, wmi)
+            log.warning("%s releases devices that a former process has locked: %s", wmi.author, ", ".join(found))
+            self.release(found, None, wmi)
 
     def _free(self, eids: list[str], wmi: Any) -> None:
-        """Frees each device, whatever becomes of the others."""
+        """Releases each device, even if others fail."""
         for eid in eids:
             if self._held.get(eid) is self._to_free.get(eid):
                 self._held.pop(eid, None)
@@ -102,50 +102,50 @@ class Locks:
             else:
                 self._to_free.pop(eid, None)
 
-    def _try_again(self, wmi: Any) -> None:
-        if self._again is None:
-            self._again = threading.Thread(target=self._go_on, args=(wmi,), name="release of devices", daemon=True)
-            self._again.start()
+    def _retry_later(self, wmi: Any) -> None:
+        if self._retrying is None:
+            self._retrying = threading.Thread(target=self._retry, args=(wmi,), name="release of devices", daemon=True)
+            self._retrying.start()
 
-    def _go_on(self, wmi: Any) -> None:
-        """Tries again until nothing is left, in a thread of its own."""
+    def _retry(self, wmi: Any) -> None:
+        """Retries until all devices are released, in a thread of its own."""
         pause = threading.Event()
         while True:
             pause.wait(RETRY_PERIOD)
-            with self._using:
+            with self._access:
                 try:
                     wmi.catch_up()
                 except SkirosError as error:
                     log.debug("devices stay locked: %s", error)
                     continue
                 self._free(list(self._to_free), wmi)
-            self._again = None  # before looking: who adds one from here on starts another thread
+            self._retrying = None  # before the check: a release added after it starts another thread
             if not self._to_free:
                 return
-            self._again = threading.current_thread()
+            self._retrying = threading.current_thread()
 
 
 _locks: weakref.WeakKeyDictionary[Any, Locks] = weakref.WeakKeyDictionary()
-_making = threading.Lock()
+_creation = threading.Lock()
 
 
 def locks_in(wmi: Any) -> Locks:
-    """The locks that the program has in a world model."""
-    with _making:
+    """The locks of this program in a world model."""
+    with _creation:
         return _locks.setdefault(wmi, Locks())
 
 
 def lock_devices(node: SkillWrapper, wmi: Any) -> Failure | None:
-    """Takes the node's devices; why that failed, else None. They were idle: that is a pre-condition of the skill."""
+    """Locks the devices of a node, which a pre-condition requires to be idle. Returns the failure; None on success."""
     for key, options in node.options.items():
         if ParamOptions.Lock not in options:
             continue
         for device in node.params.getParamValues(key):
             if device.isAbstract() or device.id in node.locked:
                 continue
-            node.locked.append(device.id)  # before it is: the call may not return
+            node.locked.append(device.id)  # before the call, which may not return
             try:
-                locks_in(wmi).take(device.id, node, wmi)
+                locks_in(wmi).acquire(device.id, node, wmi)
             except SkirosError as error:
                 node.locked.remove(device.id)
                 return Failure(PRE, PRE_FAILED, f"{node.label} does not get its {key}: {error}")
@@ -156,17 +156,17 @@ def lock_devices(node: SkillWrapper, wmi: Any) -> Failure | None:
 
 
 def free_devices(node: SkillWrapper, wmi: Any) -> None:
-    """Frees the devices that the node has locked; those for which that fails are freed later. Any thread."""
+    """Releases the devices that the node has locked; failed releases are retried later. Any thread."""
     eids, node.locked = node.locked, []
-    locks_in(wmi).give_back(eids, node, wmi)
+    locks_in(wmi).release(eids, node, wmi)
 
 
-def free_former_devices(wmi: Any) -> None:
-    """Frees what an earlier life of this program has left locked.
+def release_stale_devices(wmi: Any) -> None:
+    """Releases the devices that a former process of this program has left locked.
 
     :raises WmException: the world model does not answer.
     """
-    locks_in(wmi).give_back_former(wmi)
+    locks_in(wmi).release_stale(wmi)
 
 
 def _lock(eid: str, wmi: Any) -> None:
@@ -189,7 +189,7 @@ def _unlock(eid: str, wmi: Any) -> None:
     for _ in range(_ATTEMPTS):
         device = wmi.find_element(eid)
         if device is None or not device.hasProperty(DEVICE_HOLDER, wmi.author):
-            return  # another has it, or nobody
+            return  # it is free, or another manager holds it
         device.setProperty(DEVICE_STATE, DEVICE_IDLE)
         device.removeProperty(DEVICE_HOLDER)
         if _is_written(device, wmi):
@@ -198,7 +198,7 @@ def _unlock(eid: str, wmi: Any) -> None:
 
 
 def _is_written(device: Element, wmi: Any) -> bool:
-    """Writes a device; False when it was changed after it was read."""
+    """Writes a device. Returns False if it was changed since it was read."""
     try:
         wmi.update_element_if_unchanged(device)
     except WmConflict:

@@ -1,7 +1,7 @@
-"""The tick: how a node starts, runs and ends.
+"""Starts, ticks and ends the nodes of a task.
 
-An executor belongs to one task and is used by one thread at a time. What a node reads is read again only when it has
-changed since; see `Readings`.
+An executor belongs to one task and is used by one thread at a time. The parameters of running nodes are refreshed only
+when something has changed; see `Parameters`.
 """
 
 from __future__ import annotations
@@ -12,91 +12,75 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, START
+from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START
 from skiros2_common.core.mutations import mutations
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
-from skiros2_skill.core.engine.breakpoints import Break, Breakpoints
+from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
+from skiros2_skill.core.engine.checks import check_conditions
 from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.failures import (
-    EXECUTE_RAISED,
-    START_RAISED,
-    Failure,
-    Failures,
-    unmet,
-)
-from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal
-from skiros2_skill.core.engine.pauses import Pauses
-from skiros2_skill.core.engine.readings import Readings
-from skiros2_skill.core.engine.selection import choose
-from skiros2_skill.core.engine.sharing import Sharing
+from skiros2_skill.core.engine.failures import EXECUTE_RAISED, PREEMPT_RAISED, START_RAISED, Failure, Failures
+from skiros2_skill.core.engine.hooks import RAISED, Hooks, refusal_text
+from skiros2_skill.core.engine.parameters import Parameters
+from skiros2_skill.core.engine.selection import select_implementation
 from skiros2_skill.core.tree.compound import SkillBase
-from skiros2_skill.core.tree.hook_guard import LeftBehind
-from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
+from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
-
-#: What is noted while a node's devices are freed.
-FREEING = "the release of its devices"
 
 _RUNNING: State = State.Running
 _SUCCESS: State = State.Success
 _FAILURE: State = State.Failure
 _Wake = Callable[[], None]
-_Children = SkillInterface.execute  # what a compound without an `execute` of its own has
+_Inherited = SkillInterface.execute  # the `execute` of a compound that does not override it
 
 
 class Halt(Exception):
-    """The task was preempted in this tick: no more skills are started."""
+    """The task was preempted during this tick: no more skills are started."""
 
 
 class Executor:
     """Ticks the nodes of one task.
 
-    :param wmi: the world model as this task sees it.
-    :param wake: asks for a tick at once; from any thread.
-    :param breakpoints: where the task pauses by itself.
+    :param wmi: the world model as the task sees it.
+    :param wake: requests a tick at once; any thread may call it.
+    :param breakpoints: pause the task.
     """
 
     def __init__(self, wmi: Any, wake: _Wake = lambda: None, breakpoints: Breakpoints | None = None) -> None:
         self._wmi, self._wake = wmi, wake
-        self._pauses = Pauses(breakpoints)
-        #: Nodes that were preempted and need more time.
+        self._breakpoints = TaskBreakpoints(breakpoints)
+        #: Preempted nodes that are still running.
         self.ending: list[SkillWrapper] = []
         self.failures = Failures(wmi)
         self.hooks = Hooks(self.failures)
-        self.inside = self.hooks.inside
-        self.readings = Readings(wmi, self.inside)
-        #: Whether the task was preempted, and this is not carried out yet.
-        self.halts = False
-        self._sharing = Sharing(wmi, self.readings)
-        #: Whether a state or a progress has changed since it was last set to False.
+        self.guard = self.hooks.guard
+        self.parameters = Parameters(wmi, self.guard)
+        #: Whether the task was preempted and its nodes are not preempted yet.
+        self.halt_requested = False
+        #: Whether a state or progress has changed; the reader resets it.
         self.changed = True
 
     def tick(self, root: SkillInterface) -> State:
-        """One tick of a tree. Nodes that were preempted and need more time are ticked too."""
-        if self.readings.board is None:
-            self.readings.board = Blackboard(ParamHandler() if isinstance(root, SkillWrapper) else root._params)
-        self.readings.look()
+        """Ticks a tree once, and the nodes that are still ending. Returns the state of the tree."""
+        if self.parameters.blackboard is None:
+            self.parameters.blackboard = Blackboard(ParamHandler() if isinstance(root, SkillWrapper) else root._params)
+        self.parameters.update_revision()
         for node in list(self.ending):
             self._tick_ending(node)
         state: State = root._state
         if state is not _SUCCESS and state is not _FAILURE:
             state = self.execute(root)
-        if self._pauses and state is _RUNNING and not self.ending:
-            self._pauses.at_end_of_tick()
+        if self._breakpoints and state is _RUNNING and not self.ending:
+            self._breakpoints.raise_if_reached()
         return _RUNNING if self.ending else state
-
-    @property
-    def has_seen_world(self) -> bool:
-        """Whether nothing has changed in the world model since it was looked at last. Any thread."""
-        return self.readings.are_up_to_date
 
     # -- one node ----------------------------------------------------------------------------------------------
 
     def execute(self, node: Any) -> State:
-        """One tick of a node that groups others; nodes call it from `visit`."""
+        """Ticks a group; called from `visit`."""
         if node._state is not _RUNNING:
             node._start_progress()
             _set_scope(node)
@@ -108,40 +92,40 @@ class Executor:
         return state
 
     def execute_skill(self, node: SkillWrapper) -> State:
-        """One tick of a skill; nodes call it from `visit`."""
+        """Ticks a skill; called from `visit`."""
         if node._state is not _RUNNING:
             if not self._start(node):
                 return _FAILURE
         elif self.ending and node in self.ending:
             return _RUNNING
-        if node.seen_stamp != self.readings.stamp or node.volatile:
-            failure = self.readings.renew(node)
+        if node.seen_revision != self.parameters.revision or node.volatile:
+            failure = self.parameters.refresh(node)
             if failure is not None:
                 return self.fail_running(node, failure)
-        mark, version = mutations.mark, self.readings.version
+        mark, version = mutations.mark, self.parameters.world_version
         if node.is_compound:
             state = self._tick_children(node)
         else:
             state = self.hooks.execute(node)
-            node.steady_stamp = -1 if node.volatile or node.lent else node.seen_stamp
+            node.steady_revision = -1 if node.volatile or node.lent else node.seen_revision
         if state is not _RUNNING or mutations.mark != mark or (node.lent and has_changed_in_place(node.lent)):
-            return self.go_on(node, state, version)
+            return self.finish_tick(node, state, version)
         self._copy_progress(node)
-        self.readings.look()
+        self.parameters.update_revision()
         return _RUNNING
 
-    def go_on(self, node: SkillWrapper, state: State, version: int) -> State:
-        """After the tick of a skill, or its children, that ended or in which something changed.
+    def finish_tick(self, node: SkillWrapper, state: State, version: int) -> State:
+        """Writes back what a tick has changed, and ends the node unless it stays Running.
 
         :param version: of the world model before the tick.
         """
         self._copy_progress(node)
-        if self._settle(node, state, version):
+        if self._write_back(node, state, version):
             return _RUNNING if state is _RUNNING else self.end(node, state)
         return self.end(node, _FAILURE) if state is not _RUNNING else self.fail_running(node)
 
     def preempt(self, node: Any) -> State:
-        """Ends a running node, leaves first; nodes call it from `visitPreempt`. Running: it needs more time."""
+        """Preempts a node, leaves first; called from `visitPreempt`. Returns Running while it is still ending."""
         if not node.hasState(_RUNNING):
             state: State = node._state
             return state
@@ -153,39 +137,39 @@ class Executor:
             return _FAILURE
         if node in self.ending:
             return _RUNNING
-        self.readings.pull_if_possible(node)
+        self.parameters.try_pull(node)
         state = self.hooks.on_preempt(node)
         self._copy_progress(node)
         if state is _RUNNING:
             self.ending.append(node)
-            node.steady_stamp = -1
+            node.steady_revision = -1
             return _RUNNING
         return self.end(node, state, preempted=True)
 
     # -- start -------------------------------------------------------------------------------------------------
 
     def _start(self, node: SkillWrapper) -> bool:
-        """Chooses an implementation and starts it. False when that failed; the node's progress tells why."""
-        if self.halts:
+        """Selects an implementation and starts it. Returns False if that failed; the node's progress has the reason."""
+        if self.halt_requested:
             raise Halt
-        if self._pauses:
-            self._pauses.before(node)
+        if self._breakpoints:
+            self._breakpoints.before_start(node)
         node._start_progress()
         node.has_started = False
         _set_scope(node)
         try:
             candidates = node.candidates()
-            stamp, present = self.readings.stamp, self.readings.present(node)
+            revision, revisions = self.parameters.revision, self.parameters.revisions(node)
         except SkirosError as error:
-            return self._refuse(node, Failure(START, START_RAISED, str(error)))
-        what = (choose, node, candidates, self._wmi, present, self.readings.board)
-        failure = self.inside.call(node, "the choice of its parameters", *what)
-        return self._begin(node, stamp) if failure is None else self._refuse(node, failure)
+            return self._fail_start(node, Failure(START, START_RAISED, str(error)))
+        arguments = (node, candidates, self._wmi, revisions, self.parameters.blackboard)
+        failure = self.guard.call(node, "the inference of its parameters", select_implementation, *arguments)
+        return self._start_run(node, revision) if failure is None else self._fail_start(node, failure)
 
-    def _begin(self, node: SkillWrapper, stamp: int) -> bool:
-        """Makes the subtree and calls `onStart`.
+    def _start_run(self, node: SkillWrapper, revision: int) -> bool:
+        """Expands the subtree and calls `onStart`.
 
-        :param stamp: when its parameters were read.
+        :param revision: at which its parameters were read.
         """
         instance = node.getInstance()
         instance._start_progress()
@@ -194,7 +178,7 @@ class Executor:
         self.set_state(node, _RUNNING)
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
-        node.runs_after_children = node.is_compound and type(instance).execute is not _Children
+        node.runs_after_children = node.is_compound and type(instance).execute is not _Inherited
         mark = mutations.mark
         refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
@@ -202,50 +186,50 @@ class Executor:
             (self.end if refused is RAISED else self._close)(node, _FAILURE)
             return False
         node.has_started = True
-        is_as_read = mutations.mark == mark and self.readings.stamp == stamp
+        is_current = mutations.mark == mark and self.parameters.revision == revision
         if mutations.mark != mark:
             add_slots(node, node.slots)
-        self._sharing.share(node, everything=True, removes=False)
-        self.readings.begin(node, self.readings.stamp if is_as_read else -1)
-        self.readings.look()
+        self.parameters.push(node, everything=True, removes=False)
+        self.parameters.start(node, self.parameters.revision if is_current else -1)
+        self.parameters.update_revision()
         return True
 
     def _start_instance(self, node: SkillWrapper) -> str:
-        """The answer of `onStart` when it is a no."""
+        """Expands the node and calls `onStart`. Returns why it refuses; "" when it does not."""
         instance = node.getInstance()
         if isinstance(instance, SkillBase) and (not node.expanded or instance.expand_on_start):
             node.wrapper_expand()
             node.expanded = True
         node._processor.reset()
-        answer = refusal(instance.onStart())
+        refusal = refusal_text(instance.onStart())
         node.adopt_description()  # onStart may declare parameters
-        return answer
+        return refusal
 
-    def _refuse(self, node: SkillWrapper, failure: Failure) -> bool:
+    def _fail_start(self, node: SkillWrapper, failure: Failure) -> bool:
         self.set_state(node, _FAILURE)
-        return self._failed(node, failure)
+        return self._report_failure(node, failure)
 
     # -- run ---------------------------------------------------------------------------------------------------
 
-    def _failed(self, node: SkillWrapper, failure: Failure) -> bool:
-        """Tells and notes a failure of a node. Returns False."""
+    def _report_failure(self, node: SkillWrapper, failure: Failure) -> bool:
+        """Sets the progress of a failed node and records the failure. Returns False."""
         node._setProgress(failure.message, failure.code)
-        self._note(node, failure)
+        self._record(node, failure)
         return False
 
-    def _note(self, node: SkillWrapper, failure: Failure) -> None:
-        self.inside.call(node, "the explanation of its failure", self.failures.note, node, failure)
-        if self._pauses:
-            self._pauses.at_failure(failure.conditions)
+    def _record(self, node: SkillWrapper, failure: Failure) -> None:
+        self.guard.call(node, "the explanation of its failure", self.failures.record, node, failure)
+        if self._breakpoints:
+            self._breakpoints.at_failure(failure.conditions)
 
     def fail_running(self, node: SkillWrapper, failure: Failure | None = None) -> State:
-        """Preempts a running node; it fails with the progress that it has now, or for that reason."""
+        """Preempts a running node and fails it, with its present progress or with a failure."""
         if failure is not None:
-            self._failed(node, failure)
+            self._report_failure(node, failure)
         message, code = node._progress_msg, node._progress_code
         self.preempt(node)
-        if node in self.ending:  # it needs more time, but has failed already
-            node.verdict = (message, code)
+        if node in self.ending:  # the node has failed, though its end takes more ticks
+            node.failure_progress = (message, code)
             return _FAILURE
         node._setProgress(message, code)
         self.set_state(node, _FAILURE)
@@ -254,92 +238,91 @@ class Executor:
     def _tick_children(self, node: SkillWrapper) -> State:
         try:
             state: State = node._processor.processChildren(node._children, self)
-        except (LeftBehind, Break):
+        except (HookAbandoned, BreakpointReached):
             raise
-        except FOREIGN_ERRORS as error:  # of a processor, or a node, with code of its own
-            return self.hooks.raised(node, error, EXECUTE_RAISED)
+        except FOREIGN_ERRORS as error:  # raised by a library's own processor or node class
+            return self.hooks.record_exception(node, error, EXECUTE_RAISED)
         if state is _RUNNING:
             return state
         try:
-            self.readings.pull(node)
+            self.parameters.pull(node)
         except SkirosError as error:
-            self._failed(node, Failure(PARAMETER, EXECUTE_RAISED, str(error)))
+            self._report_failure(node, Failure(PARAMETER, EXECUTE_RAISED, str(error)))
             return _FAILURE
         return self.hooks.execute(node, state) if node.runs_after_children else state
 
     def _tick_ending(self, node: SkillWrapper) -> None:
-        """One more tick of a node that was preempted and needs time."""
+        """Ticks a preempted node that is still running."""
         state = self.hooks.execute(node, _FAILURE, late=True)
         self._copy_progress(node)
         if state is not _RUNNING:
             self.ending.remove(node)
             self.end(node, state, preempted=True)
-            if node.verdict is not None:
-                node._setProgress(*node.verdict)
+            if node.failure_progress is not None:
+                node._setProgress(*node.failure_progress)
                 self.set_state(node, _FAILURE)
-                node.verdict = None
+                node.failure_progress = None
 
     # -- end ---------------------------------------------------------------------------------------------------
 
     def end(self, node: SkillWrapper, state: State, preempted: bool = False) -> State:
-        """After the last `execute` or the preemption: locks, post-conditions, `onEnd`, parameters."""
+        """Ends a node: frees its devices, checks its post-conditions, calls `onEnd` and pushes its parameters."""
         instance = node.getInstance()
         for child in node._children:
             if child._state is _RUNNING:
                 child.visitPreempt(self)
         self.free(node)
         if state is _SUCCESS and node._post_conditions and not preempted:
-            failure = self.inside.call(
-                node, "its conditions", unmet, POST, node._post_conditions, node._params, self._wmi
-            )
+            arguments = (POST, node._post_conditions, node._params, self._wmi)
+            failure = self.guard.call(node, "its conditions", check_conditions, *arguments)
             if failure is not None:
                 instance._setProgress(failure.message, failure.code)
-                self._note(node, failure)
+                self._record(node, failure)
                 state = _FAILURE
         if state is _FAILURE and not preempted and node._children and instance._progress_code >= 0:
-            cause = self.failures.cause_under(node)
-            if cause is not None:  # the compound itself says nothing
+            cause = self.failures.cause_below(node)
+            if cause is not None:  # the compound has not set a progress itself
                 instance._setProgress(*cause)
         elif state is _SUCCESS and node.is_compound and not instance._progress_code:
             instance._setProgress("End", 1)
         state = self.hooks.on_end(node, state, preempted)
         self._copy_progress(node)
         if state is _SUCCESS and not node.is_compound:
-            self._sharing.tell_unwritten(node)
+            self.parameters.log_unwritten(node)
         return self._close(node, state)
 
     def _close(self, node: SkillWrapper, state: State) -> State:
-        """The node has ended: its parameters go up, its implementation is free for others."""
+        """Pushes the parameters of an ended node and releases its implementation."""
         if node.has_started:
-            self._sharing.share(node, everything=True)
+            self.parameters.push(node, everything=True)
         self.free(node)
         node.getInstance()._setState(state)
         if isinstance(node.getInstance(), SkillBase):
-            node.rest()  # it has made the subtree
+            node.end_run()  # the subtree still belongs to this instance
         else:
             node.release()
         self.set_state(node, state)
-        if self._pauses:
-            self._pauses.after(node)
-        self.readings.look()
+        if self._breakpoints:
+            self._breakpoints.after_end(node)
+        self.parameters.update_revision()
         return state
 
     def free(self, node: SkillWrapper) -> None:
-        """Frees the devices that the node has locked."""
+        """Unlocks the devices that the node has locked."""
         if node.locked:
-            self.inside.call(node, FREEING, free_devices, node, self._wmi)
+            self.guard.call(node, "the release of its devices", free_devices, node, self._wmi)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 
-    def _settle(self, node: SkillWrapper, state: State, version: int) -> bool:
-        """As `Sharing.settle`. False when the world model refused, or does not answer; the progress tells why."""
+    def _write_back(self, node: SkillWrapper, state: State, version: int) -> bool:
+        """Calls `Parameters.write_back`. Returns False if that failed; the node's progress has the reason."""
         try:
-            self.inside.call(node, "the writing of its elements", self._sharing.settle, node, state, version)
+            self.guard.call(node, "the writing of its elements", self.parameters.write_back, node, state, version)
         except SkirosError as error:
             text = f"{node.label}: {error}"
             node.getInstance()._setProgress(text, EXECUTE_RAISED)
             self._copy_progress(node)
-            self._note(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
+            self._record(node, Failure(EXCEPTION, EXECUTE_RAISED, text))
             log.error("%s", text)
             return False
         return True
@@ -355,3 +338,42 @@ class Executor:
 
 def _set_scope(node: SkillInterface) -> None:
     node._scope = scope(node._parent._scope, node._remaps) if node._parent is not None else node._remaps
+
+
+def preempt_all(executor: Executor, root: SkillInterface) -> None:
+    """Preempts all running nodes of a tree, even when a library's own node class raises."""
+    try:
+        executor.preempt(root)
+    except HookAbandoned:
+        raise
+    except Exception:
+        log.exception("%s: a node could not be preempted", root.printState())
+        for node in reversed(list(all_nodes(root))):
+            if isinstance(node, SkillWrapper) and node.hasState(_RUNNING):
+                executor.preempt(node)
+
+
+def end_hung_node(executor: Executor, hung: HungHook) -> None:
+    """Ends the node whose hook was abandoned, without calling its other hooks; its instance is never used again."""
+    node = hung.node
+    if node in executor.ending:
+        executor.ending.remove(node)
+    node.abandon()
+    node._setProgress(hung.reason, PREEMPT_RAISED)
+    executor.failures.record(node, Failure(PREEMPT, PREEMPT_RAISED, hung.reason))
+    executor.set_state(node, _FAILURE)
+    for child in node.children:
+        if child.hasState(_RUNNING):
+            child.visitPreempt(executor)
+    executor.free(node)
+
+
+def abandon_ending_nodes(executor: Executor) -> None:
+    """Ends the preempted nodes that are still running; their instances are never used again."""
+    for node in list(executor.ending):
+        executor.ending.remove(node)
+        text = "did not end in time after its preemption"
+        node.getInstance()._setProgress(text, PREEMPT_RAISED)
+        executor.failures.record(node, Failure(PREEMPT, PREEMPT_RAISED, text))
+        node.abandoned = True
+        executor.end(node, _FAILURE, preempted=True)

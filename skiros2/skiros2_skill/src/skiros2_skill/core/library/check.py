@@ -1,4 +1,4 @@
-"""Whether libraries have the skills that a configuration names, told fast enough to ask before every launch."""
+"""Checks that libraries have the skills that a configuration names, fast enough for every launch."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skiros2_skill.core.library.library import SkillLibrary
 
 
 def check_libraries(libraries: Sequence[str], names: Iterable[str]) -> None:
-    """Raises what loading would raise when a library or a skill is not there.
+    """Checks that libraries and skills exist, without loading skills.
 
-    The source is read instead of imported, which is several times faster; only when a name is not found so, the
-    libraries are imported, and that decides. What a skill does when it is loaded is not tried.
+    Parses the sources, which is several times faster than importing them. Imports the libraries only when a name is not
+    found in the sources.
 
     :param libraries: names of Python packages.
-    :param names: class names, with their module or without.
+    :param names: class names, optionally with their module.
     :raises ConfigurationError: there is no such package, it cannot be imported, or no library has such a skill.
     """
     sources = [_source_files(library) for library in libraries]
@@ -32,7 +32,7 @@ def check_libraries(libraries: Sequence[str], names: Iterable[str]) -> None:
 
 
 def _source_files(package: str) -> list[Path]:
-    """The Python files of a package and all below it; none when there is no such package."""
+    """The Python files of a package and its subpackages; [] when there is no such package."""
     try:
         spec = find_spec(package)
     except (ImportError, ValueError):
@@ -47,7 +47,7 @@ def _source_files(package: str) -> list[Path]:
 def _class_names(file: Path) -> Iterator[str]:
     try:
         tree = ast.parse(file.read_bytes())
-    except SyntaxError:  # loading reports it, and goes on without the module
+    except SyntaxError:  # loading logs it and skips the module
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):

@@ -1,4 +1,4 @@
-"""The skills that a manager can run: descriptions, their implementations, and instances of these."""
+"""The skill library of a manager: implementations by type and label, and their instances."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.raised import error_text, raised_at
 from skiros2_common.tools.plugin_loader import PluginLoader
-from skiros2_skill.core.lint.linter import NOT_DESCRIBED, NOTE, Fault, Linter, class_place, is_named
+from skiros2_skill.core.lint.linter import NOT_DESCRIBED, NOTE, Fault, Linter, class_location, is_named
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)
 
 
 class Implementation:
-    """A class that implements a skill, with the instances that are free.
+    """A class that implements a skill, with a pool of free instances.
 
-    `declared` is an instance that never runs: it holds what the class declares.
+    `declared` is an instance that never runs; it has the description.
     """
 
     def __init__(self, cls: type, wmi: Any, library: SkillLibrary) -> None:
         self._cls = cls
         self._wmi = wmi
         self._library = library
-        self.declared: Any = self._make()
+        self.declared: Any = self._create()
         self._free: list[Any] = []
         self._running = 0
-        self._lock = threading.Lock()  # tasks may be ticked by several threads
+        self._lock = threading.Lock()
 
     @property
     def type(self) -> str:
@@ -49,7 +49,7 @@ class Implementation:
 
     @property
     def busy(self) -> bool:
-        """Whether an instance runs."""
+        """Whether an instance is running."""
         return self._running > 0
 
     @property
@@ -62,48 +62,48 @@ class Implementation:
         return self._cls
 
     def acquire(self) -> Any:
-        """An instance that nobody else uses until it is released.
+        """Returns an instance for exclusive use until it is released.
 
-        :raises ConfigurationError: a new one cannot be made.
+        :raises ConfigurationError: no instance can be created.
         """
         with self._lock:
             instance = self._free.pop() if self._free else None
-        return instance if instance is not None else self._make()
+        return instance if instance is not None else self._create()
 
     def release(self, instance: Any) -> None:
-        """Gives an instance back."""
+        """Returns an instance to the pool."""
         if isinstance(instance, SkillBase):
             instance._expands_into = None
         with self._lock:
             self._free.append(instance)
 
     def count(self, change: int) -> None:
-        """Notes that one more (1) or one less (-1) instance runs."""
+        """Changes the number of running instances by 1 or -1."""
         with self._lock:
             self._running += change
 
-    def _make(self) -> Any:
-        """A loaded instance.
+    def _create(self) -> Any:
+        """Creates and loads an instance.
 
-        :raises ConfigurationError: the class cannot be loaded; the text tells why.
+        :raises ConfigurationError: the class cannot be loaded; the text has the reason.
         """
         name = f"{self._cls.__module__}.{self._cls.__name__}"
         try:
             instance = self._cls()
             loaded = instance.init(self._wmi, self._library)
         except FOREIGN_ERRORS as error:
-            file, line = raised_at(error, self.module) or class_place(self._cls)
+            file, line = raised_at(error, self.module) or class_location(self._cls)
             text = str(error) if isinstance(error, SkirosError) else error_text(error)
             raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: {text}") from error
         if loaded is False:
-            file, line = class_place(self._cls)
+            file, line = class_location(self._cls)
             raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: its onInit returned False")
         instance._note_declared()
         return instance
 
 
 class SkillLibrary:
-    """The implementations that were loaded, by type and label.
+    """The loaded implementations, by type and label.
 
     :param wmi: the world model as the skills see it.
     """
@@ -113,7 +113,7 @@ class SkillLibrary:
         self._loader = PluginLoader()
         self._by_type: dict[str, list[Implementation]] = {}
         self._linter = Linter((), wmi)
-        self._skipped: dict[type, str] = {}  # why
+        self._skipped: dict[type, str] = {}  # reason by class
         self._libraries: list[str] = []
         self._listed: list[str] = []
         self._loaded: dict[type, Implementation] = {}
@@ -122,26 +122,26 @@ class SkillLibrary:
 
     @property
     def libraries(self) -> list[str]:
-        """The packages that were searched for skills."""
+        """The imported packages."""
         return [*self._libraries]
 
     @property
     def listed(self) -> list[str]:
-        """The names of the skills that were to be loaded."""
+        """The names given to `load`."""
         return [*self._listed]
 
     @property
     def not_imported(self) -> dict[str, str]:
-        """The modules of the libraries that could not be imported, and why."""
+        """The modules of the libraries that could not be imported, with the reasons."""
         return dict(self._loader.failures)
 
     @property
     def skipped(self) -> dict[str, str]:
-        """The classes that could not be loaded, as `module.Class`, and why."""
-        return {_full(cls): why for cls, why in self._skipped.items()}
+        """The classes that could not be loaded, as `module.Class`, with the reasons."""
+        return {_full_name(cls): why for cls, why in self._skipped.items()}
 
     def import_libraries(self, packages: Sequence[str]) -> None:
-        """Finds the skill classes of Python packages and everything below them.
+        """Imports Python packages with their submodules and collects the skill classes.
 
         :raises ConfigurationError: a package does not exist or cannot be imported.
         """
@@ -157,10 +157,10 @@ class SkillLibrary:
     def load(self, names: Iterable[str]) -> None:
         """Loads implementations by class name or `module.Class`.
 
-        A skill that cannot be loaded is reported and skipped. What else is wrong with the skills is reported in one
-        warning for each library, and keeps none from loading.
+        A skill that cannot be loaded is logged and skipped. Other faults do not prevent loading; they are logged in one
+        warning for each library.
 
-        :raises ConfigurationError: no library has a class of one of these names.
+        :raises ConfigurationError: no library has a class with one of these names.
         """
         names = list(names)
         found = [self._find(name) for name in names]
@@ -178,7 +178,7 @@ class SkillLibrary:
         self._report(loaded)
 
     def find(self, name: str) -> type:
-        """The class of that name, or `module.Class`, in the libraries.
+        """The class in the libraries with a name, or with `module.Class`.
 
         :raises ConfigurationError: no library has such a skill.
         """
@@ -191,9 +191,9 @@ class SkillLibrary:
         return next((cls for cls in self._loader if is_named(cls, name)), None)
 
     def add(self, cls: type) -> Implementation | None:
-        """Loads the implementation that a class defines; None when it is loaded already.
+        """Loads the implementation that a class defines. Returns None if it is loaded already.
 
-        :raises ConfigurationError: it cannot be loaded, or another one has its type and label.
+        :raises ConfigurationError: it cannot be loaded, or another implementation has its type and label.
         """
         if cls in self._loaded:
             return None
@@ -201,10 +201,11 @@ class SkillLibrary:
             implementation = Implementation(cls, self.wmi, self)
             for other in self._by_type.get(implementation.type, ()):
                 if other.label == implementation.label:
-                    file, line = class_place(cls)
+                    file, line = class_location(cls)
                     raise ConfigurationError(
-                        f"skill {_full(cls)} cannot be loaded: {file}, line {line}: {_full(other.cls)} implements "
-                        f"{implementation.type} as {implementation.label!r} too; labels have to differ"
+                        f"skill {_full_name(cls)} cannot be loaded: {file}, line {line}: "
+                        f"{_full_name(other.cls)} implements {implementation.type} as {implementation.label!r} too; "
+                        "labels have to differ"
                     )
         except ConfigurationError as error:
             self._skipped[cls] = str(error)
@@ -216,7 +217,7 @@ class SkillLibrary:
         return implementation
 
     def _report(self, classes: Iterable[type]) -> None:
-        """Warns of all that is wrong with some skills, once for each library."""
+        """Logs the faults of skills, in one warning for each library."""
         faults = [(self._library_of(cls), fault) for cls in classes for fault in self._faults(cls)]
         for library, found in groupby(sorted(faults, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
             lines = list(dict.fromkeys(str(fault) for _, fault in found))
@@ -227,28 +228,29 @@ class SkillLibrary:
         self._linter.add(cls)
         try:
             found = self._linter.lint(cls)
-        except FOREIGN_ERRORS:  # of code that is only tried
-            log.exception("%s cannot be checked", _full(cls))
+        except FOREIGN_ERRORS:  # raised by the skill's `expand`
+            log.exception("%s cannot be checked", _full_name(cls))
             return []
         return [fault for fault in found if fault.severity != NOTE and fault.code != NOT_DESCRIBED]
 
     def _library_of(self, cls: type) -> str:
-        """The library that has a class."""
+        """The package that a class was imported with."""
         names = [name for name in self._libraries if f"{cls.__module__}.".startswith(f"{name}.")]
         return max(names, key=len, default=cls.__module__)
 
-    # -- looking up --------------------------------------------------------------------------------------------
+    # -- lookup ------------------------------------------------------------------------------------------------
 
     def implementations(self) -> list[Implementation]:
-        """All that are loaded, in the order they were."""
+        """All loaded implementations, in the order of loading."""
         return [i for some in self._by_type.values() for i in some]
 
     def candidates(self, stype: str, label: str) -> list[Implementation]:
-        """The implementations of a type, with that label where one is given; those that do not run come first.
+        """The implementations of a type, those that are not running first.
 
-        A label that no loaded one has is taken as the name of a class, and then as a label of a class that is not
-        loaded; that class is loaded from the libraries, and so are those of a type of which none is loaded.
+        If no loaded implementation matches, `label` is tried as a class name, then as the label of a class that is not
+        loaded; matching classes are loaded from the libraries.
 
+        :param label: "" for any.
         :raises UnknownName: there is none.
         """
         stype = full_name(stype)
@@ -261,7 +263,7 @@ class SkillLibrary:
         return sorted(found, key=lambda i: i.busy) if len(found) > 1 else found
 
     def require_type(self, stype: str, label: str) -> None:
-        """Looks for a type, as `candidates` does; only the label may be unknown.
+        """Checks that a type exists; the label may be unknown.
 
         :raises UnknownName: no library has a skill of that type.
         """
@@ -273,7 +275,7 @@ class SkillLibrary:
             self.candidates(stype, "")
 
     def by_label(self, label: str) -> Implementation:
-        """The implementation with that label, of whatever type.
+        """The implementation with a label, of any type.
 
         :raises UnknownName: there is none, or there are several.
         """
@@ -288,7 +290,7 @@ class SkillLibrary:
         return [i for i in self._by_type.get(stype, ()) if not label or i.label == label]
 
     def _named(self, stype: str, label: str) -> list[Implementation]:
-        """The implementations of a type whose class has that name; loaded as if they stood in the list of skills."""
+        """The implementations of a type whose class has this name; they are loaded if needed."""
         classes = [cls for cls in self._loader if label and is_named(cls, label)]
         for cls in classes:
             described = self._linter.describe(cls)
@@ -305,7 +307,7 @@ class SkillLibrary:
                 self._add_late(cls)
 
     def _add_late(self, cls: type) -> None:
-        """Loads a class that was not listed."""
+        """Loads a class that was not given to `load`."""
         if cls in self._loaded or cls in self._skipped:
             return
         try:
@@ -339,5 +341,5 @@ class SkillLibrary:
         return not isinstance(described, Fault) and described.skill.type == stype
 
 
-def _full(cls: type) -> str:
+def _full_name(cls: type) -> str:
     return f"{cls.__module__}.{cls.__name__}"

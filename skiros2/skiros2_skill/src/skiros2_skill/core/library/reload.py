@@ -1,4 +1,4 @@
-"""Imports skill libraries again, with the code that they have now; the modules are as before when that fails."""
+"""Reloads skill libraries with their present source. A failure restores the old modules."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from skiros2_skill.core.library.library import SkillLibrary
 
 @contextmanager
 def reloading(library: SkillLibrary, packages: Sequence[str] = ()) -> Iterator[SkillLibrary]:
-    """A library as another one, with new code. What the block raises takes the modules back.
+    """Yields a library with reloaded code. An exception in the `with` block restores the old modules.
 
-    Instances of the other one, and all that they start later, keep the code that they have.
+    Instances of the old library, and skills that they start, keep the old code.
 
-    :param packages: of its libraries; those that use them are imported again too. None: all.
+    :param packages: of the library; packages that use them are reloaded too. Empty: all.
     :raises UnknownName: the library has no such package.
-    :raises ConfigurationError: the new code cannot be imported, or lacks a skill that was loaded, or one of its skills
-        cannot be loaded any more.
+    :raises ConfigurationError: the new code cannot be imported, lacks a loaded skill, or has one that cannot be loaded.
     """
     unknown = [name for name in packages if name not in library.libraries]
     if unknown:
@@ -31,18 +30,18 @@ def reloading(library: SkillLibrary, packages: Sequence[str] = ()) -> Iterator[S
         raise UnknownName(f"no library {', '.join(map(repr, unknown))} was loaded; there are: {known}")
     changed = _with_users(packages or library.libraries, library.libraries)
     before = _modules_of(changed)
-    _forget(before)
+    _unload(before)
     done = False
     try:
-        yield _loaded_again(library)
+        yield _load_again(library)
         done = True
     finally:
         if not done:
-            _forget(_modules_of(changed))
-            _bring_back(before)
+            _unload(_modules_of(changed))
+            _restore(before)
 
 
-def _loaded_again(library: SkillLibrary) -> SkillLibrary:
+def _load_again(library: SkillLibrary) -> SkillLibrary:
     fresh = SkillLibrary(library.wmi)
     fresh.import_libraries(library.libraries)
     fresh.load(library.listed)
@@ -54,7 +53,7 @@ def _loaded_again(library: SkillLibrary) -> SkillLibrary:
 
 
 def _with_users(packages: Iterable[str], libraries: Iterable[str]) -> list[str]:
-    """Packages, and those of some libraries that have imported something of them."""
+    """Packages, with the libraries that import from them, directly or indirectly."""
     found = list(dict.fromkeys(packages))
     remaining = [name for name in libraries if name not in found]
     while True:
@@ -67,9 +66,9 @@ def _with_users(packages: Iterable[str], libraries: Iterable[str]) -> list[str]:
 
 def _uses(library: str, packages: Sequence[str]) -> bool:
     values = [value for module in _modules_of([library]).values() for value in vars(module).values()]
-    homes = {v.__name__ for v in values if isinstance(v, ModuleType)}
-    homes |= {v.__module__ for v in values if isinstance(v, (type, FunctionType))}
-    return any(_is_in(home, packages) for home in homes)
+    modules = {v.__name__ for v in values if isinstance(v, ModuleType)}
+    modules |= {v.__module__ for v in values if isinstance(v, (type, FunctionType))}
+    return any(_is_in(module, packages) for module in modules)
 
 
 def _modules_of(packages: Sequence[str]) -> dict[str, ModuleType]:
@@ -80,8 +79,8 @@ def _is_in(module: str, packages: Sequence[str]) -> bool:
     return any(f"{module}.".startswith(f"{package}.") for package in packages)
 
 
-def _forget(modules: dict[str, ModuleType]) -> None:
-    """The next import of the modules reads their sources, also when these were changed within the same second."""
+def _unload(modules: dict[str, ModuleType]) -> None:
+    """Makes the next import read the sources, even if they have changed within the same second."""
     for name, module in modules.items():
         sys.modules.pop(name, None)
         if module.__spec__ is not None and module.__spec__.cached:
@@ -91,7 +90,7 @@ def _forget(modules: dict[str, ModuleType]) -> None:
     linecache.checkcache()
 
 
-def _bring_back(modules: dict[str, ModuleType]) -> None:
+def _restore(modules: dict[str, ModuleType]) -> None:
     sys.modules.update(modules)
     for name, module in modules.items():
         parent, _, child = name.rpartition(".")

@@ -1,4 +1,4 @@
-"""What can be wrong with the description of a skill."""
+"""Checks the description of a skill."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skiros2_common.core.places import Place
 from skiros2_common.core.skill_description import DEVICE_STATE
 from skiros2_skill.core.lint.linter import WARNING, Described, Fault
 
-_OWN_COUNTS = "loaded; what the implementation declares counts"
+_IMPLEMENTATION_WINS = "loaded; the declaration of the implementation is used"
 _KEPT = "loaded; the name is kept as written"
 
 
@@ -22,13 +22,13 @@ def description_faults(described: Described, wmi: Any) -> Iterator[Fault]:
     """The faults of a skill's parameters and conditions."""
     yield from _condition_faults(described)
     yield from _contradictions(described)
-    yield from _changes_of_description(described, wmi)
+    yield from _description_contradictions(described, wmi)
     if wmi is not None:
         yield from _unknown_names(described, wmi)
 
 
 def parts(conditions: Sequence[Any]) -> Iterator[tuple[Any, Place | None]]:
-    """The conditions, and those that others are made of, with their places."""
+    """The conditions and the parts of composite ones, with their source locations."""
     for condition in conditions:
         place = getattr(condition, "place", None)
         yield condition, place
@@ -38,7 +38,7 @@ def parts(conditions: Sequence[Any]) -> Iterator[tuple[Any, Place | None]]:
 
 
 def fits(inner: Param, outer: Param, wmi: Any) -> bool:
-    """Whether a value of either parameter may be one of the other."""
+    """Whether a value of one parameter may be a value of the other."""
     if inner.is_element and outer.is_element:
         return related(inner.element_type, outer.element_type, wmi)
     number = {inner.dataType(), outer.dataType()} == {int, float}
@@ -46,7 +46,7 @@ def fits(inner: Param, outer: Param, wmi: Any) -> bool:
 
 
 def related(one: str, other: str, wmi: Any) -> bool:
-    """Whether a class is another, or above or below it; also when that is not known."""
+    """Whether one class is the same as, a subclass or a superclass of the other; True when that is not known."""
     one, other = full_name(one) if one else "", full_name(other) if other else ""
     if wmi is None or not one or not other or one == other:
         return True
@@ -56,7 +56,7 @@ def related(one: str, other: str, wmi: Any) -> bool:
 
 
 def type_name(param: Param) -> str:
-    """The type of a parameter in words."""
+    """The type of a parameter, for people."""
     return (param.element_type or "an element") if param.is_element else param.dataType().__name__
 
 
@@ -105,8 +105,8 @@ def _contradictions(described: Described) -> Iterator[Fault]:
                 yield described.fault(WARNING, "contradiction", text, place, "loaded; both are checked")
 
 
-def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
-    """What an implementation may not make of its description: others choose it by that."""
+def _description_contradictions(described: Described, wmi: Any) -> Iterator[Fault]:
+    """Faults of an implementation that contradicts its description, by which it is selected."""
     skill = described.skill
     base = skill._description
     for key, wanted in base.params.items():
@@ -114,10 +114,10 @@ def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
         place = skill.place_of(key)
         if own is None:
             text = f"the description {base.type} has the parameter {key!r}, the implementation has not"
-            yield described.fault(WARNING, "contradicts-description", text, done=_OWN_COUNTS)
+            yield described.fault(WARNING, "contradicts-description", text, done=_IMPLEMENTATION_WINS)
         elif not _narrows(own, wanted, wmi):
             text = f"parameter {key!r} is {type_name(wanted)} in the description {base.type}, here {type_name(own)}"
-            yield described.fault(WARNING, "contradicts-description", text, place, _OWN_COUNTS)
+            yield described.fault(WARNING, "contradicts-description", text, place, _IMPLEMENTATION_WINS)
 
 
 def _narrows(own: Param, wanted: Param, wmi: Any) -> bool:

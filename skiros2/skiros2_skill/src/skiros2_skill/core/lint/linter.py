@@ -1,7 +1,7 @@
-"""Checks of skills before they run: what can be told from descriptions and trees alone.
+"""Checks skills before they run, from their descriptions and trees alone.
 
-Whatever depends on values, or may be added while a skill runs, is no fault. No fault keeps a skill from loading: a
-warning tells what becomes of it, an error that it cannot run so.
+Nothing that depends on parameter values, or may be added while a skill runs, is a fault. Faults do not prevent loading:
+a warning states the consequence, an error means that the skill cannot run.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skiros2_world_model.core.world_model_abstract_interface import WorldModelPo
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 
-#: The hooks in which skills declare what depends on where they run.
+#: The hooks in which skills may declare further parameters.
 _STARTS = ("onInit", "onStart", "preStart")
 
 UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
@@ -32,13 +32,13 @@ UNKNOWN_SKILL, NOT_DESCRIBED = "unknown-skill", "not-described"
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is wrong with a skill.
+    """A fault of a skill.
 
     :param severity: `ERROR`, `WARNING` or `NOTE`.
-    :param code: a name for the kind of fault.
+    :param code: the kind of fault.
     :param skill: `type-label`.
-    :param file, line: where; "" and 0 when the source is not known.
-    :param done: what is done about it when the skill is loaded and run.
+    :param file, line: the source location; "" and 0 when it is not known.
+    :param done: the consequence when the skill is loaded and run.
     """
 
     severity: str
@@ -57,8 +57,8 @@ class Fault:
         return asdict(self)
 
 
-class OnlyReads:
-    """The world model for code that is only tried: it has what the port has for reading, and no more."""
+class ReadOnlyWorldModel:
+    """The world model for checked code: only the reading methods of the port."""
 
     _READS = reads_of(WorldModelPort)
 
@@ -66,7 +66,7 @@ class OnlyReads:
         self.__wmi = wmi
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # a copy asks for these
+        if name.startswith("__"):  # `copy` looks these up
             raise AttributeError(name)
         if self.__wmi is None or name not in self._READS:
             raise WrongType(f"the skill is only checked; wmi.{name} is not available then")
@@ -74,19 +74,19 @@ class OnlyReads:
 
 
 class Described:
-    """A class that implements a skill, with what it declares, not made ready to run: its `onInit` is not called.
+    """A class that implements a skill, with its description. `onInit` is not called.
 
-    :raises Exception: what its constructor or `createDescription` raises.
+    :raises Exception: raised by its constructor or `createDescription`.
     """
 
     def __init__(self, cls: type, wmi: Any) -> None:
         self.cls = cls
-        self.skill = self.instance(OnlyReads(wmi))
-        #: Whether it may declare parameters while it runs.
+        self.skill = self.instance(ReadOnlyWorldModel(wmi))
+        #: Whether it may declare parameters at run time.
         self.is_open = any(_may_declare(name, method) for name, method in _hooks(cls))
 
     def instance(self, wmi: Any) -> Any:
-        """One more, described."""
+        """Creates an instance with its description."""
         skill: Any = self.cls()
         skill._wmi = wmi
         skill._create()
@@ -94,7 +94,7 @@ class Described:
 
     @property
     def declared(self) -> Any:
-        """As `Implementation.declared`."""
+        """Same as `Implementation.declared`."""
         return self.skill
 
     @property
@@ -106,33 +106,36 @@ class Described:
         return isinstance(self.skill, SkillBase)
 
     def fault(self, severity: str, code: str, text: str, place: Place | None = None, done: str = "") -> Fault:
-        """A fault of it, there or, when that is not known, where the class begins."""
-        file, line = place or class_place(self.cls)
+        """Creates a fault of the skill.
+
+        :param place: its source location; None: that of the class.
+        """
+        file, line = place or class_location(self.cls)
         return Fault(severity, code, self.name, text, file, line, done)
 
 
 class Linter:
-    """Checks the skills of some libraries.
+    """Checks the skills of libraries.
 
     :param classes: all classes that implement skills.
-    :param wmi: the world model, whose ontologies are asked; None: names are not looked up.
+    :param wmi: the world model with the ontologies; None: names are not looked up.
     """
 
     def __init__(self, classes: Iterable[type], wmi: Any = None) -> None:
         self.wmi = wmi
-        self._waiting = list(classes)
+        self._pending = list(classes)
         self._described: dict[type, Described | Fault] = {}
         self._cycles: dict[frozenset[type], tuple[type, Place | None]] = {}
 
     def add(self, cls: type) -> None:
-        """One more class that implements a skill."""
-        if cls not in self._described and cls not in self._waiting:
-            self._waiting.append(cls)
+        """Adds a class that implements a skill."""
+        if cls not in self._described and cls not in self._pending:
+            self._pending.append(cls)
 
     def lint(self, cls: type, tree: bool = True) -> list[Fault]:
-        """What is wrong with the skill that a class implements, by file and line.
+        """The faults of the skill that a class implements, ordered by file and line.
 
-        :param tree: whether a compound's `expand` is tried and its tree checked too.
+        :param tree: whether a compound is expanded and its tree is checked too.
         """
         from skiros2_skill.core.lint.description import description_faults
         from skiros2_skill.core.lint.tree import tree_faults
@@ -144,17 +147,20 @@ class Linter:
         return _in_order(faults)
 
     def options(self, stype: str, label: str) -> list[Described]:
-        """The implementations of a type, with that label, or else class name, where one is given."""
+        """The implementations of a type.
+
+        :param label: their label or class name; "" for any.
+        """
         return self._matching(stype, label) or self._matching(stype, label, all_of_them=True)
 
-    def tells_cycle(self, classes: Iterable[type], cls: type, place: Place | None) -> bool:
-        """Whether it is there that some classes are told to contain each other: the place that asks first."""
+    def reports_cycle(self, classes: Iterable[type], cls: type, place: Place | None) -> bool:
+        """Whether to report a cycle of classes at this source location: only the first caller reports it."""
         return self._cycles.setdefault(frozenset(classes), (cls, place)) == (cls, place)
 
     def all(self) -> list[Described]:
-        """All that could be described."""
-        while self._waiting:
-            self.describe(self._waiting[0])
+        """All classes that could be described."""
+        while self._pending:
+            self.describe(self._pending[0])
         return [d for d in self._described.values() if isinstance(d, Described)]
 
     def _matching(self, stype: str, label: str, all_of_them: bool = False) -> list[Described]:
@@ -164,9 +170,9 @@ class Linter:
         return labelled or [d for d in typed if all_of_them and is_named(d.cls, label)]
 
     def describe(self, cls: type) -> Described | Fault:
-        """What a class declares, or why that is not known."""
-        if cls in self._waiting:
-            self._waiting.remove(cls)
+        """Describes a class; the fault when that fails."""
+        if cls in self._pending:
+            self._pending.remove(cls)
         if cls not in self._described:
             try:
                 self._described[cls] = Described(cls, self.wmi)
@@ -176,14 +182,14 @@ class Linter:
 
 
 def is_named(cls: type, name: str) -> bool:
-    """Whether a name is that of a class, with its module or without."""
+    """Whether a name is the name of a class, with or without module."""
     return name in (cls.__name__, f"{cls.__module__}.{cls.__name__}")
 
 
 def lint_libraries(packages: Sequence[str], wmi: Any = None, used: Sequence[str] = ()) -> list[Fault]:
-    """What is wrong with the skills of some Python packages, and with modules that cannot be imported.
+    """The faults of the skills in Python packages, including modules that cannot be imported.
 
-    :param used: further packages, whose skills the trees may use.
+    :param used: further packages with skills that the trees may use.
     :raises ConfigurationError: a package does not exist or cannot be imported.
     """
     bases = (PrimitiveBase, SkillBase)
@@ -201,8 +207,8 @@ def _in_order(faults: Iterable[Fault]) -> list[Fault]:
     return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
 
 
-def class_place(cls: type) -> Place:
-    """The file and line in which a class begins; ("", 0) when the source is not there."""
+def class_location(cls: type) -> Place:
+    """The source location of a class; ("", 0) when there is no source."""
     try:
         return inspect.getsourcefile(cls) or "", inspect.getsourcelines(cls)[1]
     except (OSError, TypeError):
@@ -216,13 +222,13 @@ def _not_imported(module: str, cause: str) -> Fault:
 
 
 def _undescribed(cls: type, error: Exception | SystemExit) -> Fault:
-    file, line = raised_at(error, cls.__module__) or class_place(cls)
+    file, line = raised_at(error, cls.__module__) or class_location(cls)
     text = f"describing it raised {error_text(error)}"
     return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, file, line, "the skill is skipped")
 
 
 def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:
-    """The methods of a class, by name, but for those that describe it, and those of the base classes."""
+    """The methods of a class that are not inherited from the platform and do not describe it."""
     for base in cls.__mro__:
         if base in (PrimitiveBase, SkillBase):
             return
@@ -232,14 +238,14 @@ def _hooks(cls: type) -> Iterator[tuple[str, FunctionType]]:
 
 
 def _may_declare(name: str, method: FunctionType) -> bool:
-    """Whether a method may add a parameter: by itself or, at the start, in a function that it gives the skill to."""
+    """Whether a method may add a parameter: itself or, in a start hook, through a function that gets the skill."""
     loaded = ("LOAD_FAST", "LOAD_DEREF", "LOAD_CLOSURE")
     for code in _codes(method.__code__):
         if "addParam" in code.co_names:
             return True
         before: dis.Instruction | None = None
         for step in dis.get_instructions(code) if name in _STARTS else ():
-            # `self.x` is a use of its own; a `self` that is loaded for something else is passed on
+            # `self.x` is an attribute access; any other use of `self` passes it on
             if before is not None and step.opname not in ("LOAD_ATTR", "LOAD_METHOD", "STORE_ATTR"):
                 return True
             mine = step.opname in loaded and step.argval == _first_argument(method)
@@ -252,7 +258,7 @@ def _first_argument(method: FunctionType) -> str:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """The code of a function and of those that are defined in it."""
+    """The code of a function and of its nested functions."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):

@@ -1,4 +1,4 @@
-"""What became of the tasks of a manager, also of those that were refused: for those who ask why."""
+"""Records of the tasks of a manager, including ended and refused ones."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_skill.core.runtime.task import ENDED_SUCCESS, Task
 
-#: So many tasks that have ended or were refused are kept, the last ones.
-MOST_KEPT = 100
+#: How many records of ended and refused tasks are kept.
+MAX_RECORDS = 100
 
-#: The id of a task that was refused.
+#: The id of a refused task.
 REFUSED = -1
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of a task.
+    """The state or the result of a task.
 
-    :param task_id: `REFUSED` for one that was not started.
-    :param author: who asked for it.
-    :param state: that of its root; Idle when it was refused.
-    :param code: 1 after success, else the progress code of what made it fail; 0 while it runs.
-    :param message: in one line.
-    :param explanations: why nodes failed, the one that failed last at the end.
-    :param preempted: whether it was ended from outside.
+    :param task_id: `REFUSED` for a task that was not started.
+    :param author: the client that has requested it.
+    :param state: of its root; Idle when it was refused.
+    :param code: 1 after success, 0 while it runs, else the progress code of the failure.
+    :param message: one line.
+    :param explanations: why nodes failed, the last failure at the end.
+    :param preempted: whether it was preempted by a command.
     """
 
     task_id: int
@@ -41,11 +41,11 @@ class Record:
 
     @property
     def failed(self) -> bool:
-        """Whether it has failed or was refused."""
+        """Whether the task has failed or was refused."""
         return self.state in (State.Failure, State.Idle)
 
     def __str__(self) -> str:
-        """For people, in several lines."""
+        """The record for people, on several lines."""
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
@@ -62,7 +62,7 @@ class Record:
 
 
 def record_of(task: Task) -> Record:
-    """What is known of a task now. Any thread."""
+    """The record of a task in its present state. Any thread."""
     explanations = task.explanations()
     if not task.ended.is_set():
         return Record(task.id, task.author, State.Running, 0, one_line(task.root.progress_msg), explanations)
@@ -75,59 +75,62 @@ def record_of(task: Task) -> Record:
 
 
 def one_line(text: str) -> str:
-    """The first line of a text, which says what there is to say."""
+    """The first line of a text that is not blank."""
     return next((line.strip() for line in text.splitlines() if line.strip()), "")
 
 
 class History:
-    """The tasks of a manager that run, and the last ones that have ended or were refused. Any thread."""
+    """The running tasks of a manager, and records of the last ended and refused ones. Any thread.
 
-    def __init__(self, kept: int = MOST_KEPT) -> None:
-        self._most = kept
+    :param size: how many records are kept.
+    """
+
+    def __init__(self, size: int = MAX_RECORDS) -> None:
+        self._size = size
         self._running: dict[int, Task] = {}
-        self._kept: list[Record] = []
+        self._records: list[Record] = []
         self._lock = threading.Lock()
 
     def begin(self, task: Task) -> None:
-        """A task is to run."""
+        """Adds a task that is about to start."""
         with self._lock:
             self._running[task.id] = task
 
     def end(self, task: Task) -> Record:
-        """A task has ended.
+        """Replaces an ended task by its record.
 
-        :returns: what is kept of it.
+        :returns: the record.
         """
         record = record_of(task)
         with self._lock:
             if self._running.get(task.id) is task:
                 del self._running[task.id]
-            self._keep(record)
+            self._add(record)
         return record
 
     def refuse(self, record: Record) -> None:
-        """A task was not started."""
+        """Adds the record of a refused task."""
         with self._lock:
-            self._keep(record)
+            self._add(record)
 
     def get(self, task_id: int) -> Record:
-        """What is known of the task with that id; of several that had it, the last one.
+        """The record of the last task with an id.
 
-        :param task_id: -1: the task that failed or was refused last.
+        :param task_id: -1: the last task that failed or was refused.
         :raises UnknownName: there is none.
         """
         with self._lock:
             task = self._running.get(task_id)
-            kept = self._kept[::-1]
+            records = self._records[::-1]
         if task is not None:
             return record_of(task)
-        for record in kept:
+        for record in records:
             if record.task_id == task_id >= 0 or (task_id < 0 and record.failed):
                 return record
         if task_id < 0:
             raise UnknownName("no task has failed or was refused")
-        raise UnknownName(f"task {task_id} neither runs nor is it among the last {self._most} that have ended")
+        raise UnknownName(f"task {task_id} neither runs nor is it among the last {self._size} that have ended")
 
-    def _keep(self, record: Record) -> None:
-        self._kept.append(record)
-        del self._kept[: -self._most]
+    def _add(self, record: Record) -> None:
+        self._records.append(record)
+        del self._records[: -self._size]

@@ -1,4 +1,4 @@
-"""From a request to run some skills to a task: checked whole before anything starts."""
+"""Converts a request to run skills into nodes of a task. The whole request is checked before anything starts."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.diagnosis.provenance import told_values
+from skiros2_skill.core.diagnosis.provenance import format_values
 from skiros2_skill.core.library.library import Implementation, SkillLibrary
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 
 @dataclass(frozen=True)
-class Plain:
-    """Values as JSON has them; the skill declares their type. Elements are named by id or label."""
+class JsonValues:
+    """Values from JSON, whose type the skill declares. Elements are given by id or label."""
 
     values: Sequence[Any]
 
 
 @dataclass(frozen=True)
 class SkillRequest:
-    """A skill to run: its type, the label of an implementation ("" for any), and parameters by key.
+    """A skill to run.
 
-    :param problems: what was wrong with parameters that could not be read.
+    :param label: of an implementation; "" for any.
+    :param params: by key.
+    :param problems: errors in parameters that could not be read.
     """
 
     type: str
     label: str
-    params: Mapping[str, Param | Plain]
+    params: Mapping[str, Param | JsonValues]
     problems: Sequence[SkirosError] = ()
 
 
 def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any) -> list[SkillWrapper]:
-    """The nodes of a task that runs these skills one after the other.
+    """Creates the nodes of a task that runs skills in sequence.
 
-    :raises Refused: there is no skill, or a required parameter is not set.
+    :raises Refused: the request names no skill, or a required parameter is not set.
     :raises UnknownName: a skill, a parameter or an element does not exist.
-    :raises WrongType: a value is of another type than declared.
-    :raises WrongValue: there are several problems, also of several skills; the text names all.
+    :raises WrongType: a value is not of the declared type.
+    :raises WrongValue: there are several problems; the text names all.
     """
     if not requests:
         raise Refused("a task needs at least one skill, the list is empty")
@@ -51,7 +53,7 @@ def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any
     all_problems: list[SkirosError] = []
     for request in requests:
         try:
-            given, problems = _fitting(request, library, wmi, produced)
+            given, problems = _match(request, library, wmi, produced)
         except SkirosError as error:
             all_problems += [*request.problems, error]
             continue
@@ -72,18 +74,18 @@ def _as_one(problems: Sequence[SkirosError]) -> SkirosError:
     return problems[0] if len(problems) == 1 else WrongValue("; ".join(dict.fromkeys(map(str, problems))))
 
 
-def why_refused(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any, code: int) -> Explanation | None:
-    """Why `make_nodes` refuses some requests: of the first wrong one, what is wrong for each implementation.
+def explain_refusal(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any, code: int) -> Explanation | None:
+    """Explains why `make_nodes` refuses: the problems of the first wrong request, for each implementation.
 
-    :param code: for the explanation.
-    :returns: None when none is wrong by itself.
+    :param code: of the explanation.
+    :returns: None when no single request is wrong.
     """
     produced: set[str] = set()
     for request in requests:
-        params = [Origin(key, told_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
+        params = [Origin(key, format_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
         stype = full_name(request.type)
         try:
-            given, problems = _fitting(request, library, wmi, produced)
+            given, problems = _match(request, library, wmi, produced)
         except SkirosError as error:
             return Explanation(START, stype, request.label, -1, code, str(error), params=params)
         if given is None:
@@ -95,13 +97,13 @@ def why_refused(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: An
     return None
 
 
-def _fitting(
+def _match(
     request: SkillRequest, library: SkillLibrary, wmi: Any, produced: set[str]
 ) -> tuple[dict[str, list[Any]] | None, list[tuple[Implementation, SkirosError]]]:
-    """The values that a request gives, checked against what the first implementation that they fit declares.
+    """Finds the first implementation that accepts the values of a request.
 
-    :param produced: the keys of the skills before; those of this one are added.
-    :returns: None for the values where they fit none; what is wrong for each that they do not fit.
+    :param produced: the keys of the preceding skills; those of this one are added.
+    :returns: the values, None when no implementation accepts them; and the problem of each rejected implementation.
     :raises UnknownName: there is no such skill.
     """
     problems: list[tuple[Implementation, SkirosError]] = []
@@ -119,9 +121,9 @@ def _fitting(
 def _checked(
     request: SkillRequest, implementation: Implementation, wmi: Any, produced: set[str]
 ) -> dict[str, list[Any]]:
-    """The values that the request gives, checked against what the implementation declares.
+    """Checks the values of a request against the parameters of an implementation. Returns them by key.
 
-    :raises SkirosError: something is wrong; the text names all of it.
+    :raises SkirosError: there are problems; the text names all.
     """
     declared = implementation.declared.params
     name = f"{implementation.type}-{implementation.label}"
@@ -152,17 +154,17 @@ def _checked(
     return given
 
 
-def _checked_values(declared: Param, given: Param | Plain, wmi: Any) -> list[Any]:
-    """The values that a request gives for a parameter; none where they say nothing.
+def _checked_values(declared: Param, given: Param | JsonValues, wmi: Any) -> list[Any]:
+    """The values of a request for a parameter, without unspecific ones.
 
-    :raises WrongType: a value is of another type than declared; the text begins with the key.
+    :raises WrongType: a value is not of the declared type; the text begins with the key.
     :raises UnknownName: there is no such element.
     :raises WrongValue: several elements have that label.
     """
     values = list(given.values)
-    if isinstance(given, Plain) and declared.is_element:
+    if isinstance(given, JsonValues) and declared.is_element:
         values = [_named_element(value, declared.key, wmi) for value in values]
-    values = [v for v in values if not _says_nothing(v)]
+    values = [v for v in values if not _is_unspecific(v)]
     if values:
         declared.clone().assign(values)
     for value in values:
@@ -172,7 +174,7 @@ def _checked_values(declared: Param, given: Param | Plain, wmi: Any) -> list[Any
 
 
 def _named_element(value: Any, key: str, wmi: Any) -> Element:
-    """The element that a JSON value names: its id, its label, or an object with some of id, label and type."""
+    """The element that a JSON value refers to: by id, by label, or by an object with id, label or type."""
     if isinstance(value, Mapping):
         parts = [value.get(part, "") for part in ("type", "label", "id")]
         if not all(isinstance(part, str) for part in parts):
@@ -196,8 +198,8 @@ def _named_element(value: Any, key: str, wmi: Any) -> Element:
     return found[0]
 
 
-def _says_nothing(value: Any) -> bool:
-    """Whether a value is an abstract element without a label, property or relation: "any of the type"."""
+def _is_unspecific(value: Any) -> bool:
+    """Whether a value is an abstract element without label, properties and relations: "any of the type"."""
     return (
         isinstance(value, Element)
         and value.isAbstract()

@@ -1,4 +1,4 @@
-"""A task: a tree under a root, with an id and a blackboard of its own."""
+"""A task: one run of a tree on a manager, with its own id and blackboard."""
 
 from __future__ import annotations
 
@@ -13,35 +13,34 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
 from skiros2_common.core.params import Param
-from skiros2_skill.core.engine.breakpoints import Break, Breakpoints
+from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
 from skiros2_skill.core.engine.devices import free_devices
-from skiros2_skill.core.engine.endings import bury, give_up, preempt_all
-from skiros2_skill.core.engine.executor import Executor, Halt
+from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
 from skiros2_skill.core.engine.failures import Failure
 from skiros2_skill.core.tree.groups import Root, Skill
-from skiros2_skill.core.tree.hook_guard import LeftBehind, Stuck
+from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
 from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 log = logging.getLogger(__name__)
 
-#: Ids travel as int16.
+#: Ids are int16 in messages.
 MAX_ID = 32767
 
-#: What a root's progress code is when its task has ended.
+#: The progress code of the root of an ended task.
 ENDED_SUCCESS, ENDED_FAILURE = 1, -1
 
 
 @dataclass(eq=False)
-class _Allowance:
-    """How many ticks a command has asked for that are to come."""
+class _StepBudget:
+    """The remaining ticks that a command has requested."""
 
     ticks: int
 
 
 @dataclass(frozen=True)
 class NodeProgress:
-    """What is told of one node of a task."""
+    """The progress of one node of a task."""
 
     id: int
     parent_id: int
@@ -62,8 +61,8 @@ class Task:
 
     :param task_id: 0 to 32767.
     :param wmi: the world model as the task sees it.
-    :param author: who asked for the task.
-    :param breakpoints: where it pauses by itself.
+    :param author: the client that has started the task.
+    :param breakpoints: pause the task.
     """
 
     def __init__(self, task_id: int, wmi: Any, author: str = "", breakpoints: Breakpoints | None = None) -> None:
@@ -74,21 +73,21 @@ class Task:
         self._wmi = wmi
         self._executor = Executor(wmi, self.wake, breakpoints)
         self._paused = threading.Event()
-        self._allowance: _Allowance | None = None
+        self._step_budget: _StepBudget | None = None
         self._deciding = threading.Lock()
         self._decided = False
-        #: When it was asked to end, or given more time for that (s, monotonic); None: it was not.
+        #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
         self.preempted_at: float | None = None
-        self._stopping = False  # all that ran was preempted
-        self._reason = "Preempted"  # why
-        self._gives_up = False
-        self._stuck: Stuck | None = None
-        self._tells_all = True
+        self._stopping = False  # all running nodes were preempted
+        self._reason = "Preempted"
+        self._abandons_ending = False
+        self._hung: HungHook | None = None
+        self._id_overflow_logged = False
         self._numbering = threading.Lock()
-        #: How often `take_changed` has answered yes.
-        self.changes = 0
+        #: Counts the changes of states and progress that `update_revision` has seen.
+        self.revision = 0
         self.ended = threading.Event()
-        #: What `wake` calls; set by the ticker.
+        #: Called by `wake`; set by the scheduler.
         self.waker: Callable[[], None] = lambda: None
 
     @property
@@ -98,35 +97,37 @@ class Task:
     # -- commands, from any thread -----------------------------------------------------------------------------
 
     def preempt(self) -> bool:
-        """Asks the task to end. It fails at the next tick, paused or not, whatever a hook still answers, and starts no
-        more skills. Returns whether it had not ended before."""
+        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
+        False if it had ended before."""
         with self._deciding:
             if self._decided:
                 return False
             if self.preempted_at is None:
                 self.preempted_at = time.monotonic()
-                self._executor.halts = True
+                self._executor.halt_requested = True
             return True
 
-    def pause(self) -> None:
-        """No more ticks; everything keeps its state."""
-        self._paused.set()
-        self._executor.changed = True
+    def pause(self, reason: str = "") -> None:
+        """Stops ticking the task; all nodes keep their state.
 
-    def hold(self, reason: str) -> None:
-        """Pauses the task and says so in its progress."""
+        :param reason: shown as the progress of the root.
+        """
         self._paused.set()
-        self.root._setProgress(reason, 0)
+        if reason:
+            self.root._setProgress(reason, 0)
         self._executor.changed = True
 
     def resume(self, ticks: int = 0) -> None:
-        """Ticks again; given a number, pauses after that many ticks."""
-        self._allowance = _Allowance(ticks) if ticks else None
+        """Continues a paused task.
+
+        :param ticks: pauses after this many ticks; 0: does not.
+        """
+        self._step_budget = _StepBudget(ticks) if ticks else None
         self.root._setProgress("", 0)
         self._paused.clear()
 
     def wake(self) -> None:
-        """Asks for a tick at once."""
+        """Requests a tick at once."""
         self.waker()
 
     @property
@@ -135,66 +136,70 @@ class Task:
 
     @property
     def wants_tick(self) -> bool:
-        """Whether the task has something to do now."""
+        """Whether the task is to be ticked."""
         return not self.ended.is_set() and (self.preempted_at is not None or not self._paused.is_set())
 
     @property
-    def has_seen_world(self) -> bool:
-        """Whether nothing has changed in the world model since the last tick looked at it."""
-        return self._executor.has_seen_world
+    def is_current(self) -> bool:
+        """Whether the world model has not changed since the task's last refresh."""
+        return self._executor.parameters.is_current
 
     @property
-    def place(self) -> str:
+    def current_hook(self) -> str:
         """The hook that is being called, "" when none is."""
-        return self._executor.inside.place
+        return self._executor.guard.current
 
-    # -- a tick that does not end, from the thread that looks after it ------------------------------------------
+    # -- hung hooks, from the watchdog ------------------------------------------------------------------------
 
-    def leave_behind(self, now: float, seconds: float) -> str:
-        """Takes the task away from a thread whose hook does not return; another one may tick it then.
+    def abandon_hook(self, now: float, seconds: float) -> str:
+        """Abandons a hook that does not return; another thread may tick the task afterwards.
 
-        :param seconds: how long the tick has taken.
-        :returns: what was left behind, in words; "" when the hook has returned just now.
+        :param now: s, monotonic.
+        :param seconds: the duration of the tick.
+        :returns: the reason, for people; "" when the hook has just returned.
         """
-        stuck = self._executor.inside.take()
-        if stuck is None:
+        hung = self._executor.guard.abandon()
+        if hung is None:
             return ""
         self.preempted_at = now
-        self._stuck = stuck
-        stuck.reason = f"{stuck.place} has not returned for {seconds:.1f} s and was left behind"
-        return stuck.reason
+        self._hung = hung
+        hung.reason = f"{hung.name} has not returned for {seconds:.1f} s and was abandoned"
+        return hung.reason
 
-    def give_up(self, now: float) -> None:
-        """The nodes that were preempted and still go on are ended at the next tick."""
+    def abandon_ending(self, now: float) -> None:
+        """Ends, at the next tick, the preempted nodes that are still running.
+
+        :param now: s, monotonic.
+        """
         self.preempted_at = now
-        self._gives_up = True
+        self._abandons_ending = True
 
     # -- the ticking thread ------------------------------------------------------------------------------------
 
     def tick(self) -> State:
-        """One tick. Sets `ended` when the task has ended. What a tick raises ends the task as a failure."""
-        allowance = self._allowance  # a command while this tick is under way allows for the next ones
+        """Ticks the task once. Sets `ended` when it has ended. An exception in the tick fails the task."""
+        budget = self._step_budget  # a command during this tick sets the budget of the next ones
         try:
             state = self._guarded_tick()
-        except LeftBehind:
-            return State.Running  # the task is another thread's now
+        except HookAbandoned:
+            return State.Running  # another thread ticks the task now
         if state is not State.Running:
             state = self._decide(state)
             self._close(state)
-        elif allowance is not None:
-            allowance.ticks -= 1
-            if not allowance.ticks and allowance is self._allowance:
+        elif budget is not None:
+            budget.ticks -= 1
+            if not budget.ticks and budget is self._step_budget:
                 self.pause()
         return state
 
     def _decide(self, state: State) -> State:
-        """The state that a task ends with: one that was preempted meanwhile has failed."""
+        """The final state: a task that was preempted during its last tick has failed."""
         with self._deciding:
             self._decided = True
             overruled = self.preempted_at is not None and not self._stopping
         if overruled:
             self._stopping = True
-            self._executor.failures.note(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
             self.root._setState(State.Failure)
             return State.Failure
         return state
@@ -205,33 +210,33 @@ class Task:
                 return self._tick()
             except Halt:
                 return self._stop(PREEMPT, self._reason)
-        except Break as reached:
-            self.hold(str(reached))
+        except BreakpointReached as reached:
+            self.pause(str(reached))
             return State.Running
-        except LeftBehind:
+        except HookAbandoned:
             raise
         except FOREIGN_ERRORS as error:
             log.exception("task %s: the tick raised; the task ends", self.id)
             return self._stop(EXCEPTION, f"the tick raised {type(error).__name__}: {error}")
 
     def _tick(self) -> State:
-        if self._stuck is not None:
-            stuck, self._stuck = self._stuck, None
-            self._reason += f"; {stuck.reason}"
-            bury(self._executor, stuck)
+        if self._hung is not None:
+            hung, self._hung = self._hung, None
+            self._reason += f"; {hung.reason}"
+            end_hung_node(self._executor, hung)
             self._stopping = False
-        if self._gives_up:
-            self._gives_up = False
-            give_up(self._executor)
+        if self._abandons_ending:
+            self._abandons_ending = False
+            abandon_ending_nodes(self._executor)
         if self.preempted_at is not None and not self._stopping:
             return self._stop(PREEMPT, self._reason)
         return self._executor.tick(self.root)
 
     def _stop(self, stage: str, reason: str) -> State:
-        """Preempts all that runs."""
-        self._executor.failures.note(self.root, Failure(stage, ENDED_FAILURE, reason))
+        """Preempts all running nodes."""
+        self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
         self._reason, self._stopping = reason, True
-        self._executor.halts = False
+        self._executor.halt_requested = False
         if self.preempted_at is None:
             self.preempted_at = time.monotonic()
         preempt_all(self._executor, self.root)
@@ -241,16 +246,16 @@ class Task:
     def _close(self, state: State) -> None:
         for node in self.nodes():
             if isinstance(node, SkillWrapper):
-                if node.locked:  # the tick has raised between the lock and the start
+                if node.locked:  # the tick has raised after locking, before the start
                     free_devices(node, self._wmi)
                 node.release()
         code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
-        self.root._setProgress(self._verdict(state), code)
+        self.root._setProgress(self._final_message(state), code)
         self._executor.changed = True
         self.ended.set()
 
-    def _verdict(self, state: State) -> str:
-        """The root's last message: why the task failed."""
+    def _final_message(self, state: State) -> str:
+        """The last progress message of the root: why the task failed."""
         if state is State.Success:
             return "End"
         if self._stopping:
@@ -262,30 +267,30 @@ class Task:
         return f"{node._type}-{node._label}({node._state.name}): {failure.message}"
 
     def explanations(self) -> list[Explanation]:
-        """Why nodes failed, each kind of failure of a node once, in the order in which they failed last.
+        """Why nodes failed: each kind of failure of a node once, ordered by its last occurrence.
 
-        Any thread, also when the task has ended. The last 100 are kept.
+        Any thread, also after the end of the task. The last 100 are kept.
         """
         return self._executor.failures.explanations()
 
     def cause(self) -> Explanation | None:
-        """The failure because of which the task failed; None when no node failed."""
+        """The failure that made the task fail; None when no node failed."""
         cause = self._executor.failures.cause()
         return cause[1] if cause is not None else None
 
     def nodes(self) -> Iterator[Any]:
-        """All nodes, each before its children."""
+        """All nodes, parents before children."""
         return all_nodes(self.root)
 
-    def take_changed(self) -> bool:
-        """Whether a state or progress has changed since this was asked last."""
+    def update_revision(self) -> bool:
+        """Increments the revision if a state or progress has changed since the last call. Returns whether it has."""
         changed = self._executor.changed
         self._executor.changed = False
-        self.changes += changed
+        self.revision += changed
         return changed
 
     def progress(self) -> list[NodeProgress]:
-        """The state of every node, each before its children; of those for which there are ids. Any thread."""
+        """The progress of the nodes, parents before children; nodes without an id are omitted. Any thread."""
         with self._numbering:
             self._number_nodes()
         reason = "" if self.ended.is_set() or not self.paused else "paused"
@@ -302,7 +307,7 @@ class Task:
                 progress_period=node.progress_period,
                 progress_time=node.progress_time,
                 progress_message=node.progress_msg or (reason if node is self.root else ""),
-                params=node._params.getParamMap(),  # as it is: a node that waits is not described for this
+                params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
             )
             for node in self.nodes()
             if node._id >= 0
@@ -317,6 +322,6 @@ class Task:
         free = (number for number in range(MAX_ID + 1) if number not in used)
         for node in new:
             node._id = next(free, -1)
-        if nodes[-1]._id < 0 and self._tells_all:
-            self._tells_all = False
-            log.warning("task %s has %s nodes; only the first %s are told of", self.id, len(nodes), MAX_ID + 1)
+        if nodes[-1]._id < 0 and not self._id_overflow_logged:
+            self._id_overflow_logged = True
+            log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)

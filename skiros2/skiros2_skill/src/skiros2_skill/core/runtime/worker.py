@@ -1,4 +1,4 @@
-"""A thread that ticks tasks."""
+"""A thread that ticks tasks periodically and on request."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ from skiros2_skill.core.runtime.task import Task
 
 log = logging.getLogger(__name__)
 
-#: So many ticks within one period may be asked for by changes and by skills; a task that wakes itself must not spin.
-WAKES = 10
-_WARN_AGAIN = 60.0  # s between two warnings about the same slow hook
+#: Maximum number of ticks per period requested by changes and by skills: a task that wakes itself must not spin.
+MAX_WAKES = 10
+_WARNING_PERIOD = 60.0  # s between two warnings about the same slow hook
 
 
 @dataclass(eq=False)
-class Scheduled:
-    """A task as the workers know it.
+class ScheduledTask:
+    """A task with its scheduling state.
 
-    :param told: when its progress was told last (s, monotonic).
-    :param woken: whether it is to be ticked at once.
-    :param wakes: the ticks beside those of the grid since the last slot.
+    :param reported_at: when its progress was last reported (s, monotonic).
+    :param woken: whether a tick at once is requested.
+    :param wakes: the number of requested ticks in this period.
+    :param warned: when a slow hook was last logged, by hook (s, monotonic).
     """
 
     task: Task
-    told: float = 0.0
+    reported_at: float = 0.0
     woken: bool = True
     wakes: int = 0
     warned: dict[str, float] = field(default_factory=dict)
@@ -41,26 +42,28 @@ class Scheduled:
 
 @dataclass(eq=False)
 class Tick:
-    """A tick that is under way.
+    """A tick in progress.
 
-    :param since: when it began (s, monotonic).
-    :param places: where it was seen, and how often.
-    :param hook, hook_since: the hook that was being called when it was looked at last, and since when (s, monotonic).
+    :param since: its start (s, monotonic).
+    :param samples: how often the watchdog has seen each hook.
+    :param hook, hook_since: the hook at the watchdog's last check, and when it was first seen (s, monotonic).
     """
 
-    scheduled: Scheduled
+    scheduled: ScheduledTask
     since: float
-    places: Counter[str] = field(default_factory=Counter)
+    samples: Counter[str] = field(default_factory=Counter)
     hook: str = ""
     hook_since: float = 0.0
 
 
 @dataclass
-class Pace:
-    """How tasks are ticked, and who is told.
+class TickSettings:
+    """The periods and callbacks of ticking.
 
-    :param period: from slot to slot of the grid (s).
-    :param keep_alive: progress is told at least so often (s).
+    :param period: between periodic ticks (s).
+    :param keep_alive: maximum time between reports of a task's progress (s).
+    :param on_tick: called after each period.
+    :param on_progress: called with a task when its progress is to be reported.
     """
 
     period: float
@@ -70,32 +73,36 @@ class Pace:
 
 
 class Worker:
-    """Ticks its tasks in each slot of a grid of time, and each one that is woken at once.
+    """Ticks its tasks once in every period, and woken tasks at once.
 
-    A slot that is late is made up for, several are not: ticks neither drift nor come in a burst. `now` and the tasks
-    are shared with other threads, under `lock`, on which the worker waits; no hook and no callback is called under it.
+    After a delay the schedule skips whole periods: ticks neither drift nor come in a burst. `lock` protects `current`
+    and `tasks`; no hook and no callback is called while it is held.
 
-    :param lock: of all workers of a ticker.
-    :param ended: called, under the lock, with a task that has ended.
-    :param first: whether it ticks all tasks that have no worker of their own.
+    :param lock: shared by all workers of a scheduler.
+    :param ended: called with a task that has ended, while the lock is held.
+    :param is_main: whether new tasks go to this worker.
     """
 
     def __init__(
-        self, pace: Pace, lock: threading.Condition, ended: Callable[[Scheduled], None], first: bool = True
+        self,
+        settings: TickSettings,
+        lock: threading.Condition,
+        ended: Callable[[ScheduledTask], None],
+        is_main: bool = True,
     ) -> None:
-        self._pace = pace
+        self._settings = settings
         self._lock = lock
         self._ended = ended
-        self.first = first
-        self.tasks: dict[int, Scheduled] = {}
-        self.now: Tick | None = None
+        self.is_main = is_main
+        self.tasks: dict[int, ScheduledTask] = {}
+        self.current: Tick | None = None
         self.stopping = False
         self._due = time.monotonic()
-        self.thread = threading.Thread(target=self._run, name="ticker", daemon=True)
+        self.thread = threading.Thread(target=self._run, name="task scheduler", daemon=True)
         self.thread.start()
 
-    def add(self, scheduled: Scheduled) -> None:
-        """Ticks a task from now on. Under the lock."""
+    def add(self, scheduled: ScheduledTask) -> None:
+        """Starts ticking a task. The caller holds the lock."""
         if not self.tasks:
             self._due = time.monotonic()
         self.tasks[scheduled.task.id] = scheduled
@@ -107,20 +114,20 @@ class Worker:
                 found = self._wait()
             if found is None:
                 return
-            batch, is_slot = found
+            batch, is_period = found
             ticked = [self._tick(scheduled) for scheduled in batch]
-            if is_slot and self.first and any(ticked):
-                _call(self._pace.on_tick)
+            if is_period and self.is_main and any(ticked):
+                _call(self._settings.on_tick)
 
-    def _wait(self) -> tuple[list[Scheduled], bool] | None:
-        """What is to be ticked, and whether that is a slot of the grid; None at the end."""
+    def _wait(self) -> tuple[list[ScheduledTask], bool] | None:
+        """Waits for the next ticks. Returns the tasks, and whether these are periodic ticks; None at the end."""
         while True:
-            if not self.tasks and (self.stopping or not self.first):
+            if not self.tasks and (self.stopping or not self.is_main):
                 return None
             now = time.monotonic()
             if now >= self._due and self.tasks:
-                late = (now - self._due) // self._pace.period
-                self._due += max(1.0, late) * self._pace.period
+                late = (now - self._due) // self._settings.period
+                self._due += max(1.0, late) * self._settings.period
                 batch = list(self.tasks.values())
                 for scheduled in batch:
                     scheduled.woken, scheduled.wakes = True, 0
@@ -130,58 +137,58 @@ class Worker:
                 return woken, False
             self._lock.wait(self._due - now if self.tasks else None)
 
-    def _tick(self, scheduled: Scheduled) -> bool:
-        """Ticks a task if it is still this worker's and wants it. Returns whether it was ticked."""
+    def _tick(self, scheduled: ScheduledTask) -> bool:
+        """Ticks a task that still belongs to this worker and is to be ticked. Returns whether it was ticked."""
         task = scheduled.task
         with self._lock:
             if self.tasks.get(task.id) is not scheduled:
                 return False
             wanted = scheduled.due
             scheduled.woken = False
-            self.now = tick = Tick(scheduled, time.monotonic())
+            self.current = tick = Tick(scheduled, time.monotonic())
         if wanted:
             task.tick()
         with self._lock:
-            self.now = None
+            self.current = None
             if wanted and task.paused:
                 self._lock.notify_all()
             if self.tasks.get(task.id) is not scheduled:
-                return True  # it was taken away, because a hook did not return
+                return True  # its hook was abandoned: another worker has it
             if task.ended.is_set():
                 del self.tasks[task.id]
                 self._ended(scheduled)
                 self._lock.notify_all()
-        self._tell(scheduled)
+        self._report(scheduled)
         self._warn(tick)
         return wanted
 
-    def _tell(self, scheduled: Scheduled) -> None:
+    def _report(self, scheduled: ScheduledTask) -> None:
         task = scheduled.task
         if task.state is State.Idle:
-            return  # it is still being made
+            return  # not started yet
         now = time.monotonic()
-        if task.take_changed() or task.ended.is_set() or now - scheduled.told >= self._pace.keep_alive:
-            scheduled.told = now
-            _call(lambda: self._pace.on_progress(task))
+        if task.update_revision() or task.ended.is_set() or now - scheduled.reported_at >= self._settings.keep_alive:
+            scheduled.reported_at = now
+            _call(lambda: self._settings.on_progress(task))
 
     def _warn(self, tick: Tick) -> None:
-        """Reports a tick that took longer than a period, once a minute for each place."""
+        """Logs a tick that took longer than a period, at most once a minute for each hook."""
         now = time.monotonic()
-        if now - tick.since <= self._pace.period:
+        if now - tick.since <= self._settings.period:
             return
-        place = tick.places.most_common(1)[0][0] if tick.places else "many nodes"
+        hook = tick.samples.most_common(1)[0][0] if tick.samples else "many nodes"
         warned = tick.scheduled.warned
-        if now - warned.get(place, -_WARN_AGAIN) >= _WARN_AGAIN:
-            warned[place] = now
+        if now - warned.get(hook, -_WARNING_PERIOD) >= _WARNING_PERIOD:
+            warned[hook] = now
             log.warning(
-                "task %s: a tick took %.3f s, longer than the %.3f s between two; most of it was spent in %s",
-                tick.scheduled.task.id, now - tick.since, self._pace.period, place,
+                "task %s: a tick took %.3f s, longer than the period of %.3f s; most of it was spent in %s",
+                tick.scheduled.task.id, now - tick.since, self._settings.period, hook,
             )  # fmt: skip
 
 
 def _call(callback: Callable[[], None]) -> None:
-    """What a callback raises is logged: it must not end the thread."""
+    """Calls a callback and logs exceptions, which must not end the thread."""
     try:
         callback()
     except Exception:
-        log.exception("a callback of the ticker raised")
+        log.exception("a callback of the scheduler raised")

@@ -19,14 +19,14 @@ log = logging.getLogger(__name__)
 
 
 class SkillBase(SkillInterface):
-    """Base of all compounds. Override `createDescription` (with `self.setDescription(...)`) and `expand`."""
+    """Base class of compounds. Override `createDescription` (with `self.setDescription(...)`) and `expand`."""
 
     def __init__(self) -> None:
         super().__init__()
         self._expands_into: SkillWrapper | None = None
 
     def init(self, wmi: Any, instanciator: Any) -> bool:  # type: ignore[override]
-        """Loads the compound: declares its description. False: it cannot be used."""
+        """Loads the compound and creates its description. Returns False if it cannot be used."""
         self._wmi = wmi
         self._instanciator = instanciator
         self._create()
@@ -36,14 +36,14 @@ class SkillBase(SkillInterface):
         return True
 
     def onInit(self) -> bool | None:
-        """To override: called once when the compound is loaded. False: it cannot be used."""
+        """To override: called once when the compound is loaded. Return False if it cannot be used."""
         return True
 
     def createDescription(self) -> None:
-        """To override: `self.setDescription(Description(), "label")`, and what this implementation adds."""
+        """To override: `self.setDescription(Description(), "label")`, and additions of this implementation."""
 
     def expand(self, skill: Any) -> None:
-        """To override: adds the children to `skill`, the node in the tree. `self.params` holds the values given."""
+        """To override: adds the children to `skill`, the node in the tree. `self.params` has the parameter values."""
 
     def getLightCopy(self) -> SkillBase:
         copy = self.__class__()
@@ -60,15 +60,15 @@ class SkillBase(SkillInterface):
         specify: Mapping[str, Any] = {},
         preconditions: Sequence[Any] = [],
     ) -> SkillInterface:
-        """A node for a skill, or, given a processor, an unnamed node that groups others.
+        """Creates a node for a skill or, given a processor, an unnamed group.
 
         :param stype: the skill's type: `Type`, `:Type` or `skiros:Type`; or a processor.
         :param slabel: the implementation's label; "" for any.
-        :param remap: key of the child -> key of this skill; "" is none.
-        :param specify: fixed values, by key after the remap.
-        :param preconditions: further pre-conditions of the child, over its keys after the remap.
+        :param remap: key of the child -> key of this skill.
+        :param specify: values by remapped key.
+        :param preconditions: additional pre-conditions of the child, with remapped keys.
 
-        An unnamed node remaps for all children that are added to it; it has nothing to specify.
+        The remaps of a group apply to all its children; it has no parameters to specify.
         """
         remaps = remap if isinstance(remap, Mapping) else {}
         if isinstance(stype, Processor):
@@ -78,7 +78,7 @@ class SkillBase(SkillInterface):
                 log.error("%s: a processor has no parameters, specify is ignored: %s", self.printState(), specify)
             return group
         node = self.getSkill(stype, slabel)
-        node.place = authors_place()
+        node.source_location = authors_place()
         node._remaps.update(remaps)
         for key, values in (specify or {}).items():
             node.specifyParamDefault(key, values)
@@ -87,8 +87,9 @@ class SkillBase(SkillInterface):
         return node
 
     def getSkill(self, ptype: str, plabel: str) -> SkillWrapper:
-        """A node for a skill of that type and label.
+        """Creates a node for a skill.
 
+        :param plabel: the implementation's label; "" for any.
         :raises UnknownName: no library has a skill of that type.
         """
         if not isinstance(ptype, str) or not isinstance(plabel, str):
@@ -98,10 +99,10 @@ class SkillBase(SkillInterface):
         return SkillWrapper(ptype, plabel, self._instanciator)
 
     def getNode(self, children_processor: Any) -> Skill:
-        """An unnamed node with that processor."""
+        """Creates an unnamed group."""
         return Skill("", children_processor, self._wmi)
 
-    # While the compound runs, what is added to it goes to its node in the tree.
+    # During `expand`, children are added to the node in the tree.
 
     def setProcessor(self, processor_type: Any) -> None:
         if self._expands_into is not None:
@@ -123,7 +124,7 @@ class SkillBase(SkillInterface):
     def hasChildren(self) -> bool:
         return self._expands_into.hasChildren() if self._expands_into is not None else super().hasChildren()
 
-    # In its hooks a compound sets its own parameters, as a primitive does.
+    # In hooks, a compound sets its own parameters like a primitive.
 
     def specifyParam(self, key: str, values: Any) -> None:
         SkillCore.specifyParam(self, key, values)

@@ -1,4 +1,4 @@
-"""Nodes that only group others: the root of a task, and unnamed nodes with a processor."""
+"""Nodes that only group other nodes: the root of a task, and unnamed nodes with a processor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class _Group(SkillInterface):
         self._setState(State.Idle)
 
     def createDescription(self) -> None:
-        """A group declares nothing."""
+        """A group has no description."""
 
     def execute(self) -> State | None:
         return None
@@ -27,8 +27,7 @@ class _Group(SkillInterface):
 class Root(_Group):
     """The root of a task. Its parameters are the task's blackboard.
 
-    :param name: for people.
-    :param wmi: the world model.
+    :param name: shown to people.
     """
 
     def __init__(self, name: str, wmi: Any = None) -> None:
@@ -36,9 +35,9 @@ class Root(_Group):
 
 
 class Skill(_Group):
-    """A node with a processor and no skill of its own.
+    """A group: a node with a processor and no skill.
 
-    :param name: for people.
+    :param name: shown to people.
     :param children_processor: how the children are ticked.
     """
 

@@ -1,4 +1,4 @@
-"""The note of which hook is being called, and how a hook that does not return is left behind."""
+"""Calls the code of skills, and lets another thread abandon a call that does not return."""
 
 from __future__ import annotations
 
@@ -8,80 +8,82 @@ from typing import Any, TypeVar
 
 _T = TypeVar("_T")
 
-#: What is noted of the hook that is called most.
 EXECUTE_HOOK = "execute"
 
 
-class LeftBehind(Exception):
-    """A hook returns after its task was taken away from the thread: nothing of the tick may go on."""
+class HookAbandoned(Exception):
+    """Raised in the thread of an abandoned hook when the hook returns: this thread must not touch the tree any more."""
 
 
 @dataclass(eq=False)
-class Stuck:
+class HungHook:
     """A hook that has not returned.
 
-    :param what: the hook, or what else is done for the node.
-    :param reason: what became of it, in words.
+    :param hook: its name, or what else the engine does for the node.
+    :param reason: why it was abandoned, for people.
     """
 
     node: Any
-    what: str
+    hook: str
     reason: str = ""
 
     @property
-    def place(self) -> str:
-        return f"{self.node.type}-{self.node.label}: {self.what}"
+    def name(self) -> str:
+        return f"{self.node.type}-{self.node.label}: {self.hook}"
 
 
-class Inside:
-    """A place for one note. The thread that ticks puts it there and takes it away again, or another one does: then the
-    hook is left behind. The one whose `pop` finds the note has won (lists are atomic in that)."""
+class HookGuard:
+    """The hook that the ticking thread is calling, in a list of at most one entry.
+
+    The ticking thread appends the entry and pops it after the call. Another thread that pops it first abandons the
+    hook. `list.pop` is atomic, so exactly one of them gets the entry.
+    """
 
     def __init__(self) -> None:
-        self.notes: list[tuple[Any, str]] = []
+        self.calls: list[tuple[Any, str]] = []
 
     @property
-    def place(self) -> str:
+    def current(self) -> str:
         """The hook that is being called, "" when none is. Any thread."""
-        notes = self.notes[-1:]
-        return Stuck(*notes[0]).place if notes else ""
+        calls = self.calls[-1:]
+        return HungHook(*calls[0]).name if calls else ""
 
-    def enter(self, node: Any, what: str) -> list[tuple[Any, str]]:
-        """Notes a hook before it is called. What it returns is for `leave`."""
-        notes = self.notes
-        notes.append((node, what))
-        return notes
+    def enter(self, node: Any, hook: str) -> list[tuple[Any, str]]:
+        """Registers a hook before its call. Returns the argument for `leave`."""
+        calls = self.calls
+        calls.append((node, hook))
+        return calls
 
     @staticmethod
-    def leave(notes: list[tuple[Any, str]]) -> None:
-        """Takes the note away after the hook.
+    def leave(calls: list[tuple[Any, str]]) -> None:
+        """Removes the entry of a hook after its call.
 
-        :raises LeftBehind: somebody else has.
+        :raises HookAbandoned: another thread has removed it.
         """
         try:
-            notes.pop()
+            calls.pop()
         except IndexError:
-            raise LeftBehind from None
+            raise HookAbandoned from None
 
-    def call(self, node: Any, what: str, function: Callable[..., _T], *args: Any) -> _T:
-        """Calls a function with the note set.
+    def call(self, node: Any, hook: str, function: Callable[..., _T], *args: Any) -> _T:
+        """Calls a function under the guard.
 
-        :raises LeftBehind: as `leave`, whatever the function raised.
+        :raises HookAbandoned: another thread has abandoned the call, whatever the function returns or raises.
         """
-        notes = self.enter(node, what)
+        calls = self.enter(node, hook)
         try:
             return function(*args)
         finally:
-            self.leave(notes)
+            self.leave(calls)
 
-    def take(self) -> Stuck | None:
-        """Takes the note away from the hook that is being called; None when there is none.
+    def abandon(self) -> HungHook | None:
+        """Abandons the hook that is being called; None when there is none.
 
-        Called by another thread, which has the tree for itself then.
+        Called by another thread, which alone may use the tree afterwards.
         """
-        notes, self.notes = self.notes, []
+        calls, self.calls = self.calls, []
         try:
-            return Stuck(*notes.pop())
+            return HungHook(*calls.pop())
         except IndexError:
-            self.notes = notes
+            self.calls = calls
             return None

@@ -8,17 +8,17 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, UnknownName
-from skiros2_skill.core.runtime.scheduler import Ticker
+from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import Skill
 from unit.skiros2_skill.skills import Work, primitive, running_for
 
 
 @pytest.fixture
-def ticker():
+def scheduler():
     made = []
 
     def make(**options):
-        made.append(Ticker(rate=200, **options))
+        made.append(Scheduler(rate=200, **options))
         return made[-1]
 
     yield make
@@ -26,10 +26,10 @@ def ticker():
         one.stop()
 
 
-def started(ticker, bench, *nodes, ticks=0):
-    task = ticker.new_task(bench.wmi, "test")
+def started(scheduler, bench, *nodes, ticks=0):
+    task = scheduler.new_task(bench.wmi, "test")
     task.root(*nodes)
-    ticker.start(task.id, ticks)
+    scheduler.start(task.id, ticks)
     return task
 
 
@@ -41,16 +41,16 @@ def skills(bench):
     )
 
 
-def test_tasks_run_side_by_side_to_their_ends(ticker, skills):
-    one = ticker()
+def test_tasks_run_side_by_side_to_their_ends(scheduler, skills):
+    one = scheduler()
     tasks = [started(one, skills, skills.node("work")) for _ in range(20)]
     assert all(task.ended.wait(5) for task in tasks)
     assert {task.state for task in tasks} == {State.Success}
     assert one.tasks() == []
 
 
-def test_all_tasks_are_paused_and_preempted_by_one_command(ticker, skills):
-    one = ticker()
+def test_all_tasks_are_paused_and_preempted_by_one_command(scheduler, skills):
+    one = scheduler()
     tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
     one.pause_all()
     assert all(task.paused for task in tasks)
@@ -60,7 +60,7 @@ def test_all_tasks_are_paused_and_preempted_by_one_command(ticker, skills):
     assert one.tasks() == []
 
 
-def test_the_last_progress_of_a_task_has_its_end(ticker, skills):
+def test_the_last_progress_of_a_task_has_its_end(scheduler, skills):
     told, ended = [], threading.Event()
 
     def on_progress(task):
@@ -68,33 +68,33 @@ def test_the_last_progress_of_a_task_has_its_end(ticker, skills):
         if task.ended.is_set():
             ended.set()
 
-    started(ticker(on_progress=on_progress), skills, skills.node("work"))
+    started(scheduler(on_progress=on_progress), skills, skills.node("work"))
     assert ended.wait(5)
     assert told[-1] == (State.Success, 1)
     assert [code for _, code in told[:-1]] == [0] * (len(told) - 1)
 
 
-def test_progress_is_told_again_while_nothing_changes(ticker, skills):
+def test_progress_is_told_again_while_nothing_changes(scheduler, skills):
     told = threading.Semaphore(0)
-    one = ticker(on_progress=lambda task: told.release(), keep_alive=0.02)
+    one = scheduler(on_progress=lambda task: told.release(), keep_alive=0.02)
     skills.load(primitive(Work, "still", execute=State.Running))
     started(one, skills, skills.node("still"))
     assert all(told.acquire(timeout=5) for _ in range(5))
 
 
-def test_preempting_one_task_leaves_the_others_alone(ticker, skills):
-    one = ticker()
+def test_preempting_one_task_leaves_the_others_alone(scheduler, skills):
+    one = scheduler()
     tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
     one.preempt(tasks[2].id)
     assert tasks[2].ended.wait(5)
     assert sorted(t.id for t in one.tasks()) == sorted(t.id for t in tasks if t is not tasks[2])
 
 
-def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(ticker, skills):
+def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(scheduler, skills):
     count = []
     skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
     ticks = threading.Semaphore(0)
-    one = ticker(on_tick=ticks.release)
+    one = scheduler(on_tick=ticks.release)
     task = started(one, skills, skills.node("count"))
     other = started(one, skills, skills.node("endless"))
     while len(count) < 3:
@@ -114,10 +114,10 @@ def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(ticker, skills):
         assert ticks.acquire(timeout=5)
 
 
-def test_tick_once_ticks_once_and_pauses(ticker, skills):
+def test_tick_once_ticks_once_and_pauses(scheduler, skills):
     count = []
     skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
-    one = ticker()
+    one = scheduler()
     task = started(one, skills, skills.node("count"), ticks=1)
     deadline = time.monotonic() + 5
     while not task.paused and time.monotonic() < deadline:
@@ -127,9 +127,9 @@ def test_tick_once_ticks_once_and_pauses(ticker, skills):
     assert task.ended.wait(5)
 
 
-def test_a_task_that_is_paused_says_so_until_it_goes_on(ticker, skills):
+def test_a_task_that_is_paused_says_so_until_it_goes_on(scheduler, skills):
     messages = queue.SimpleQueue()
-    one = ticker(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
+    one = scheduler(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
     task = started(one, skills, skills.node("endless"))
     assert messages.get(timeout=5) == ""
     one.pause(task.id)
@@ -140,27 +140,27 @@ def test_a_task_that_is_paused_says_so_until_it_goes_on(ticker, skills):
         pass
 
 
-def test_a_paused_task_can_be_preempted(ticker, skills):
-    one = ticker()
+def test_a_paused_task_can_be_preempted(scheduler, skills):
+    one = scheduler()
     task = started(one, skills, skills.node("endless"), ticks=1)
     one.pause(task.id)
     one.preempt(task.id)
     assert task.ended.wait(5)
 
 
-def test_commands_to_an_unknown_task_name_it(ticker, skills):
-    one = ticker()
+def test_commands_to_an_unknown_task_name_it(scheduler, skills):
+    one = scheduler()
     for command in (one.start, one.preempt, one.pause):
         with pytest.raises(UnknownName, match="no task 77 is here; there are: none"):
             command(77)
 
 
-def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(ticker, skills):
+def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(scheduler, skills):
     class Broken(Skill):
         def visit(self, visitor):
             raise RuntimeError("broken node")
 
-    one = ticker()
+    one = scheduler()
     bad = started(one, skills, Broken("broken"))
     good = started(one, skills, skills.node("work"))
     assert bad.ended.wait(5)
@@ -170,33 +170,33 @@ def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(ticker, skills):
     assert good.state is State.Success
 
 
-def test_what_a_callback_raises_does_not_end_the_thread(ticker, skills):
+def test_what_a_callback_raises_does_not_end_the_thread(scheduler, skills):
     def raises(*_):
         raise RuntimeError("callback")
 
-    one = ticker(on_tick=raises, on_progress=raises)
+    one = scheduler(on_tick=raises, on_progress=raises)
     assert started(one, skills, skills.node("work")).ended.wait(5)
     assert started(one, skills, skills.node("work")).ended.wait(5)
 
 
-def test_ids_of_running_tasks_differ_and_stay_within_int16(ticker, skills):
-    one = ticker()
+def test_ids_of_running_tasks_differ_and_stay_within_int16(scheduler, skills):
+    one = scheduler()
     one._next_id = 32767
     tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
     assert [t.id for t in tasks] == [32767, 0, 1]
 
 
 def test_stopping_ends_all_tasks_and_the_thread(skills):
-    one = Ticker(rate=200)
+    one = Scheduler(rate=200)
     tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
     before = set(threading.enumerate())
     one.stop()
     assert all(t.ended.is_set() for t in tasks)
-    assert not any(thread.is_alive() and thread.name.startswith("ticker") for thread in before)
+    assert not any(thread.is_alive() and thread.name.startswith("scheduler") for thread in before)
 
 
-def test_a_skill_may_give_commands_from_its_own_hooks(ticker, skills):
-    one = ticker()
+def test_a_skill_may_give_commands_from_its_own_hooks(scheduler, skills):
+    one = scheduler()
     skills.load(primitive(Work, "ender", execute=lambda self: one.preempt(other.id) or self.success()))
     other = started(one, skills, skills.node("endless"))
     started(one, skills, skills.node("ender"))
@@ -225,35 +225,35 @@ def gate(skills):
     return gate
 
 
-def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(ticker, skills, gate):
-    one = ticker()
+def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(scheduler, skills, gate):
+    one = scheduler()
     task = started(one, skills, skills.node("gate"), ticks=1)
     assert gate.entered.acquire(timeout=5)
-    assert not one.wait_for_rest([task.id], 0.05)
+    assert not one.wait_until_idle([task.id], 0.05)
     gate.open.release()
-    assert one.wait_for_rest([task.id], 10)
+    assert one.wait_until_idle([task.id], 10)
     assert task.paused
     one.start(task.id)  # is not refused
     assert gate.entered.acquire(timeout=5)
     one.pause(task.id)
-    assert not one.wait_for_rest([task.id], 0.05)
+    assert not one.wait_until_idle([task.id], 0.05)
     gate.open.release()
-    assert one.wait_for_rest([task.id], 10)
+    assert one.wait_until_idle([task.id], 10)
 
 
-def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(ticker, skills, gate):
-    one = ticker()
+def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(scheduler, skills, gate):
+    one = scheduler()
     task = started(one, skills, skills.node("gate"))
     assert gate.entered.acquire(timeout=5)
     one.pause(task.id)
     one.start(task.id, ticks=1)
     gate.open.release(2)
-    assert one.wait_for_rest([task.id], 10)
+    assert one.wait_until_idle([task.id], 10)
     assert gate.ticks == 2
 
 
-def test_a_task_that_was_preempted_is_not_resumed(ticker, skills, gate):
-    one = ticker()
+def test_a_task_that_was_preempted_is_not_resumed(scheduler, skills, gate):
+    one = scheduler()
     task = started(one, skills, skills.node("gate"))
     assert gate.entered.acquire(timeout=5)
     one.pause(task.id)

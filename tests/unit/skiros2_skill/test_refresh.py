@@ -237,7 +237,7 @@ def test_its_progress_is_seen_by_its_parent_and_told_after_each_tick(bench):
     task = bench.task(node)
     for _ in range(4):
         task.tick()
-        assert task.take_changed()
+        assert task.update_revision()
         seen.append((node.progress_msg, task.progress()[1].progress_message))
     assert seen == [(f"step {n}", f"step {n}") for n in range(4)]
 
@@ -246,9 +246,9 @@ def test_nothing_is_told_of_one_that_reports_nothing(bench):
     bench.load(primitive(describe("Turn"), "turn", execute=State.Running))
     task = bench.task(bench.node("turn"))
     task.tick()
-    task.take_changed()
+    task.update_revision()
     task.tick()
-    assert not task.take_changed()
+    assert not task.update_revision()
 
 
 def test_it_is_started_anew_after_its_preemption(bench):

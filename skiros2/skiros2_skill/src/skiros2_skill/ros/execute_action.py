@@ -60,7 +60,7 @@ class ExecuteAction(GoalServer):
     def needs_feedback(self, task: Task) -> bool:
         """Whether feedback on a task is to be published."""
         goal = self._goal(task)
-        return goal is not None and goal.revision != task.revision and self.is_listened_to
+        return goal is not None and goal.revision != task.revision and self.has_subscribers
 
     def publish_feedback(self, task: Task, progress: Sequence[Any]) -> None:
         """Publishes feedback on a task, if it is a goal and has changed."""

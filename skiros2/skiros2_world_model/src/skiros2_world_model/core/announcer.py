@@ -8,7 +8,7 @@ import uuid
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import ADD, REMOVE, REMOVE_RECURSIVE, UPDATE, Change
 from skiros2_world_model.core.scene import Provenance, Scene
@@ -79,7 +79,7 @@ class Announcer:
         """
         before = self.snapshot_id
         self.number += 1
-        mutations.note()
+        local_revision.advance()
         change = Change(
             self.number,
             before,

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.following import follow
@@ -147,7 +147,7 @@ class Replica:
 
     def _count(self) -> None:
         self._version += 1
-        mutations.note()
+        local_revision.advance()
 
     def _load(self, snapshot: Snapshot) -> None:
         made = Provenance(snapshot.number, 0.0, "")

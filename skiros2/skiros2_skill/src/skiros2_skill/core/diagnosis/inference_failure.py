@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-from skiros2_common.core.explanation import MOST_NAMED, Candidates, Left, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, FilterStep, InferenceFailure, NearMatch
 from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.inference import Search
@@ -18,7 +18,7 @@ MAX_COMPARED = 100
 MAX_PAIRS = 20_000
 
 
-def filter_candidates(search: Search) -> list[Candidates]:
+def filter_candidates(search: Search) -> list[InferenceFailure]:
     """The candidates of each parameter without a value, and the number that remains after each filter step.
 
     The conditions on one parameter are applied first. If candidates remain for all parameters, the conditions on two
@@ -32,7 +32,7 @@ def filter_candidates(search: Search) -> list[Candidates]:
     return [domain.candidates for domain in domains.values()]
 
 
-def failure_text(search: Search, candidates: list[Candidates]) -> str:
+def failure_text(search: Search, candidates: list[InferenceFailure]) -> str:
     """Why the search failed, in one line."""
     emptied = [str(c) for c in candidates if c.emptied]
     if emptied:
@@ -51,21 +51,21 @@ class _Domain:
         pattern = search.patterns[key]
         kind = "element" if pattern.type in ANY_TYPE else pattern.type
         label = f" {pattern.label!r}" if pattern.label else ""
-        self.candidates = Candidates(key, f"{kind}{label}", len(self.remaining))
+        self.candidates = InferenceFailure(key, f"{kind}{label}", len(self.remaining))
         self._search = search
 
     def apply(self, condition: Any, remaining: list[Element]) -> None:
         """Records a filter step: the candidates that satisfy a condition. Does nothing when none remained before."""
         if not self.remaining:
             return
-        phrase = condition.said_of(self.key, self._search.params)
-        self.candidates.left.append(Left(phrase, len(remaining), condition.label))
+        phrase = condition.filter_text(self.key, self._search.params)
+        self.candidates.left.append(FilterStep(phrase, len(remaining), condition.label))
         if not remaining:
-            self.candidates.nearest = list(islice(self._nearest(condition), MOST_NAMED))
+            self.candidates.nearest = list(islice(self._nearest(condition), MAX_EXAMPLES))
         self.remaining = remaining
 
-    def _nearest(self, emptying: Any) -> Iterator[Near]:
-        """Near matches: of the candidates before the last step, those that satisfy most conditions."""
+    def _nearest(self, emptying: Any) -> Iterator[NearMatch]:
+        """NearMatch matches: of the candidates before the last step, those that satisfy most conditions."""
         search, key = self._search, self.key
         alone = _conditions_on(search, {key})
         checks = [_check(search, c, key) for c in alone]
@@ -78,8 +78,8 @@ class _Domain:
             if emptying in alone:
                 with search.assuming(key, element):
                     emptying.evaluate(search.params, search.wmi)
-                    why = emptying.instead(key, search.params, search.wmi)
-            yield Near(repr(element), why)
+                    why = emptying.found_for(key, search.params, search.wmi)
+            yield NearMatch(repr(element), why)
 
 
 def _conditions_on(search: Search, keys: set[str]) -> list[Any]:

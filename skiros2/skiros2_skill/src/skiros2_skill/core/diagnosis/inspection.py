@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
-from skiros2_common.core.explanation import HOLD, POST, PRE, Origin
+from skiros2_common.core.explanation import HOLD, POST, PRE, Provenance
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
@@ -52,7 +52,7 @@ class NodeStatus(JsonData):
     node: int
     type: str
     label: str
-    params: list[Origin] = field(default_factory=list)
+    params: list[Provenance] = field(default_factory=list)
     conditions: list[ConditionStatus] = field(default_factory=list)
 
 
@@ -74,11 +74,11 @@ def inspect(task: Task, node_id: int, wmi: Any) -> NodeStatus:
     return status
 
 
-def _params(node: SkillInterface) -> list[Origin]:
+def _params(node: SkillInterface) -> list[Provenance]:
     if isinstance(node, SkillWrapper) and node.slots:
         return provenance_of(node.slots, node._pre_conditions)
     params = list(node._params.getParamMap().items())
-    return [Origin(key, format_values(p._values) if p.is_bound() else "", "") for key, p in params]
+    return [Provenance(key, format_values(p._values) if p.is_bound() else "", "") for key, p in params]
 
 
 def _checked(stage: str, condition: Any, params: ParamHandler, wmi: Any) -> ConditionStatus:

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongType
-from skiros2_common.core.explanation import ABOVE, CHANGED, DEFAULT, FIXED, GIVEN, UNSET
+from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
 from skiros2_common.core.names import nearest
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element, ElementChanges
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 class Slot:
     """The connection of a node's parameter to its key on the blackboard.
 
-    :param provenance: see `Origin`.
+    :param provenance: see `Provenance`.
     """
 
     __slots__ = (
@@ -120,8 +120,8 @@ class Blackboard:
                 continue
             _update_lent(param)
             slot.inferred = entry.is_inferred
-            pushed = ABOVE if is_start or not node._children else CHANGED
-            slot.provenance, slot.pushed_by = pushed if entry.given_by else GIVEN, entry.given_by
+            pushed = PULLED if is_start or not node._children else CHANGED
+            slot.provenance, slot.pushed_by = pushed if entry.set_by else GIVEN, entry.set_by
             changed = True
         return changed
 
@@ -146,8 +146,8 @@ class Blackboard:
                 slot.placeholder = None
                 slot.inferred = False
                 slot.provenance, slot.pushed_by = CHANGED, ""
-            if param.lent is not None and not is_same(values, param.lent):
-                param.lent = list(values)
+            if param.shared_snapshot is not None and not is_same(values, param.shared_snapshot):
+                param.shared_snapshot = list(values)
                 changed = True
             if slot.placeholder is not None and values is slot.placeholder and values and values[0].id:
                 slot.placeholder = None  # the skill has added the element to the world model
@@ -161,12 +161,12 @@ class Blackboard:
                     pushed = True
             elif entry is not None and entry._values is values:
                 if changed:
-                    entry.is_inferred, entry.given_by = slot.inferred, node._label
+                    entry.is_inferred, entry.set_by = slot.inferred, node._label
                     pushed = True
             elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.shared)):
                 entries[slot.key] = entry = param._copy(values)
                 entry._key = slot.key
-                entry.is_inferred, entry.given_by = slot.inferred, node._label
+                entry.is_inferred, entry.set_by = slot.inferred, node._label
                 slot.shared = values
                 pushed = True
         return pushed
@@ -174,12 +174,12 @@ class Blackboard:
 
 def has_changed_in_place(lent: Iterable[Param]) -> bool:
     """Whether a list of values that the skill's code has got was changed in place."""
-    return any(not is_same(param._values, param.lent) for param in lent)
+    return any(not is_same(param._values, param.shared_snapshot) for param in lent)
 
 
 def _update_lent(param: Param) -> None:
-    if param.lent is not None:
-        param.lent = list(param._values)
+    if param.shared_snapshot is not None:
+        param.shared_snapshot = list(param._values)
 
 
 def is_same(values: list[Any], other: list[Any] | None) -> bool:
@@ -208,7 +208,7 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
     """
     names = node._scope
     specified = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
-    provenance = GIVEN if node._parent is not None and node._parent._parent is None else FIXED
+    provenance = GIVEN if node._parent is not None and node._parent._parent is None else SPECIFIED
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():

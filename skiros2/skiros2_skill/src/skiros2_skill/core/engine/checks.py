@@ -21,7 +21,7 @@ from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
@@ -67,7 +67,7 @@ def check_conditions(stage: str, conditions: Sequence[Any], params: ParamHandler
     except SkirosError as error:
         return Failure(stage, code, f"{prefix}: {error}")
     except FOREIGN_ERRORS as error:
-        return Failure(EXCEPTION, raised_code, report(error))
+        return Failure(EXCEPTION, raised_code, format_error(error))
     return Failure(stage, code, f"{prefix}: {text}", conditions=unsatisfied, params=params)
 
 
@@ -83,7 +83,7 @@ def is_volatile(condition: Any, wmi: Any) -> bool:
     relation = getattr(condition, "relation", None)
     if condition.volatile or isinstance(condition, ConditionFunction):  # a dict may change in place
         return True
-    return relation is not None and reasoners.find_written(relation) is not None
+    return relation is not None and reasoners.find_or_load(relation) is not None
 
 
 def depends_on_elements_only(condition: Any, params: dict[str, Any]) -> bool:

@@ -13,8 +13,8 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, PREEMPT, START
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.revision import local_revision
 from skiros2_skill.core.engine.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints, TaskBreakpoints
 from skiros2_skill.core.engine.checks import check_conditions
@@ -102,13 +102,13 @@ class Executor:
             failure = self.parameters.refresh(node)
             if failure is not None:
                 return self.fail_running(node, failure)
-        mark, version = mutations.mark, self.parameters.world_version
+        local, version = local_revision.current, self.parameters.world_version
         if node.is_compound:
             state = self._tick_children(node)
         else:
             state = self.hooks.execute(node)
             node.steady_revision = -1 if node.volatile or node.lent else node.seen_revision
-        if state is not _RUNNING or mutations.mark != mark or (node.lent and has_changed_in_place(node.lent)):
+        if state is not _RUNNING or local_revision.current != local or (node.lent and has_changed_in_place(node.lent)):
             return self.finish_tick(node, state, version)
         self._copy_progress(node)
         self.parameters.update_revision()
@@ -179,15 +179,15 @@ class Executor:
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
         node.runs_after_children = node.is_compound and type(instance).execute is not _Inherited
-        mark = mutations.mark
+        local = local_revision.current
         refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused:
             (self.end if refused is RAISED else self._close)(node, _FAILURE)
             return False
         node.has_started = True
-        is_current = mutations.mark == mark and self.parameters.revision == revision
-        if mutations.mark != mark:
+        is_current = local_revision.current == local and self.parameters.revision == revision
+        if local_revision.current != local:
             add_slots(node, node.slots)
         self.parameters.push(node, everything=True, removes=False)
         self.parameters.start(node, self.parameters.revision if is_current else -1)

@@ -16,7 +16,7 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_common.core.explanation import Candidates, Explanation, Finding, Origin
+from skiros2_common.core.explanation import Explanation, Finding, InferenceFailure, Provenance
 from skiros2_common.core.params import ParamHandler
 from skiros2_skill.core.diagnosis.provenance import provenance_of
 from skiros2_skill.core.tree.node import SkillInterface
@@ -53,8 +53,8 @@ class Failure:
     label: str = ""
     conditions: Sequence[Any] = ()
     params: ParamHandler | None = None
-    candidates: list[Candidates] = field(default_factory=list)
-    provenance: Callable[[], list[Origin]] | None = None
+    candidates: list[InferenceFailure] = field(default_factory=list)
+    provenance: Callable[[], list[Provenance]] | None = None
     tried: Sequence[Failure] = ()
     late: bool = False
 
@@ -149,7 +149,7 @@ class Failures:
         return findings
 
 
-def _provenance(node: SkillInterface) -> list[Origin]:
+def _provenance(node: SkillInterface) -> list[Provenance]:
     return provenance_of(node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
 
 

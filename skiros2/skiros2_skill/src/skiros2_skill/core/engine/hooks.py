@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_skill.core.engine.blackboard import discard_changes
 from skiros2_skill.core.engine.failures import (
     EXECUTE_RAISED,
@@ -138,7 +138,7 @@ class Hooks:
     ) -> State:
         """Records what the code of a node has raised; called in the `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
-        message = str(error) if preempted else report(error, type(node._instance).__module__)
+        message = str(error) if preempted else format_error(error, type(node._instance).__module__)
         node._instance._setProgress(message, code)
         discard_changes(node.element_slots, node._wmi)  # the changes may be incomplete
         self._failures.record(node, Failure(PREEMPT if preempted else EXCEPTION, code, message, late=late))

@@ -9,7 +9,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.explanation import HOLD, PARAMETER
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_skill.core.engine.blackboard import (
     assigned_elements,
     discard_changes,
@@ -67,7 +67,7 @@ class Parameters:
         self.blackboard: Any = None  # the task's, from its first tick on
         self.revision = 0
         self._params_revision = 0  # of the last change of a parameter
-        self.mutation_mark = -1  # `mutations.mark` at the last `update_revision`; -1 when it does not tell of changes
+        self.local_revision = -1  # at the last `update_revision`; -1 when the world model has no version
         self.world_version = -1  # of the world model at the last `update_revision`
         self._revisions: Any = None
         self._revisions_version = -1
@@ -80,11 +80,11 @@ class Parameters:
 
     def update_revision(self) -> None:
         """Increments the revision if the world model has changed."""
-        mark = mutations.mark
-        if mark == self.mutation_mark:
+        local = local_revision.current
+        if local == self.local_revision:
             return
         version = self._wmi.version if self._wmi is not None else 0
-        self.mutation_mark = mark if version != -1 else -1
+        self.local_revision = local if version != -1 else -1
         if version != self.world_version or version == -1:
             self.world_version = version
             self.revision += 1
@@ -212,7 +212,7 @@ class Parameters:
         if self.blackboard.push(node, node.slots, everything, removes):
             self.revision += 1
             self._params_revision = self.revision
-        node.lent = [slot.param for slot in node.slots if slot.param.lent is not None]
+        node.lent = [slot.param for slot in node.slots if slot.param.shared_snapshot is not None]
         if node.lent:
             node.steady_revision = -1  # its lists may change in place
 

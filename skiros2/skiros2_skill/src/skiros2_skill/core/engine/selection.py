@@ -17,7 +17,7 @@ from skiros2_common.core.explanation import (
 )
 from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.params import ParamHandler, ParamTypes
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
 from skiros2_skill.core.diagnosis.provenance import provenance_of
@@ -56,7 +56,7 @@ def select_implementation(
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
         except FOREIGN_ERRORS as error:  # raised by a condition
-            failure = Failure(EXCEPTION, START_RAISED, report(error, implementation.module))
+            failure = Failure(EXCEPTION, START_RAISED, format_error(error, implementation.module))
         else:
             node.slots = slots
             node.element_slots = [slot for slot in slots if slot.is_element]

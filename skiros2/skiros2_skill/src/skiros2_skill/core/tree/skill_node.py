@@ -6,10 +6,10 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, UnknownName
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler
-from skiros2_common.core.places import Place
+from skiros2_common.core.revision import local_revision
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_skill.core.processors import Sequential
 from skiros2_skill.core.tree.hook_guard import EXECUTE_HOOK, HookAbandoned
 from skiros2_skill.core.tree.node import SkillInterface
@@ -168,7 +168,7 @@ class SkillWrapper(DescribedNode):
         self._asked_label = plabel
         self._instanciator = instanciator
         #: Of the `self.skill(...)` that created it; None: not known.
-        self.source_location: Place | None = None
+        self.source_location: SourceLocation | None = None
         # State of the skill run, set by the executor.
         self.implementation: Any = None
         self.expanded = False
@@ -250,7 +250,7 @@ class SkillWrapper(DescribedNode):
         if instance is None:
             return
         self.end_run()
-        if not (self.abandoned or instance._works_on):
+        if not (self.abandoned or instance._is_working):
             self.implementation.release(instance)
         self._instance = None
 
@@ -315,7 +315,7 @@ class SkillWrapper(DescribedNode):
         except FOREIGN_ERRORS as error:
             state = visitor.finish_tick(self, visitor.hooks.execute_raised(self, error), parameters.world_version)
             return state
-        if answer is not _RUNNING or mutations.mark != parameters.mutation_mark:
+        if answer is not _RUNNING or local_revision.current != parameters.local_revision:
             state = visitor.finish_tick(self, visitor.hooks.execute_state(self, answer), parameters.world_version)
             return state
         if self._instance._progressed_at > self._progressed_at:

@@ -17,7 +17,7 @@ from skiros2_skill.core.runtime.history import Record, record_of
 from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import WIRE_STATES, param_messages, wire_code, wire_text
-from skiros2_skill.ros.skill_run import MOST_AT_ONCE
+from skiros2_skill.ros.skill_run import QUEUE_SIZE
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json
 
 log = logging.getLogger(__name__)
@@ -44,13 +44,13 @@ class ExecuteAction(GoalServer):
     """
 
     def __init__(self, starter: TaskStarter, scheduler: Scheduler) -> None:
-        super().__init__("~execute", msgs.ExecuteSkillsAction, MOST_AT_ONCE)
+        super().__init__("~execute", msgs.ExecuteSkillsAction, QUEUE_SIZE)
         self._starter = starter
         self._scheduler = scheduler
         self._lock = threading.Lock()  # never held in a call of actionlib
         self._goals: dict[int, _Goal] = {}  # by task id
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         with self._lock:
             goals, self._goals = self._goals, {}
         return [goal.handle for goal in goals.values()]

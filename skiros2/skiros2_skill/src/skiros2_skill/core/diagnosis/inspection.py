@@ -47,7 +47,7 @@ class NodeStatus(JsonData):
     :param params: the values of its parameters and their provenance.
     """
 
-    _called = "node"
+    _data_name = "node"
 
     node: int
     type: str

@@ -146,7 +146,7 @@ def test_changes_that_the_scene_has_already_are_not_made_twice(vocabulary: Vocab
     mirror = SceneMirror([here], vocabulary.spatial)
     touched = mirror.follow([_change(8, ADD, Element("skiros:Part", "old", "skiros:Part-1")), _change(9, UPDATE, here)])
     assert touched is not None and not touched.elements
-    node = mirror.scene.node("skiros:Part-1")
+    node = mirror.scene.record("skiros:Part-1")
     assert node is not None and node.label == "new"
 
 

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Set
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Change, relation_dict
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.scene import Node
+from skiros2_world_model.core.scene import ElementRecord
 
 _Relation = tuple[str, str, str]
 
 
 def made_other(
     change: Change,
-    before: Mapping[str, Node | None],
-    after: Mapping[str, Node | None],
+    before: Mapping[str, ElementRecord | None],
+    after: Mapping[str, ElementRecord | None],
     related_before: Set[_Relation],
     related_after: Set[_Relation],
 ) -> HistoryEntry:
@@ -36,7 +36,7 @@ def made_other(
     return entry
 
 
-def _same_content(one: Node, other: Node) -> bool:
+def _same_content(one: ElementRecord, other: ElementRecord) -> bool:
     if (one.type, one.label, one.properties.keys()) != (other.type, other.label, other.properties.keys()):
         return False
     return one.properties is other.properties or all(
@@ -45,5 +45,5 @@ def _same_content(one: Node, other: Node) -> bool:
     )
 
 
-def _element(node: Node) -> Element:
+def _element(node: ElementRecord) -> Element:
     return Element.shared(node.type, node.label, node.id, node.properties, (), node.version)

@@ -283,10 +283,11 @@ class WorldPresenter:
     def _who(self, eid: str) -> str:
         """Who has changed an element last, and when. Called by jobs: it only looks."""
         mirror = self.mirror
-        node = mirror.scene.node(eid) if mirror is not None else None
-        if node is None or not node.made.author:
+        node = mirror.scene.record(eid) if mirror is not None else None
+        if node is None or not node.provenance.author:
             return ""
-        return f"{node.made.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
+        last = node.provenance
+        return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:
         """Who makes the changes of this window, as the world model names it."""

@@ -16,8 +16,8 @@ from skiros2_gui.core.world_vocabulary import Vocabulary
 from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
 from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, pose_of, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
-from skiros2_world_model.core.queries import held_only_by
-from skiros2_world_model.core.scene import ROOT, Node
+from skiros2_world_model.core.queries import cascade_ids
+from skiros2_world_model.core.scene import ROOT, ElementRecord
 
 CONTAINS = "skiros:contain"
 #: What gives things in space their frame and pose.
@@ -143,7 +143,7 @@ class Requests:
     def removed_with(self, eid: str) -> list[str]:
         """What goes when an element is removed: it, and what is under it and is held by nothing else."""
         self._node(eid)
-        return held_only_by(self._mirror.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
+        return cascade_ids(self._mirror.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
 
     def remove(self, ids: Sequence[str]) -> list[Operation]:
         """Removes elements with what is under them."""
@@ -198,9 +198,8 @@ class Requests:
 
     def misfit(self, src: str, predicate: str, dst: str) -> str:
         """Why a relation is not meant for these two; "" when it is. The world model takes it all the same."""
-        types = [
-            node.type if (node := self._mirror.scene.node(eid)) else self._vocabulary.type_of(eid) for eid in (src, dst)
-        ]
+        records = [(eid, self._mirror.scene.record(eid)) for eid in (src, dst)]
+        types = [record.type if record else self._vocabulary.type_of(eid) for eid, record in records]
         return self._vocabulary.misfit(types[0], predicate, types[1])
 
     # -- shared ------------------------------------------------------------------------------------------------
@@ -217,8 +216,8 @@ class Requests:
         if not self._vocabulary.ontology.has_class(etype):
             raise UnknownName(f"the ontologies have no class {etype!r}")
 
-    def _node(self, eid: str) -> Node:
-        node = self._mirror.scene.node(eid)
+    def _node(self, eid: str) -> ElementRecord:
+        node = self._mirror.scene.record(eid)
         if node is None:
             raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
         return node

@@ -14,11 +14,10 @@ from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.world_difference import made_other
 from skiros2_gui.core.world_search import SearchTexts
-from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
-from skiros2_world_model.core.context_names import SCENE
-from skiros2_world_model.core.following import follow
+from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, SCENE, Change
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
 #: The tree's node that everything is under which nothing holds.
 LOOSE = "(held by nothing)"
@@ -83,7 +82,7 @@ class SceneMirror:
         elements = list(elements)
         for element in elements:
             made = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
-            self.scene.put(Node(element.id, element.type, element.label, element._props, made))
+            self.scene.put(ElementRecord(element.id, element.type, element.label, element._props, made))
         for element in elements:
             for relation in element._rels:
                 if relation["src"] == "-1":
@@ -166,7 +165,7 @@ class SceneMirror:
 
     # -- changes -----------------------------------------------------------------------------------------------
 
-    def follow(self, changes: Iterable[Change], wanted: str = "") -> Touched | None:
+    def apply_change(self, changes: Iterable[Change], wanted: str = "") -> Touched | None:
         """Makes what some changes tell, in their order, and tells the view.
 
         :param wanted: what each change of this author made other is noted.
@@ -182,12 +181,12 @@ class SceneMirror:
             if change.context not in ("", SCENE) or not (change.elements or change.relations):
                 continue
             affected = self._affected(change)
-            before = {eid: self.scene.node(eid) for eid in affected}
+            before = {eid: self.scene.record(eid) for eid in affected}
             relations = self._relations(affected) if change.author == wanted else set()
             self._apply(change, affected)
             touched.elements.update(affected)
             if change.author == wanted:
-                after = {eid: self.scene.node(eid) for eid in affected}
+                after = {eid: self.scene.record(eid) for eid in affected}
                 made = made_other(change, before, after, relations, self._relations(affected))
                 touched.by_change[change.snapshot_id] = made
         if self.view is not None:
@@ -196,7 +195,7 @@ class SceneMirror:
 
     def _apply(self, change: Change, affected: dict[str, None]) -> None:
         places = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
-        follow(self.scene, change)
+        apply_change(self.scene, change)
         moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != places.get(e, (TOP, 0))[0]]
         if len(moves) > _MANY_MOVES:
             self._renew(moves)

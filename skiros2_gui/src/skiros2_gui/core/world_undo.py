@@ -15,8 +15,8 @@ from skiros2_common.core.names import local_name
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import Add, Expect, Operation, Patch, Remove, relation_dict
+from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.shown import shown_values
 
 _Relation = tuple[str, str, str]
 
@@ -187,4 +187,4 @@ def _same(one: Property | None, other: Property | None) -> bool:
 
 
 def _told(prop: Property | None) -> str:
-    return shown_values(prop.values) if prop is not None and prop.values else "not there" if prop is None else "empty"
+    return format_values(prop.values) if prop is not None and prop.values else "not there" if prop is None else "empty"

@@ -185,7 +185,7 @@ class RelationDialog(_Dialog):
         mirror, vocabulary = presenter.mirror, presenter.vocabulary
         assert mirror is not None and vocabulary is not None
         self._vocabulary = vocabulary
-        node = mirror.scene.node(eid)
+        node = mirror.scene.record(eid)
         self.predicate = QComboBox()
         self.predicate.setObjectName("relationChoice")
         for predicate, fits in predicate_choices(vocabulary, node.type if node is not None else ""):

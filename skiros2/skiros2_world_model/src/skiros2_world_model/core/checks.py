@@ -49,7 +49,7 @@ class Checks:
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
-        self._told = told
+        self._warned = told
         self._known: dict[str, str] = {}  # properties in full, by their names as given
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
@@ -151,12 +151,12 @@ class Checks:
         if lines and self._strict:
             raise UnknownName("; ".join(lines.values()))
         for what, line in lines.items():
-            if self._told is None or what not in self._told:
+            if self._warned is None or what not in self._warned:
                 log.warning("%s", line)
-        if self._told is not None:
-            if len(self._told) > _TOLD_AT_MOST:
-                self._told.clear()
-            self._told.update(lines)
+        if self._warned is not None:
+            if len(self._warned) > _TOLD_AT_MOST:
+                self._warned.clear()
+            self._warned.update(lines)
 
     def name(self, name: Any, kind: str, who: str) -> str:
         """A name in full, known or not.

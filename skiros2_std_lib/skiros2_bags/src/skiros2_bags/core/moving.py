@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 from skiros2_bags.core.world_changes import TimedChange
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import UPDATE, Change
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 
 _POSE = re.compile(r"skiros:(Position[XYZ]|Orientation[XYZW]|TfTimeStamp)")
@@ -24,7 +24,7 @@ def without_moves(changes: Iterable[TimedChange]) -> list[TimedChange]:
     for timed in changes:
         if not _only_moves(scene, timed.change):
             told.append(timed)
-        follow(scene, timed.change)
+        apply_change(scene, timed.change)
     return told
 
 

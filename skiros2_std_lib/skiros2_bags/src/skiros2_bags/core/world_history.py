@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.garbage import without_collection
 from skiros2_bags.core.world_changes import TimedChange
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 
 
@@ -30,5 +30,5 @@ def world_at(changes: Sequence[TimedChange], at: float, partial: bool = False) -
     scene = Scene()
     with without_collection():
         for timed in past[begin:]:
-            follow(scene, timed.change)
+            apply_change(scene, timed.change)
     return scene

@@ -13,10 +13,10 @@ from skiros2_bags.testing.past_world import operations_of, requests_of, scene_be
 from skiros2_bags.testing.recording import Changed, Recording
 from skiros2_bags.testing.system_nodes import start_world_model
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
 NODE = "/wm"
 
@@ -51,7 +51,7 @@ def _play(request: list[Changed], scene: Scene, transact: object, tolerance: Tol
     operations = []
     for change in expected:
         operations += operations_of(change, scene)
-        follow(scene, change)
+        apply_change(scene, change)
     if not operations:
         return None
     try:
@@ -70,7 +70,7 @@ def _play(request: list[Changed], scene: Scene, transact: object, tolerance: Tol
 def _final(scene: Scene, tolerance: Tolerance) -> Divergence | None:
     """What is otherwise in the scene at the end."""
     answer = rospy.ServiceProxy(f"{NODE}/snapshot", srvs.WmSnapshot)("")
-    there = {m.id: msg2given_element(m, 0) for m in answer.elements}
+    there = {m.id: msg2shared_element(m, 0) for m in answer.elements}
     for node in scene:
         expected = scene.element(node.id)
         assert expected is not None

@@ -19,10 +19,10 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.ros.listeners import wait_for_listeners
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
 #: What was done in so many seconds may take this many times as long, and `PATIENCE` more (s).
 SLOWER, PATIENCE = 3.0, 20.0
@@ -179,9 +179,9 @@ class SceneFollower:
 def fetched_scene(node: str) -> Scene:
     """The scene of a world model that is a node."""
     answer = rospy.ServiceProxy(f"{node}/snapshot", srvs.WmSnapshot)("")
-    elements = tuple(msg2given_element(m, 0) for m in answer.elements)
+    elements = tuple(msg2shared_element(m, 0) for m in answer.elements)
     scene = Scene()
-    follow(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
+    apply_change(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
     return scene
 
 

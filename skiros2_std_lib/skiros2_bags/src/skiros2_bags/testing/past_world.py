@@ -10,6 +10,7 @@ from pathlib import Path
 from skiros2_bags.core.world_history import world_at
 from skiros2_bags.testing.recording import Changed, Recording
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import (
     ADD,
     REMOVE,
@@ -24,7 +25,6 @@ from skiros2_world_model.core.changes import (
     Update,
     relation_dict,
 )
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.scene import ROOT, Scene
 from skiros2_world_model.core.world_model import WorldModel
@@ -87,7 +87,7 @@ def input_operations(recording: Recording) -> dict[int, list[Operation]]:
     found: dict[int, list[Operation]] = {}
     for event in recording.changes:
         found[event.order] = _patches(event.change, scene)
-        follow(scene, event.change)
+        apply_change(scene, event.change)
     return found
 
 

@@ -210,7 +210,7 @@ def _registered(scene: Scene) -> set[str]:
 
 def _outgoing(scene: Scene, eid: str, skipped: set[str]) -> Element | None:
     """An element with its relations to others, without those to what is skipped."""
-    node = scene.node(eid)
+    node = scene.record(eid)
     if node is None:
         return None
     relations = [

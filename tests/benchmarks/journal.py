@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, paired, seconds_per_call
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Patch

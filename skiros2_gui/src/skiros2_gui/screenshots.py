@@ -16,9 +16,9 @@ from python_qt_binding.QtCore import QSettings, Qt
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_common.core.end_signals import EndedBySignal
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.ros.own_system import START_SECONDS, OwnSystem
+from skiros2_common.core.termination import Terminated
+from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
 from skiros2_gui.display import display_trouble, virtual_display
 from skiros2_gui.qt.main_widget import MainWidget
 from skiros2_gui.qt.rviz_panel import rviz_trouble
@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> int:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         display = virtual_display() if display_trouble() else contextlib.nullcontext()
-        with display, OwnSystem("screenshots", has_own_home=True) as system:
+        with display, PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
             system.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
             for name, image in _pictures():
@@ -55,7 +55,7 @@ def main(arguments: list[str]) -> int:
                 if not image.save(str(path), "PNG", SMALLEST):
                     raise OSError(f"{path}: the picture cannot be written")
                 sys.stdout.write(f"{path}\n")
-    except EndedBySignal as signal:
+    except Terminated as signal:
         sys.stderr.write("screenshots: stopped; everything that it started has ended\n")
         return 128 + signal.number
     except (SkirosError, OSError) as error:
@@ -75,7 +75,7 @@ def _pictures() -> Iterator[tuple[str, QImage]]:
     window.show()
     try:
         system = window.content.system
-        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_SECONDS)
+        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_TIMEOUT)
         driver.choose("skillTree", "drive")
         driver.choose("param_TargetLocation", "Workstation 1")
         driver.click("startButton")

@@ -9,7 +9,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from skiros2_common.command_line.master import NotThere, ask_master
+from skiros2_common.command_line.master import Unavailable, ask_master
 from skiros2_gui.ros import master
 
 
@@ -41,7 +41,7 @@ def test_somebody_else_listens_there(address: socket.socket) -> None:
     threading.Thread(target=answer, daemon=True).start()
     assert not master.master_answers()
     threading.Thread(target=answer, daemon=True).start()
-    with pytest.raises(NotThere, match="no ROS master answers"):
+    with pytest.raises(Unavailable, match="no ROS master answers"):
         ask_master("getPid")
 
 

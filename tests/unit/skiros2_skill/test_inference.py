@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.conditions import ConditionFunction
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.explanation import Left
+from skiros2_common.core.explanation import FilterStep
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
@@ -153,9 +153,9 @@ def test_each_condition_tells_how_many_it_left_up_to_the_one_that_left_none(benc
     )
     assert (part.key, part.wanted, part.total) == ("Part", "skiros:Starter", 12)
     assert part.left == [
-        Left(f"with {bench.tray!r} skiros:contain it", 3, "In"),
-        Left("with skiros:Weight > 5.0", 3, "Heavy"),
-        Left("with skiros:State = 'Idle'", 0, "Idle"),
+        FilterStep(f"with {bench.tray!r} skiros:contain it", 3, "In"),
+        FilterStep("with skiros:Weight > 5.0", 3, "Heavy"),
+        FilterStep("with skiros:State = 'Idle'", 0, "Idle"),
     ]
     assert [near.element for near in part.nearest] == [repr(e) for e in parts]
     assert {near.why for near in part.nearest} == {"skiros:State is 'Busy'"}
@@ -185,8 +185,8 @@ def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(be
     )  # fmt: skip
     tray = candidates[0]
     assert tray.left == [
-        Left("with skiros:State = 'Open'", 1, "Open"),
-        Left("skiros:contain any skiros:Product", 0, "In"),
+        FilterStep("with skiros:State = 'Open'", 1, "Open"),
+        FilterStep("skiros:contain any skiros:Product", 0, "In"),
     ]
     assert "none skiros:contain any skiros:Product" in text
 

@@ -212,7 +212,7 @@ def test_without_a_journal_numbers_grow_from_one_life_to_the_next(lives: Lives) 
 
 
 def test_a_journal_in_use_is_refused(lives: Lives, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skiros2_world_model.core.journal_file._PATIENCE", 0.1)
+    monkeypatch.setattr("skiros2_world_model.core.journal_file._LOCK_TIMEOUT", 0.1)
     lives.start()
     with pytest.raises(ConfigurationError, match=f"{lives.path}: another world model is using it"):
         Journal(lives.path)

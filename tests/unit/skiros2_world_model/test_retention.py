@@ -157,13 +157,13 @@ def test_requests_and_questions_go_on_meanwhile(start: Start) -> None:
     assert wm.get_element(element.id).value_of("Step") == 2999
 
 
-def test_the_thread_tidies_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_thread_prunes_after_a_number_of_requests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(retention, "_REQUESTS", 10)
-    tidied = threading.Event()
-    monkeypatch.setattr(retention.Retention, "tidy", lambda self: tidied.set())
+    pruned = threading.Event()
+    monkeypatch.setattr(retention.Retention, "prune", lambda self: pruned.set())
     journal = Journal(tmp_path / "wm.journal")
     wm = LocalWorldModel("tester", WorldModel(journal=journal))
     for _ in range(10):
         wm.add_element(Element("skiros:Part"))
-    assert tidied.wait(5.0)
+    assert pruned.wait(5.0)
     journal.close()

@@ -137,12 +137,12 @@ def test_a_property_that_all_share_is_changed_on_one_element_only(scene):
     assert scene.element("a:T-1").value_of("a:size") == scene.element("a:T-2").value_of("a:size") == 2.5
 
 
-def test_nothing_is_noted_for_a_mirror_that_nobody_keeps(scene):
+def test_unsynced_changes_are_recorded_only_for_a_graph_sync(scene):
     assert scene.unsynced is None
     scene.unsynced = ChangeSet()
     scene.put(node("a:T-1", size=1))
     scene.relate("a:T-2", "a:holds", "a:T-3")
-    assert scene.unsynced == ChangeSet({"a:T-1"}, {("a:T-2", "a:holds", "a:T-3")})
+    assert scene.unsynced == ChangeSet({"a:T-1": None}, {("a:T-2", "a:holds", "a:T-3"): None})
 
 
 def test_relations_are_read_right_also_when_many_elements_were_read_before():

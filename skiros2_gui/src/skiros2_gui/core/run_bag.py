@@ -23,8 +23,8 @@ def read_bag(path: str) -> RunBag:
 
     :raises BagError: it cannot be read, or holds no progress of tasks.
     """
-    from skiros2_bags.core.contract_types import PROGRESS  # what reads bags takes a second to be loaded
     from skiros2_bags.core.errors import BagError
+    from skiros2_bags.core.message import PROGRESS  # what reads bags takes a second to be loaded
     from skiros2_bags.core.run import Run
 
     run = Run.open(path)

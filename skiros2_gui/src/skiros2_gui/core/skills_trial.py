@@ -11,7 +11,7 @@ from typing import Any
 
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.explanation import GIVEN, INFERENCE, PRE, START, Explanation, Origin
+from skiros2_common.core.explanation import GIVEN, INFERENCE, PRE, START, Explanation, Provenance
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_gui.core.skills_catalogue import Offer
@@ -119,7 +119,7 @@ def _try(
 
 
 def _refusal(skill: Skill, stage: str, text: str, params: ParamHandler) -> Explanation:
-    given = [Origin(p.key, ", ".join(map(repr, p.values)), GIVEN) for p in params.values() if p.is_bound()]
+    given = [Provenance(p.key, ", ".join(map(repr, p.values)), GIVEN) for p in params.values() if p.is_bound()]
     return Explanation(stage, skill.type, skill.label, -1, PRE_FAILED, text, params=given)
 
 
@@ -165,4 +165,4 @@ def _is_readable(read: SkillCondition, wm: Any) -> bool:
         return all(_is_readable(part, wm) for part in read.parts)
     if read.kind != "ConditionRelation":
         return True
-    return wm.knows(read.name) or reasoners.find_written(read.name) is not None
+    return wm.knows(read.name) or reasoners.find_or_load(read.name) is not None

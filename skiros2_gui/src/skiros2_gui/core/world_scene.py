@@ -165,7 +165,7 @@ class SceneMirror:
 
     # -- changes -----------------------------------------------------------------------------------------------
 
-    def apply_change(self, changes: Iterable[Change], wanted: str = "") -> Touched | None:
+    def follow(self, changes: Iterable[Change], wanted: str = "") -> Touched | None:
         """Makes what some changes tell, in their order, and tells the view.
 
         :param wanted: what each change of this author made other is noted.

@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_gui.core.marker_board import ChangedElements, Difference, MarkerBoard
 from skiros2_gui.core.markers import Showing, Shown
 from skiros2_gui.ros.marker_messages import PackedMarkers

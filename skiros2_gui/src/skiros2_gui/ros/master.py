@@ -8,7 +8,7 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.no_answer import NO_ANSWER
+from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
 #: How long the master may take to answer (s).
 PATIENCE = 2.0
@@ -28,5 +28,5 @@ def master_answers() -> bool:
     try:
         with xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport()) as master:
             return bool(master.getPid("/skiros_gui")[0] == 1)
-    except (*NO_ANSWER, TypeError, IndexError):  # or somebody else listens there
+    except (*XMLRPC_ERRORS, TypeError, IndexError):  # or somebody else listens there
         return False

@@ -177,13 +177,13 @@ def become_node(name: str) -> str:
     """Makes this process a node, if it is none yet; any thread. Returns the node's name."""
     import rospy
 
-    from skiros2_common.ros.inbound import greet_in_threads
+    from skiros2_common.ros.inbound_connections import handshake_in_threads
     from skiros2_common.ros.master_watch import watch_master
     from skiros2_common.ros.node import bridge_logging
 
     if not rospy.core.is_initialized():
         rospy.init_node(name, anonymous=True, disable_signals=True)
-        greet_in_threads()
+        handshake_in_threads()
         bridge_logging()
     watch_master()
     return str(rospy.get_name())

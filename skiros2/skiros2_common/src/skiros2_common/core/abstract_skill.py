@@ -93,7 +93,7 @@ class SkillCore(SkillDescription):
         return self._expand_on_start
 
     @property
-    def _works_on(self) -> bool:
+    def _is_working(self) -> bool:
         """Whether code of the skill goes on outside of its hooks. If so when it has ended, it is not used again."""
         return False
 
@@ -180,7 +180,7 @@ class SkillCore(SkillDescription):
         self.generateDefParams()
         self.generateDefConditions()
 
-    def _note_declared(self) -> None:
+    def _save_declared(self) -> None:
         """The skill is loaded: what it has declared so far is what it starts with each time."""
         self._declared = (
             list(self._pre_conditions),

@@ -7,10 +7,10 @@ from itertools import islice
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType
-from skiros2_common.core.explanation import MOST_NAMED, Change, Finding, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, Finding, NearMatch
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.places import Place
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_common.core.world_element import Element
 
 
@@ -23,7 +23,7 @@ class ConditionBase:
     """
 
     #: Where it was added to a skill; None: not known.
-    place: Place | None = None
+    place: SourceLocation | None = None
 
     #: Whether it is for planners alone, and not checked.
     only_exported = False
@@ -83,7 +83,7 @@ class ConditionBase:
             self._remember(key, ph)
         return self.holds(ph, wmi) == self._desired_state
 
-    def suits_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: Any) -> bool:
         """Whether inference may set the parameters to what they are: as `evaluate`, where a condition says no more."""
         return self.evaluate(ph, wmi)
 
@@ -118,16 +118,16 @@ class ConditionBase:
         """What is so, when `evaluate` has answered False; "" when no more is known."""
         return ""
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         """The condition in words that follow on a number of elements that a parameter may be."""
         return f"for which [{self._label}] holds"
 
-    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+    def found_for(self, key: str, ph: ParamHandler, wmi: Any) -> str:
         """As `found`, of the element in one parameter, without its name."""
         return self.found(ph, wmi).removeprefix(self._name(key)).lstrip(": ")
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        """Elements of which it would hold, at most `MOST_NAMED`."""
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        """Elements of which it would hold, at most `MAX_EXAMPLES`."""
         return []
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
@@ -219,7 +219,7 @@ class ConditionBase:
         :raises WrongType: the parameter holds something else.
         """
         value = self._given(key, ph)
-        if value is None or value.isAbstract() or not finds(wmi) or _is_changed(value):
+        if value is None or value.isAbstract() or not can_find_elements(wmi) or _is_changed(value):
             return value
         found: Element | None = wmi.refreshed(value) if hasattr(wmi, "refreshed") else wmi.find_element(value.id)
         return found
@@ -240,7 +240,7 @@ class ConditionBase:
             return f"parameter {key!r} is {value!r}"
         if value.isAbstract():
             return f"parameter {key!r} is {self._name(key)}"
-        return "" if is_there(value, wmi) else f"{value!r} is not in the scene"
+        return "" if is_in_scene(value, wmi) else f"{value!r} is not in the scene"
 
     def _others(
         self,
@@ -276,17 +276,17 @@ class ConditionBase:
         value = self._param_value(key, ph)
         if not isinstance(value, Element) or value.isAbstract():
             return []
-        return [Change(value.id, name if is_there(value, wmi) else "")]
+        return [Change(value.id, name if is_in_scene(value, wmi) else "")]
 
 
-def finds(wmi: Any) -> bool:
+def can_find_elements(wmi: Any) -> bool:
     """Whether a world model tells what an element is now; those of libraries and tests need not."""
     return hasattr(type(wmi), "find_element")
 
 
-def is_there(element: Element, wmi: Any) -> bool:
+def is_in_scene(element: Element, wmi: Any) -> bool:
     """Whether an element has an id, and the world model, if it tells, has the element."""
-    return bool(element.id) and (not finds(wmi) or wmi.find_element(element.id) is not None)
+    return bool(element.id) and (not can_find_elements(wmi) or wmi.find_element(element.id) is not None)
 
 
 def _is_changed(element: Element) -> bool:
@@ -297,6 +297,6 @@ def _is_changed(element: Element) -> bool:
     return changes is None or bool(changes)
 
 
-def some(elements: Iterable[Element], why: str = "") -> list[Near]:
-    """The first of the elements, at most `MOST_NAMED`."""
-    return [Near(repr(element), why) for element in islice(elements, MOST_NAMED)]
+def near_matches(elements: Iterable[Element], why: str = "") -> list[NearMatch]:
+    """The first of the elements, at most `MAX_EXAMPLES`."""
+    return [NearMatch(repr(element), why) for element in islice(elements, MAX_EXAMPLES)]

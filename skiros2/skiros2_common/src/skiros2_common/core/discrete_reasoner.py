@@ -191,7 +191,7 @@ class ReasonerRegistry:
                 return found
         return None
 
-    def find_written(self, name: str) -> DiscreteReasoner | None:
+    def find_or_load(self, name: str) -> DiscreteReasoner | None:
         """As `find`, but loads reasoners first. Remembers the answers: most conditions ask. Any thread."""
         answers = self._answers
         try:
@@ -201,7 +201,7 @@ class ReasonerRegistry:
                 answers.clear()
         found = self.find(name)
         if found is None and self._load():
-            return self.find_written(name)
+            return self.find_or_load(name)
         answers[name] = found
         return found
 

@@ -3,17 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
-from skiros2_common.core.element_changes import ElementChanges
 from skiros2_common.core.element_relations import RelationDict, relation_key
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import spellings
 from skiros2_common.core.property import Property
+from skiros2_common.core.revision import local_revision
 
 
-class _Origin(NamedTuple):
-    """The content that a world model gave out: shared with it, never changed here."""
+@dataclass
+class ElementChanges:
+    """The changes of an element since it was read from a world model. False when there are none."""
+
+    properties: dict[str, Property] = field(default_factory=dict)
+    removed_properties: list[str] = field(default_factory=list)
+    added_relations: list[RelationDict] = field(default_factory=list)
+    removed_relations: list[RelationDict] = field(default_factory=list)
+    label: str | None = None
+    type: str | None = None
+
+    def __bool__(self) -> bool:
+        return bool(
+            self.properties
+            or self.removed_properties
+            or self.added_relations
+            or self.removed_relations
+            or self.label is not None
+            or self.type is not None
+        )
+
+
+class _Original(NamedTuple):
+    """The content as a world model returned it: shared with the world model, never changed here."""
 
     type: str
     label: str
@@ -35,7 +57,7 @@ class ElementContent:
         self._props: dict[str, Property] = {}
         self._rels: Sequence[RelationDict] = []
         self._local_relations: list[RelationDict] = []
-        self._origin: _Origin | None = None
+        self._original: _Original | None = None
         self._own_keys: set[str] | None = None  # None: all properties are our own
         self._owns_relations = True
         self._version = -1
@@ -64,7 +86,7 @@ class ElementContent:
         element._props = properties
         element._rels = relations
         element._local_relations = []
-        element._origin = _Origin(etype, label, properties, relations)
+        element._original = _Original(etype, label, properties, relations)
         element._own_keys = set()
         element._owns_relations = False
         element._version = version
@@ -79,37 +101,38 @@ class ElementContent:
     @property
     def touched(self) -> bool:
         """Whether something may have been changed since a world model gave it out. Fast; `changes` is exact."""
+        original = self._original
         return (
             self._own_keys is None
             or bool(self._own_keys)
             or self._owns_relations
             or bool(self._local_relations)
-            or (self._origin is not None and self._props is not self._origin.properties)
-            or (self._origin is not None and (self._label != self._origin.label or self._type != self._origin.type))
+            or (original is not None and self._props is not original.properties)
+            or (original is not None and (self._label != original.label or self._type != original.type))
         )
 
     def changes(self) -> ElementChanges | None:
         """What was changed since a world model gave the element out; None when none did."""
-        origin = self._origin
-        if origin is None:
+        original = self._original
+        if original is None:
             return None
         changes = ElementChanges(
-            label=self._label if self._label != origin.label else None,
-            type=self._type if self._type != origin.type else None,
+            label=self._label if self._label != original.label else None,
+            type=self._type if self._type != original.type else None,
         )
-        if self._props is not origin.properties:
+        if self._props is not original.properties:
             for key, prop in self._props.items():
-                before = origin.properties.get(key)
+                before = original.properties.get(key)
                 if before is prop:
                     continue
                 if before is None or before.values != prop.values or before.dataType() is not prop.dataType():
                     changes.properties[key] = prop
-            changes.removed_properties = [key for key in origin.properties if key not in self._props]
+            changes.removed_properties = [key for key in original.properties if key not in self._props]
         if self._owns_relations:
-            before_keys = {relation_key(r) for r in origin.relations}
+            before_keys = {relation_key(r) for r in original.relations}
             keys = {relation_key(r) for r in self._rels}
             changes.added_relations = [r for r in self._rels if relation_key(r) not in before_keys]
-            changes.removed_relations = [r for r in origin.relations if relation_key(r) not in keys]
+            changes.removed_relations = [r for r in original.relations if relation_key(r) not in keys]
         return changes
 
     def adopt(self, fresh: Self, keep_children: bool = False) -> None:
@@ -133,7 +156,7 @@ class ElementContent:
         copy._props = {key: prop.clone() for key, prop in self._props.items()}
         copy._rels = [dict(r) for r in self._rels]
         copy._local_relations = list(self._local_relations)
-        copy._origin = self._origin
+        copy._original = self._original
         copy._version = self._version
         copy._last_update = self._last_update
         return copy
@@ -144,7 +167,7 @@ class ElementContent:
     # -- copy on write -----------------------------------------------------------------------------------------
 
     def _own_dict(self) -> dict[str, Property]:
-        if self._origin is not None and self._props is self._origin.properties:
+        if self._original is not None and self._props is self._original.properties:
             self._props = dict(self._props)
         return self._props
 
@@ -170,7 +193,7 @@ class ElementContent:
 
     def _put(self, key: str, prop: Property) -> None:
         self._own_dict()[key] = prop
-        mutations.note()
+        local_revision.advance()
         if self._own_keys is not None:
             self._own_keys.add(key)
 
@@ -178,7 +201,7 @@ class ElementContent:
         if not self._owns_relations:
             self._rels = [dict(r) for r in self._rels]
             self._owns_relations = True
-        mutations.note()
+        local_revision.advance()
         assert isinstance(self._rels, list)
         return self._rels
 
@@ -190,14 +213,14 @@ class ElementContent:
                 self._own(key)
             self._own_keys = None
             self._own_dict()
-        mutations.note()
+        local_revision.advance()
         return self._props
 
     @_properties.setter
     def _properties(self, properties: dict[str, Property]) -> None:
         self._props = properties
         self._own_keys = None
-        mutations.note()
+        local_revision.advance()
 
     @property
     def _relations(self) -> list[RelationDict]:
@@ -208,4 +231,4 @@ class ElementContent:
     def _relations(self, relations: list[RelationDict]) -> None:
         self._rels = relations
         self._owns_relations = True
-        mutations.note()
+        local_revision.advance()

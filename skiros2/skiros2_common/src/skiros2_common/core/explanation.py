@@ -17,16 +17,16 @@ STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREE
 
 #: Where the value of a parameter came from: from the one who started the task, from `specify` in a tree, from the
 #: declaration, from a node above (where a sibling may have put it), from the conditions, from the skill's own code.
-GIVEN, FIXED, DEFAULT, ABOVE, INFERRED, CHANGED, UNSET = (
+GIVEN, SPECIFIED, DEFAULT, PULLED, INFERRED, CHANGED, UNSET = (
     "given", "fixed", "default", "above", "inferred", "changed", "unset",
 )  # fmt: skip
 
 #: So many elements are named where there are more.
-MOST_NAMED = 3
+MAX_EXAMPLES = 3
 
 
 @dataclass
-class Near:
+class NearMatch:
     """An element that comes near to what was wanted.
 
     :param element: as `id-label`.
@@ -81,7 +81,7 @@ class Finding:
     values: dict[str, str]
     expected: str
     found: str
-    nearest: list[Near] = field(default_factory=list)
+    nearest: list[NearMatch] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     parts: list[Finding] = field(default_factory=list)
 
@@ -100,7 +100,7 @@ class Finding:
 
 
 @dataclass
-class Left:
+class FilterStep:
     """How many candidates a condition left, of those that the ones before it had left.
 
     :param condition: as it is said of one candidate.
@@ -116,7 +116,7 @@ class Left:
 
 
 @dataclass
-class Candidates:
+class InferenceFailure:
     """What the scene had for one unset parameter.
 
     :param wanted: the class, and the label where one was asked for.
@@ -128,8 +128,8 @@ class Candidates:
     key: str
     wanted: str
     total: int
-    left: list[Left] = field(default_factory=list)
-    nearest: list[Near] = field(default_factory=list)
+    left: list[FilterStep] = field(default_factory=list)
+    nearest: list[NearMatch] = field(default_factory=list)
 
     def __str__(self) -> str:
         if not self.total:
@@ -145,13 +145,13 @@ class Candidates:
 
 
 @dataclass
-class Origin:
+class Provenance:
     """Where the value of a parameter came from.
 
     :param value: as a text; "" when unset.
-    :param source: `GIVEN`, `FIXED`, `DEFAULT`, `ABOVE`, `INFERRED`, `CHANGED` or `UNSET`.
-    :param by: for `ABOVE` the node that put it there, for `INFERRED` the conditions that speak of it, for `CHANGED` the
-        node below that did; [] when it was the skill's own code.
+    :param source: `GIVEN`, `SPECIFIED`, `DEFAULT`, `PULLED`, `INFERRED`, `CHANGED` or `UNSET`.
+    :param by: for `PULLED` the node that set it, for `INFERRED` the conditions on it, for `CHANGED` the descendant that
+        changed it, [] when the skill's own code did.
     """
 
     key: str
@@ -166,7 +166,7 @@ class Origin:
     def words(self) -> str:
         """The source in words."""
         by = ", ".join(self.by)
-        if self.source == ABOVE:
+        if self.source == PULLED:
             return f"from {by}"
         if self.source == INFERRED:
             return f"inferred by {by}" if by else "inferred"
@@ -200,8 +200,8 @@ class Explanation(JsonData):
     message: str
     path: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
-    candidates: list[Candidates] = field(default_factory=list)
-    params: list[Origin] = field(default_factory=list)
+    candidates: list[InferenceFailure] = field(default_factory=list)
+    params: list[Provenance] = field(default_factory=list)
     tried: list[Explanation] = field(default_factory=list)
     stamp: float = field(default_factory=time.time)
     times: int = 1

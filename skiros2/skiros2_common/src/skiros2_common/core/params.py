@@ -11,9 +11,9 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import nearest
 from skiros2_common.core.property import Property
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
@@ -34,7 +34,8 @@ class Param(Property):
     """
 
     __slots__ = (
-        "_default", "_description", "_last_update", "_param_type", "assigned", "given_by", "is_inferred", "lent"
+        "_default", "_description", "_last_update", "_param_type", "assigned", "is_inferred", "set_by",
+        "shared_snapshot",
     )  # fmt: skip
 
     def __init__(self, key: str, description: str, value: Any, param_type: Any) -> None:
@@ -45,18 +46,18 @@ class Param(Property):
         self._last_update = time_module.time()
         #: Whether a setter was called since this was last set to False.
         self.assigned = False
-        #: On a blackboard: the label of the node that has put the values there, and whether it has inferred them.
-        self.given_by = ""
+        #: On a blackboard: the label of the node that set the values, and whether it inferred them.
+        self.set_by = ""
         self.is_inferred = False
-        #: What the list of values held when it was last looked at; None while nobody has it who may change it.
-        self.lent: list[Any] | None = None
+        #: A copy of the value list from the last check for changes in place; None while nobody else holds the list.
+        self.shared_snapshot: list[Any] | None = None
 
     @property
     def values(self) -> list[Any]:
         """All values: the list itself, no copy."""
-        if self.lent is None:
-            self.lent = list(self._values)
-            mutations.note()
+        if self.shared_snapshot is None:
+            self.shared_snapshot = list(self._values)
+            local_revision.advance()
         return self._values
 
     @values.setter
@@ -96,7 +97,7 @@ class Param(Property):
     def _set(self, values: list[Any]) -> None:
         self._values = values
         self._note()
-        mutations.note()
+        local_revision.advance()
 
     def setValue(self, value: Any, index: int = 0) -> None:
         super().setValue(value, index)
@@ -106,7 +107,7 @@ class Param(Property):
         super().setValues(value)
         self._note()
         if self._values is value:
-            self.lent = list(value)  # the caller has it
+            self.shared_snapshot = list(value)  # the caller has it
 
     def removeValue(self, value: Any) -> None:
         super().removeValue(value)
@@ -178,9 +179,9 @@ class Param(Property):
         copy._default = self._default
         copy._last_update = self._last_update
         copy.assigned = False
-        copy.given_by = ""
+        copy.set_by = ""
         copy.is_inferred = False
-        copy.lent = None
+        copy.shared_snapshot = None
         return copy
 
     @property
@@ -336,7 +337,7 @@ class ParamHandler:
     def addParam(self, key: str, value: Any, param_type: Any, description: str = "") -> None:
         """Declares a parameter; one of that key is redefined."""
         self._params[key] = Param(key, description, value, param_type)
-        mutations.note()
+        local_revision.advance()
 
     def getParam(self, key: str) -> Param | None:
         """The parameter, or None, with a logged error, when there is none of that key."""

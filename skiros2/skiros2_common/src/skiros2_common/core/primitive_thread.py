@@ -7,7 +7,7 @@ import threading
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 
 
 class PrimitiveThreadBase(PrimitiveBase):
@@ -24,7 +24,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         self._running = threading.local()
 
     @property
-    def _works_on(self) -> bool:
+    def _is_working(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
     def preStart(self) -> bool:
@@ -36,7 +36,7 @@ class PrimitiveThreadBase(PrimitiveBase):
         raise NotImplementedError(f"{self.__class__.__name__} has to define run")
 
     def onStart(self) -> bool:
-        if self._works_on:
+        if self._is_working:
             return self.startError("the thread of an earlier start has not ended", -1)
         if self.preStart() is False:
             return False
@@ -77,7 +77,7 @@ class PrimitiveThreadBase(PrimitiveBase):
             message, code = getattr(self._running, "report", ("", 0))
             outcome = (state, message, code)
         except FOREIGN_ERRORS as error:
-            outcome = (State.Failure, report(error, type(self).__module__), -405)
+            outcome = (State.Failure, format_error(error, type(self).__module__), -405)
         finally:
             self._outcome = outcome
             self.wake()

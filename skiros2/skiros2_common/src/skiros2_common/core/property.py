@@ -11,7 +11,7 @@ from sys import intern
 from typing import Any
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 
 log = logging.getLogger(__name__)
 
@@ -21,8 +21,8 @@ _FALSE_TEXTS = ("false", "0")
 #: Characters of the values that `printState` shows.
 MOST_PRINTED = 500
 
-_shown = reprlib.Repr()
-_shown.maxstring = _shown.maxother = _shown.maxlong = 200
+_formatter = reprlib.Repr()
+_formatter.maxstring = _formatter.maxother = _formatter.maxlong = 200
 
 
 def as_type(value: Any, datatype: type) -> Any:
@@ -46,7 +46,7 @@ def as_type(value: Any, datatype: type) -> Any:
             return bool(value)
     elif isinstance(value, datatype):
         return value
-    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {shown(value)}")
+    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {format_value(value)}")
 
 
 def is_bool(value: Any) -> bool:
@@ -56,9 +56,9 @@ def is_bool(value: Any) -> bool:
     )
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value in the text of an error: short, however long or deep it is."""
-    return _shown.repr(value)
+    return _formatter.repr(value)
 
 
 def from_text(text: str, datatype: type) -> Any:
@@ -71,13 +71,13 @@ def from_text(text: str, datatype: type) -> Any:
             return True
         if text.strip().lower() in _FALSE_TEXTS:
             return False
-        raise WrongValue(f"expected True or False, got {shown(text)}")
+        raise WrongValue(f"expected True or False, got {format_value(text)}")
     try:
         if datatype is dict:
             return dict(literal_eval(text))
         return datatype(text)
     except (TypeError, ValueError, SyntaxError) as error:
-        raise WrongValue(f"{shown(text)} is no {datatype.__name__}") from error
+        raise WrongValue(f"{format_value(text)} is no {datatype.__name__}") from error
 
 
 def same_value(one: Any, other: Any) -> bool:
@@ -207,7 +207,7 @@ class Property:
                 values[index] = checked[0]
             elif checked:
                 values.append(checked[0])
-        mutations.note()
+        local_revision.advance()
 
     def setValueFromStr(self, value: str, index: int = 0) -> None:
         """Sets the value at `index` from its text, that of a dict from a literal of Python.
@@ -244,7 +244,7 @@ class Property:
         index = self.find(value)
         if index >= 0:
             del self._values[index]
-        mutations.note()
+        local_revision.advance()
 
     def find(self, value: Any) -> int:
         """The index of the first such value, or -1."""
@@ -285,7 +285,7 @@ class Property:
     def _set(self, values: list[Any]) -> None:
         """Takes another list as the values."""
         self._values = values
-        mutations.note()
+        local_revision.advance()
 
     def _as_list(self, value: Any) -> list[Any]:
         if not isinstance(value, (list, tuple)):
@@ -300,10 +300,10 @@ class Property:
         if len(values) == 1 and type(values[0]) is datatype:
             return values
         try:
-            converted = [as_type(v, datatype) for v in values]
+            converted_property = [as_type(v, datatype) for v in values]
         except WrongType as error:
             raise WrongType(f"{self._key}: {error}") from None
-        return values if all(map(is_, converted, values)) else converted
+        return values if all(map(is_, converted_property, values)) else converted_property
 
     def _checked_or_log(self, values: list[Any]) -> list[Any] | None:
         try:
@@ -313,3 +313,36 @@ class Property:
         except WrongType as error:
             log.error("%s. It stays %s.", error, self._values)
             return None
+
+
+#: The Python types of the XSD datatypes that `Element.setProperty` accepts.
+DATATYPES: dict[str, type] = {
+    "xsd:float": float,
+    "xsd:double": float,
+    "xsd:decimal": float,
+    "xsd:int": int,
+    "xsd:integer": int,
+    "xsd:boolean": bool,
+    "xsd:string": str,
+}
+
+
+def converted_property(key: str, value: Any, datatype: type) -> Property:
+    """A property of that type with the value, or values, converted to it.
+
+    :raises WrongValue: a value cannot be converted.
+    """
+    prop = Property(key, datatype)
+    if value is not None and not isinstance(value, type):
+        prop.assign([_convert(key, v, datatype) for v in (value if isinstance(value, (list, tuple)) else [value])])
+    return prop
+
+
+def _convert(key: str, value: Any, datatype: type) -> Any:
+    try:
+        return from_text(value, datatype) if isinstance(value, str) else as_type(value, datatype)
+    except (WrongValue, WrongType):
+        try:
+            return datatype(value)
+        except (TypeError, ValueError) as error:
+            raise WrongValue(f"{key}: {value!r} cannot be made a {datatype.__name__}") from error

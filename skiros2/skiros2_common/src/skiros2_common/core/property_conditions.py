@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.explanation import MOST_NAMED, Change, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property import same_value
@@ -35,11 +35,11 @@ class _OfProperty(ConditionBase):
         """The property's name in full."""
         return full_name(self._owl_label)
 
-    def suits(self, element: Element) -> bool:
+    def satisfied_by(self, element: Element) -> bool:
         """Whether the desired state holds of an element as it is given here."""
-        return self.is_of(element) == self._desired_state
+        return self.holds_for(element) == self._desired_state
 
-    def is_of(self, element: Element) -> bool:
+    def holds_for(self, element: Element) -> bool:
         """Whether the fact holds of an element as it is given here."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define is_of")
 
@@ -117,7 +117,7 @@ class ConditionProperty(_OfProperty):
         is_plain = isinstance(self._value, (str, int, float)) and self._value != ""
         return is_plain and self._operator == "=" and self._desired_state
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         has = "with" if self._desired_state else "without"
         return f"{has} {self.property} {self._operator} {self._value!r}"
 
@@ -133,16 +133,16 @@ class ConditionProperty(_OfProperty):
         element = self._element(self._subject_key, ph, wmi)  # a missing value is neither more nor less
         return element is not None and element.value_of(self.property) is not None
 
-    def suits(self, element: Element) -> bool:
+    def satisfied_by(self, element: Element) -> bool:
         if self._operator != "=" and element.value_of(self.property) is None:
             return False
-        return super().suits(element)
+        return super().satisfied_by(element)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.is_of(element)
+        return element is not None and self.holds_for(element)
 
-    def is_of(self, element: Element) -> bool:
+    def holds_for(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self.property, self._value)
         value = element.value_of(self.property)
@@ -160,11 +160,11 @@ class ConditionProperty(_OfProperty):
         compared = "" if self._operator == "=" else f"{self._operator} "
         return f"{'' if self._desired_state else 'not '}{compared}{self._value!r}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
         having = (self.property, self._value) if self.is_value else None
         others = self._others(self._subject_key, ph, wmi, having)
-        fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
+        fitting = (e for e in others if self.holds_for(e) == self._desired_state)
+        return [NearMatch(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MAX_EXAMPLES)]
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
@@ -210,9 +210,9 @@ class ConditionHasProperty(_OfProperty):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.is_of(element)
+        return element is not None and self.holds_for(element)
 
-    def is_of(self, element: Element) -> bool:
+    def holds_for(self, element: Element) -> bool:
         return element.hasProperty(self.property, not_none=True)
 
     def fact(self) -> str:
@@ -221,13 +221,13 @@ class ConditionHasProperty(_OfProperty):
     def expected(self) -> str:
         return f"{'a' if self._desired_state else 'no'} value"
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         return f"with {self.expected()} of {self.property}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
         others = self._others(self._subject_key, ph, wmi)
-        fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
+        fitting = (e for e in others if self.holds_for(e) == self._desired_state)
+        return [NearMatch(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MAX_EXAMPLES)]
 
     def _apply(self, element: Element) -> bool:
         if not self._desired_state:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase, finds, is_there, some
+from skiros2_common.core.condition import ConditionBase, can_find_elements, is_in_scene, near_matches
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.explanation import MOST_NAMED, Change, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
@@ -67,11 +67,11 @@ class ConditionRelation(ConditionBase):
             return self.fact()
         told = [text for key in dict.fromkeys(self.getKeys()) if (text := self._lacking(key, ph, wmi))]
         subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
-        if subj is not None and obj is not None and all(not e.id or is_there(e, wmi) for e in (subj, obj)):
+        if subj is not None and obj is not None and all(not e.id or is_in_scene(e, wmi) for e in (subj, obj)):
             told += self._related(subj, obj, wmi)
         return "; ".join(told)
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         for other in self.getKeys():
             self._remember(other, ph)
         relation = self.relation if self._desired_state else f"not {self.relation}"
@@ -81,7 +81,7 @@ class ConditionRelation(ConditionBase):
 
     def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
         """What the elements have along the relation, in words."""
-        reasoner = reasoners.find_written(self.relation)
+        reasoner = reasoners.find_or_load(self.relation)
         if reasoner is not None and subj.id and obj.id:
             names = [r["type"] for r in wmi.get_reasoner_relations(subj, reasoner.__class__.__name__, obj)]
             return [f"{subj!r} {', '.join(names) or 'has no known relation to'} {obj!r}"]
@@ -92,10 +92,10 @@ class ConditionRelation(ConditionBase):
             told.append(f"{self._subjects(obj, wmi)} {self.relation} {obj!r}")
         return told
 
-    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+    def found_for(self, key: str, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(key, ph, wmi)
         if element is None or not element.id or not self._desired_state or not self.is_stored():
-            return super().instead(key, ph, wmi)
+            return super().found_for(key, ph, wmi)
         if key == self._subject_key:
             return f"{self.relation} {self._objects(element, wmi)}"
         return f"{self._subjects(element, wmi)} {self.relation} it"
@@ -108,9 +108,9 @@ class ConditionRelation(ConditionBase):
 
     def is_stored(self) -> bool:
         """Whether the scene holds the relation, so that it has an index of it; no reasoner computes it."""
-        return not self.abstract and reasoners.find_written(self.relation) is None
+        return not self.abstract and reasoners.find_or_load(self.relation) is None
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
         subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
         if subj is None or obj is None or not (self.abstract or self.is_stored()):
             return []  # a reasoner may take long
@@ -120,12 +120,12 @@ class ConditionRelation(ConditionBase):
         ids = [r["src"] for r in wmi.get_relations("", self.relation, obj.id)] if is_indexed and obj.id else None
         subjects = self._others(self._subject_key, ph, wmi, ids=ids)
         fitting = (e for e in subjects if self._links(e, obj, wmi) == state)
-        near = some(fitting, f"{relation} {self._name(self._object_key)}")
+        near = near_matches(fitting, f"{relation} {self._name(self._object_key)}")
         if subj.id and is_indexed:
             ids = [r["dst"] for r in wmi.get_relations(subj.id, self.relation, "")]
             objects = self._others(self._object_key, ph, wmi, ids=ids)
-            near += some(objects, f"{self._name(self._subject_key)} {relation} it")
-        return near[:MOST_NAMED]
+            near += near_matches(objects, f"{self._name(self._subject_key)} {relation} it")
+        return near[:MAX_EXAMPLES]
 
     def _links(self, subj: Element, obj: Element, wmi: Any) -> bool:
         is_pair = bool(subj.id and obj.id)
@@ -192,7 +192,7 @@ class AbstractConditionRelation(ConditionRelation):
 
     abstract = True
 
-    def suits_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: Any) -> bool:
         for key in self.getKeys():
             self._remember(key, ph)
         subj, obj = (self._element(key, ph, wmi) for key in self.getKeys())
@@ -228,7 +228,7 @@ _ALLOWED = """SELECT ?filler WHERE {{
 
 def _is_exactly(eid: str, etype: str, wmi: Any) -> bool:
     """Whether an element of the scene is of exactly that class."""
-    if finds(wmi):
+    if can_find_elements(wmi):
         found = wmi.find_element(eid)
         return found is not None and full_name(found.type) == full_name(etype)
     return eid.rpartition("-")[0] == full_name(etype)
@@ -242,7 +242,7 @@ def _set_relations(relations: Sequence[Any], state: bool, wmi: Any) -> None:
 def _named(ids: Iterable[str], wmi: Any) -> str:
     """The elements of some ids, ordered, as a text; of many the first and how many more there are."""
     ordered = sorted(set(ids), key=id_order)
-    found = ((eid, wmi.find_element(eid)) for eid in ordered[:MOST_NAMED])
+    found = ((eid, wmi.find_element(eid)) for eid in ordered[:MAX_EXAMPLES])
     names = [repr(element) if element is not None else eid for eid, element in found]
-    more = f" and {len(ordered) - MOST_NAMED} more" if len(ordered) > MOST_NAMED else ""
+    more = f" and {len(ordered) - MAX_EXAMPLES} more" if len(ordered) > MAX_EXAMPLES else ""
     return (", ".join(names) or "nothing") + more

@@ -10,7 +10,7 @@ from skiros2_common.core import conditions as cond
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
-from skiros2_common.core.places import Place, authors_place
+from skiros2_common.core.source_location import SourceLocation, caller_location
 from skiros2_common.core.world_element import Element
 
 ParamOptions = Enum("ParamOptions", "Consume Output Unspecify Lock RespectType")
@@ -44,7 +44,7 @@ class SkillDescription:
         self._exported_conditions: list[Any] = []  # post-conditions for planners, never checked
         self._available_for_planning = True
         self._duration: float | None = None
-        self._places: dict[str, Place | None] = {}  # where each parameter was declared
+        self._places: dict[str, SourceLocation | None] = {}  # where each parameter was declared
         self._wmi: Any = None
         if self._declares_itself and type(self) is not SkillDescription:
             self.createDescription()
@@ -127,7 +127,7 @@ class SkillDescription:
         self._post_conditions = [c.copy() for c in postin if not getattr(c, "only_exported", False)]
         self._exported_conditions = [c.copy() for c in postin if getattr(c, "only_exported", False)]
 
-    def place_of(self, key: str) -> Place | None:
+    def location_of(self, key: str) -> SourceLocation | None:
         """The file and line in which a parameter was declared."""
         return self._places.get(key)
 
@@ -153,7 +153,7 @@ class SkillDescription:
         if isinstance(options, str):
             options, description = [], options
         self._params.addParam(key, value, param_type, description)
-        self._places[key] = authors_place()
+        self._places[key] = caller_location()
         chosen = list(options) if isinstance(options, (list, tuple, set)) else [options]
         self._options.pop(key, None)
         if chosen:
@@ -198,17 +198,17 @@ class SkillDescription:
 
     def addPreCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold when the skill starts."""
-        condition.place = authors_place()
+        condition.place = caller_location()
         self._pre_conditions.append(condition)
 
     def addHoldCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold at each tick while the skill runs."""
-        condition.place = authors_place()
+        condition.place = caller_location()
         self._hold_conditions.append(condition)
 
     def addPostCondition(self, condition: Any) -> None:
         """Adds a condition that has to hold when the skill has succeeded."""
-        condition.place = authors_place()
+        condition.place = caller_location()
         self._post_conditions.append(condition)
 
     # -- making conditions -------------------------------------------------------------------------------------

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase, is_there, some
-from skiros2_common.core.explanation import Change, Near
+from skiros2_common.core.condition import ConditionBase, is_in_scene, near_matches
+from skiros2_common.core.explanation import Change, NearMatch
 from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
@@ -29,8 +29,8 @@ class ConditionIsSpecified(ConditionBase):
         lacking = self._lacking(self._subject_key, ph, wmi)
         return lacking or f"parameter {self._subject_key!r} is {self._name(self._subject_key)}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        return some(self._others(self._subject_key, ph, wmi)) if self._desired_state else []
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        return near_matches(self._others(self._subject_key, ph, wmi)) if self._desired_state else []
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
         return self._last(self._subject_key, "", ph, wmi)
@@ -65,7 +65,7 @@ class ConditionGenerate(ConditionIsSpecified):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._param_value(self._subject_key, ph)
-        return is_there(element, wmi) if isinstance(element, Element) else element is not None
+        return is_in_scene(element, wmi) if isinstance(element, Element) else element is not None
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -123,7 +123,7 @@ class ConditionOnType(ConditionBase):
     def expected(self) -> str:
         return f"a {self.wanted_type}"
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         return f"of class {self.wanted_type}"
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
@@ -132,9 +132,9 @@ class ConditionOnType(ConditionBase):
             return self._lacking(self._subject_key, ph, wmi)
         return f"{self._name(self._subject_key)} is a {element.type}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
         others = self._others(self._subject_key, ph, wmi)
-        return some((e for e in others if self._covers(e, wmi)), self.expected())
+        return near_matches((e for e in others if self._covers(e, wmi)), self.expected())
 
     def toElement(self) -> Element:
         element = super().toElement()

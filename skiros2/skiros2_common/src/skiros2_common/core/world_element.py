@@ -8,15 +8,13 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from skiros2_common.core.datatypes import DATATYPES, converted
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
-from skiros2_common.core.element_changes import ElementChanges
-from skiros2_common.core.element_content import ElementContent
+from skiros2_common.core.element_content import ElementChanges, ElementContent
 from skiros2_common.core.element_relations import RelationDict, holds, relation_key, selected
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
-from skiros2_common.core.property import Property, same_value
+from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value
+from skiros2_common.core.revision import local_revision
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +47,7 @@ class Element(ElementContent):
     @type.setter
     def type(self, etype: str) -> None:
         self._type = etype
-        mutations.note()
+        local_revision.advance()
 
     @property
     def label(self) -> str:
@@ -59,7 +57,7 @@ class Element(ElementContent):
     @label.setter
     def label(self, label: str) -> None:
         self._label = label
-        mutations.note()
+        local_revision.advance()
 
     def isAbstract(self) -> bool:
         """Whether the element has no id."""
@@ -157,7 +155,7 @@ class Element(ElementContent):
 
     def _put_converted(self, key: str, value: Any, datatype: builtins.type, strict: bool) -> None:
         try:
-            prop = converted(key, value, datatype)
+            prop = converted_property(key, value, datatype)
         except WrongValue as error:
             if strict:
                 raise
@@ -181,7 +179,7 @@ class Element(ElementContent):
         self._own_dict()
         for name in spellings(key):
             self._props.pop(name, None)
-        mutations.note()
+        local_revision.advance()
 
     # -- relations ---------------------------------------------------------------------------------------------
 
@@ -202,7 +200,7 @@ class Element(ElementContent):
         """
         if isinstance(obj, Element):
             self._local_relations.append({"src": "-1", "type": predicate, "dst": obj})
-            mutations.note()
+            local_revision.advance()
             return
         if not isinstance(subj, str) or not isinstance(obj, str):
             raise WrongValue(f"{self!r}: {predicate} relates ids, got {subj!r} and {obj!r}")
@@ -226,7 +224,7 @@ class Element(ElementContent):
         if found and not self._owns_relations:
             found = selected(self._own_relations(), subj, pred, obj)
         elif found:
-            mutations.note()
+            local_revision.advance()
         return found
 
     def getRelation(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> RelationDict | None:

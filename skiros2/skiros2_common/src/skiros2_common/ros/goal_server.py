@@ -64,7 +64,7 @@ class GoalServer:
         """Ends a goal before its time, if it is still carried out."""
         raise NotImplementedError
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
         """The result for a goal that was not carried out, or not to its end."""
         return None
 
@@ -75,7 +75,7 @@ class GoalServer:
     # -- any thread ----------------------------------------------------------------------------------------------
 
     @property
-    def is_listened_to(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Whether anybody would hear feedback."""
         return bool(self._server.feedback_pub.get_num_connections() > 0)
 
@@ -101,7 +101,7 @@ class GoalServer:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         message = f"{rospy.get_name()} ended before the goal did"
-        result = self._unserved(False, message)
+        result = self._unserved_result(False, message)
         for handle in self._left():
             if handle.get_goal_status().status in ACTIVE:
                 handle.set_aborted(result, message)
@@ -125,7 +125,7 @@ class GoalServer:
     def _take(self, handle: Any) -> None:
         if handle.get_goal_status().status == GoalStatus.RECALLING:
             message = "cancelled before it was begun"
-            handle.set_canceled(self._unserved(True, message), message)
+            handle.set_canceled(self._unserved_result(True, message), message)
         else:
             self._begin(handle)
 

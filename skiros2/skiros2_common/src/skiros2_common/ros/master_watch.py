@@ -10,7 +10,7 @@ import rosgraph
 import rospy
 from rospy.impl.registration import get_registration_listeners, get_service_manager, get_topic_manager
 
-from skiros2_common.core.no_answer import NO_ANSWER
+from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
 log = logging.getLogger(__name__)
 
@@ -20,7 +20,7 @@ CHECK_PERIOD = 1.0
 #: How long the end of the node waits for a master that does not answer (s).
 _PATIENCE = 1.0
 
-_NO_ANSWER = (*NO_ANSWER, rosgraph.MasterException)
+_NO_ANSWER = (*XMLRPC_ERRORS, rosgraph.MasterException)
 
 _lock = threading.Lock()
 _watch: MasterWatch | None = None

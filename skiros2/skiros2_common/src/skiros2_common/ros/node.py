@@ -11,11 +11,11 @@ from collections.abc import Callable
 import rosgraph
 import rospy
 
-from skiros2_common.command_line.launch_refusal import repeat_after_roslaunch
+from skiros2_common.command_line.launch_error import repeat_after_roslaunch
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_common.ros.ending import ended_beside_main
-from skiros2_common.ros.inbound import greet_in_threads
+from skiros2_common.ros.inbound_connections import handshake_in_threads
 from skiros2_common.ros.master_watch import watch_master
+from skiros2_common.ros.shutdown import shutdown_in_thread
 
 #: Exit status of a node whose parameters or files are wrong, so that no restart can help (EX_CONFIG of sysexits.h).
 EXIT_CONFIGURATION = 78
@@ -67,12 +67,12 @@ def run_node(name: str, main: Callable[[], None]) -> None:
     """
     if not rosgraph.is_master_online():
         _die(f"{name}: no ROS master answers at {rosgraph.get_master_uri()}; start one with roscore or roslaunch", 1)
-    with ended_beside_main():
+    with shutdown_in_thread():
         try:
             rospy.init_node(name, disable_signals=True)
         except rospy.ROSInitException as error:
             _die(f"{name}: {error}", 1)
-        greet_in_threads()
+        handshake_in_threads()
         bridge_logging(bool(rospy.get_param("~verbose", False)))
         watch_master()
         try:

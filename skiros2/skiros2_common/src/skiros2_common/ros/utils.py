@@ -15,7 +15,7 @@ from skiros2_common.core.element_relations import is_fact
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
-from skiros2_common.core.property import Property, as_type, shown
+from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_msgs import msg as msgs
 
@@ -255,7 +255,7 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
             prop = Property(message.key, type_named(message.dataType))
             values = json_loads_byteified(message.dataValue)
             if not isinstance(values, list):
-                raise WrongValue(f"{shown(message.dataValue)} is no JSON list")
+                raise WrongValue(f"{format_value(message.dataValue)} is no JSON list")
             prop.assign(_decoded_values(message.dataType, values))
             properties[message.key] = prop
         except SkirosError as error:
@@ -331,16 +331,16 @@ def _loaded(value: Any, what: str) -> dict[str, Any]:
         try:
             value = read_json(value)
         except ValueError as error:
-            raise WrongValue(f"{what} is not JSON: {error} in {shown(value)}") from None
+            raise WrongValue(f"{what} is not JSON: {error} in {format_value(value)}") from None
     if not isinstance(value, dict):
-        raise WrongValue(f"{what}: expected a JSON object, got {shown(value)}")
+        raise WrongValue(f"{what}: expected a JSON object, got {format_value(value)}")
     return value
 
 
 def _part(value: dict[str, Any], name: str, expected: type, what: str) -> Any:
     part = value.get(name)
     if not isinstance(part, expected) or (expected is int and isinstance(part, bool)):
-        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {shown(part)}")
+        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {format_value(part)}")
     return part
 
 

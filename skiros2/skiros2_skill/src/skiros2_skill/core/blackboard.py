@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongType
-from skiros2_common.core.explanation import ABOVE, CHANGED, DEFAULT, FIXED, GIVEN, UNSET
+from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
 from skiros2_common.core.names import nearest
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element, ElementChanges
@@ -37,7 +37,7 @@ class Slot:
         self.param = param
         self.key = key
         self.is_element = param.is_element
-        #: Where the values came from, as `Origin` names it, and the label of the node that put them on the blackboard.
+        #: The source of the values, as in `Provenance`, and the label of the node that set them on the blackboard.
         self.origin = origin
         self.giver = ""
         self.inferred = False
@@ -118,8 +118,8 @@ class Blackboard:
                 continue
             _looked_at(param)
             slot.inferred = entry.is_inferred
-            by_others = ABOVE if is_start or not node._children else CHANGED
-            slot.origin, slot.giver = by_others if entry.given_by else GIVEN, entry.given_by
+            by_others = PULLED if is_start or not node._children else CHANGED
+            slot.origin, slot.giver = by_others if entry.set_by else GIVEN, entry.set_by
             new = True
         return new
 
@@ -144,8 +144,8 @@ class Blackboard:
                 slot.placeholder = None
                 slot.inferred = False
                 slot.origin, slot.giver = CHANGED, ""
-            if param.lent is not None and not is_same(values, param.lent):
-                param.lent = list(values)
+            if param.shared_snapshot is not None and not is_same(values, param.shared_snapshot):
+                param.shared_snapshot = list(values)
                 changed = True
             if slot.placeholder is not None and values is slot.placeholder and values and values[0].id:
                 slot.placeholder = None  # the skill has added the element to the world model
@@ -159,12 +159,12 @@ class Blackboard:
                     news = True
             elif entry is not None and entry._values is values:
                 if changed:
-                    entry.is_inferred, entry.given_by = slot.inferred, node._label
+                    entry.is_inferred, entry.set_by = slot.inferred, node._label
                     news = True
             elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.seen)):
                 entries[slot.key] = entry = param._copy(values)
                 entry._key = slot.key
-                entry.is_inferred, entry.given_by = slot.inferred, node._label
+                entry.is_inferred, entry.set_by = slot.inferred, node._label
                 slot.seen = values
                 news = True
         return news
@@ -172,12 +172,12 @@ class Blackboard:
 
 def has_changed_in_place(lent: Iterable[Param]) -> bool:
     """Whether a list of values that was handed out holds something else than when it was last looked at."""
-    return any(not is_same(param._values, param.lent) for param in lent)
+    return any(not is_same(param._values, param.shared_snapshot) for param in lent)
 
 
 def _looked_at(param: Param) -> None:
-    if param.lent is not None:
-        param.lent = list(param._values)
+    if param.shared_snapshot is not None:
+        param.shared_snapshot = list(param._values)
 
 
 def is_same(values: list[Any], other: list[Any] | None) -> bool:
@@ -206,7 +206,7 @@ def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandl
     """
     names = node._scope
     given = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
-    fixed = GIVEN if node._parent is not None and node._parent._parent is None else FIXED
+    fixed = GIVEN if node._parent is not None and node._parent._parent is None else SPECIFIED
     params: dict[str, Param] = {}
     slots = []
     for key, param in declared._params.items():

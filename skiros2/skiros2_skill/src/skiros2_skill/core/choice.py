@@ -17,7 +17,7 @@ from skiros2_common.core.explanation import (
 )
 from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.params import ParamHandler, ParamTypes
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.blackboard import Blackboard, Slot, make_slots, refresh, why_not_provided
 from skiros2_skill.core.devices import free_devices, lock_devices
@@ -54,7 +54,7 @@ def choose(
         except SkirosError as error:
             failure = Failure(PARAMETER, PRE_FAILED, str(error))
         except FOREIGN_ERRORS as error:  # of a condition's own code
-            failure = Failure(EXCEPTION, START_RAISED, report(error, implementation.module))
+            failure = Failure(EXCEPTION, START_RAISED, format_error(error, implementation.module))
         else:
             node.slots = slots
             node.element_slots = [slot for slot in slots if slot.is_element]

@@ -9,7 +9,7 @@ from typing import Any
 from skiros2_common.core.abstract_skill import SkillCore, State
 from skiros2_common.core.errors import WrongType
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.places import authors_place
+from skiros2_common.core.source_location import caller_location
 from skiros2_skill.core.groups import Skill
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.processors import Processor
@@ -78,7 +78,7 @@ class SkillBase(SkillInterface):
                 log.error("%s: a processor has no parameters, specify is ignored: %s", self.printState(), specify)
             return group
         node = self.getSkill(stype, slabel)
-        node.place = authors_place()
+        node.place = caller_location()
         node._remaps.update(remaps)
         for key, values in (specify or {}).items():
             node.specifyParamDefault(key, values)

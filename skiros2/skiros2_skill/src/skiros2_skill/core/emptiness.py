@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any
 
-from skiros2_common.core.explanation import MOST_NAMED, Candidates, Left, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, FilterStep, InferenceFailure, NearMatch
 from skiros2_common.core.names import ANY_TYPE
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.inference import Search
@@ -18,7 +18,7 @@ MOST_COMPARED = 100
 MOST_PAIRS = 20_000
 
 
-def candidates_of(search: Search) -> list[Candidates]:
+def candidates_of(search: Search) -> list[InferenceFailure]:
     """What the scene had for each of the parameters that a search found nothing for.
 
     Counted are first the conditions on one parameter alone. When these leave some for each, those on two: what
@@ -32,7 +32,7 @@ def candidates_of(search: Search) -> list[Candidates]:
     return [domain.candidates for domain in domains.values()]
 
 
-def told(search: Search, candidates: list[Candidates]) -> str:
+def told(search: Search, candidates: list[InferenceFailure]) -> str:
     """Why there is nothing, in one line."""
     emptied = [str(c) for c in candidates if c.emptied]
     if emptied:
@@ -51,20 +51,20 @@ class _Domain:
         pattern = search.patterns[key]
         kind = "element" if pattern.type in ANY_TYPE else pattern.type
         label = f" {pattern.label!r}" if pattern.label else ""
-        self.candidates = Candidates(key, f"{kind}{label}", len(self.left))
+        self.candidates = InferenceFailure(key, f"{kind}{label}", len(self.left))
         self._search = search
 
     def keep(self, left: list[Element], condition: Any) -> None:
         """What a condition has left. Once nothing is left, nothing more is counted."""
         if not self.left:
             return
-        phrase = condition.said_of(self.key, self._search.params)
-        self.candidates.left.append(Left(phrase, len(left), condition.label))
+        phrase = condition.filter_text(self.key, self._search.params)
+        self.candidates.left.append(FilterStep(phrase, len(left), condition.label))
         if not left:
-            self.candidates.nearest = list(islice(self._nearest(condition), MOST_NAMED))
+            self.candidates.nearest = list(islice(self._nearest(condition), MAX_EXAMPLES))
         self.left = left
 
-    def _nearest(self, emptying: Any) -> Iterator[Near]:
+    def _nearest(self, emptying: Any) -> Iterator[NearMatch]:
         """Of those left before, the ones that most conditions hold of."""
         search, key = self._search, self.key
         alone = _of(search, {key})
@@ -78,8 +78,8 @@ class _Domain:
             if emptying in alone:
                 with search.tried(key, element):
                     emptying.evaluate(search.params, search.wmi)
-                    why = emptying.instead(key, search.params, search.wmi)
-            yield Near(repr(element), why)
+                    why = emptying.found_for(key, search.params, search.wmi)
+            yield NearMatch(repr(element), why)
 
 
 def _of(search: Search, keys: set[str]) -> list[Any]:

@@ -13,8 +13,8 @@ from typing import Any
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
 from skiros2_common.core.explanation import EXCEPTION, PARAMETER, POST, START
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.params import ParamHandler
+from skiros2_common.core.revision import local_revision
 from skiros2_skill.core.blackboard import Blackboard, add_slots, has_changed_in_place, scope
 from skiros2_skill.core.breakpoints import Break, Breakpoints
 from skiros2_skill.core.choice import choose
@@ -118,13 +118,13 @@ class Executor:
             failure = self.readings.renew(node)
             if failure is not None:
                 return self.fail_running(node, failure)
-        mark, version = mutations.mark, self.readings.version
+        mark, version = local_revision.current, self.readings.version
         if node.is_compound:
             state = self._tick_children(node)
         else:
             state = self.hooks.execute(node)
             node.steady_stamp = -1 if node.volatile or node.lent else node.seen_stamp
-        if state is not _RUNNING or mutations.mark != mark or (node.lent and has_changed_in_place(node.lent)):
+        if state is not _RUNNING or local_revision.current != mark or (node.lent and has_changed_in_place(node.lent)):
             return self.go_on(node, state, version)
         self._copy_progress(node)
         self.readings.look()
@@ -195,15 +195,15 @@ class Executor:
         instance._setState(_RUNNING)
         node.is_compound = isinstance(instance, SkillBase)
         node.runs_after_children = node.is_compound and type(instance).execute is not _Children
-        mark = mutations.mark
+        mark = local_revision.current
         refused = self.hooks.on_start(node, self._start_instance)
         self._copy_progress(node)
         if refused:
             (self.end if refused is RAISED else self._close)(node, _FAILURE)
             return False
         node.has_started = True
-        is_as_read = mutations.mark == mark and self.readings.stamp == stamp
-        if mutations.mark != mark:
+        is_as_read = local_revision.current == mark and self.readings.stamp == stamp
+        if local_revision.current != mark:
             add_slots(node, node.slots)
         self._sharing.share(node, everything=True, removes=False)
         self.readings.begin(node, self.readings.stamp if is_as_read else -1)

@@ -16,9 +16,18 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
-from skiros2_common.core.explanation import EXCEPTION, HOLD, POST, PRE, Candidates, Explanation, Finding, Origin
+from skiros2_common.core.explanation import (
+    EXCEPTION,
+    HOLD,
+    POST,
+    PRE,
+    Explanation,
+    Finding,
+    InferenceFailure,
+    Provenance,
+)
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_skill.core.node import SkillInterface
 from skiros2_skill.core.origins import origins
 from skiros2_skill.core.wrapper import SkillWrapper
@@ -59,8 +68,8 @@ class Failure:
     label: str = ""
     conditions: Sequence[Any] = ()
     params: ParamHandler | None = None
-    candidates: list[Candidates] = field(default_factory=list)
-    origins: Callable[[], list[Origin]] | None = None
+    candidates: list[InferenceFailure] = field(default_factory=list)
+    origins: Callable[[], list[Provenance]] | None = None
     tried: Sequence[Failure] = ()
     late: bool = False
 
@@ -79,7 +88,7 @@ def unmet(stage: str, conditions: Sequence[Any], params: ParamHandler, wmi: Any)
     except SkirosError as error:
         return Failure(stage, code, f"{words}: {error}")
     except FOREIGN_ERRORS as error:
-        return Failure(EXCEPTION, raised, report(error))
+        return Failure(EXCEPTION, raised, format_error(error))
     return Failure(stage, code, f"{words}: {text}", conditions=failed, params=params)
 
 
@@ -180,7 +189,7 @@ class Failures:
         return findings
 
 
-def _origins(node: SkillInterface) -> list[Origin]:
+def _origins(node: SkillInterface) -> list[Provenance]:
     return origins(node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
 
 

@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import State, as_state
 from skiros2_common.core.errors import FOREIGN_ERRORS
 from skiros2_common.core.explanation import EXCEPTION, EXECUTE, PREEMPT, START
 from skiros2_common.core.property import is_bool
-from skiros2_common.core.raised import report
+from skiros2_common.core.source_location import format_error
 from skiros2_skill.core.blackboard import drop_changes
 from skiros2_skill.core.failures import (
     EXECUTE_RAISED,
@@ -130,7 +130,7 @@ class Hooks:
     def raised(self, node: SkillWrapper, error: Exception | SystemExit, code: int, late: bool = False) -> State:
         """Tells and notes what the code of a node raised, in an `except` clause. Returns Failure."""
         preempted = isinstance(error, SkillPreempted)
-        message = str(error) if preempted else report(error, type(node._instance).__module__)
+        message = str(error) if preempted else format_error(error, type(node._instance).__module__)
         node._instance._setProgress(message, code)
         drop_changes(node.element_slots, node._wmi)  # it was about to change them further
         self._failures.note(node, Failure(PREEMPT if preempted else EXCEPTION, code, message, late=late))

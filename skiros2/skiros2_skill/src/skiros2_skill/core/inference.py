@@ -120,7 +120,7 @@ class Search:
         param = self.params._params[key]
         before, param._values = param._values, [element]
         try:
-            return bool(condition.suits_inference(self.params, self.wmi))
+            return bool(condition.satisfied_for_inference(self.params, self.wmi))
         finally:
             param._values = before
 
@@ -186,7 +186,7 @@ class Search:
         if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
             return self.holds(condition, key, candidate)
         if type(condition) in _OF_ELEMENT:
-            return bool(condition.suits(candidate))  # it was read just now
+            return bool(condition.satisfied_by(candidate))  # it was read just now
         asked = (id(condition), key, candidate.id)
         verdict = self._verdicts.get(asked)
         if verdict is None:

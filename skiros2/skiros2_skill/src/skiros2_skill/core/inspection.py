@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, UnknownName
-from skiros2_common.core.explanation import HOLD, POST, PRE, Origin
+from skiros2_common.core.explanation import HOLD, POST, PRE, Provenance
 from skiros2_common.core.json_data import JsonData
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
@@ -53,7 +53,7 @@ class NodeNow(JsonData):
     node: int
     type: str
     label: str
-    params: list[Origin] = field(default_factory=list)
+    params: list[Provenance] = field(default_factory=list)
     conditions: list[ConditionNow] = field(default_factory=list)
 
 
@@ -75,10 +75,10 @@ def inspect(task: Task, node_id: int, wmi: Any) -> NodeNow:
     return now
 
 
-def _params(node: SkillInterface) -> list[Origin]:
+def _params(node: SkillInterface) -> list[Provenance]:
     if isinstance(node, SkillWrapper) and node.slots:
         return origins(node.slots, node._pre_conditions)
-    return [Origin(key, told_values(p._values) if p.is_bound() else "", "") for key, p in _pairs(node)]
+    return [Provenance(key, told_values(p._values) if p.is_bound() else "", "") for key, p in _pairs(node)]
 
 
 def _pairs(node: SkillInterface) -> Sequence[tuple[str, Any]]:

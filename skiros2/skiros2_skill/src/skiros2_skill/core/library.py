@@ -12,7 +12,7 @@ from typing import Any
 from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_common.core.raised import error_text, raised_at
+from skiros2_common.core.source_location import error_location, format_error_line
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.compound import SkillBase
 from skiros2_skill.core.lint import NOT_DESCRIBED, NOTE, Fault, Linter, class_place, is_named
@@ -92,13 +92,13 @@ class Implementation:
             instance = self._cls()
             loaded = instance.init(self._wmi, self._library)
         except FOREIGN_ERRORS as error:
-            file, line = raised_at(error, self.module) or class_place(self._cls)
-            text = str(error) if isinstance(error, SkirosError) else error_text(error)
+            file, line = error_location(error, self.module) or class_place(self._cls)
+            text = str(error) if isinstance(error, SkirosError) else format_error_line(error)
             raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: {text}") from error
         if loaded is False:
             file, line = class_place(self._cls)
             raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: its onInit returned False")
-        instance._note_declared()
+        instance._save_declared()
         return instance
 
 

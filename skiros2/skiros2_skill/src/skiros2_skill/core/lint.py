@@ -15,9 +15,8 @@ from types import CodeType, FunctionType
 from typing import Any
 
 from skiros2_common.core.errors import FOREIGN_ERRORS, WrongType
-from skiros2_common.core.places import Place
 from skiros2_common.core.primitive import PrimitiveBase
-from skiros2_common.core.raised import error_text, raised_at
+from skiros2_common.core.source_location import SourceLocation, error_location, format_error_line
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.compound import SkillBase
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
@@ -105,7 +104,7 @@ class Described:
     def is_compound(self) -> bool:
         return isinstance(self.skill, SkillBase)
 
-    def fault(self, severity: str, code: str, text: str, place: Place | None = None, done: str = "") -> Fault:
+    def fault(self, severity: str, code: str, text: str, place: SourceLocation | None = None, done: str = "") -> Fault:
         """A fault of it, there or, when that is not known, where the class begins."""
         file, line = place or class_place(self.cls)
         return Fault(severity, code, self.name, text, file, line, done)
@@ -122,7 +121,7 @@ class Linter:
         self.wmi = wmi
         self._waiting = list(classes)
         self._described: dict[type, Described | Fault] = {}
-        self._cycles: dict[frozenset[type], tuple[type, Place | None]] = {}
+        self._cycles: dict[frozenset[type], tuple[type, SourceLocation | None]] = {}
 
     def add(self, cls: type) -> None:
         """One more class that implements a skill."""
@@ -147,7 +146,7 @@ class Linter:
         """The implementations of a type, with that label, or else class name, where one is given."""
         return self._matching(stype, label) or self._matching(stype, label, all_of_them=True)
 
-    def tells_cycle(self, classes: Iterable[type], cls: type, place: Place | None) -> bool:
+    def tells_cycle(self, classes: Iterable[type], cls: type, place: SourceLocation | None) -> bool:
         """Whether it is there that some classes are told to contain each other: the place that asks first."""
         return self._cycles.setdefault(frozenset(classes), (cls, place)) == (cls, place)
 
@@ -201,7 +200,7 @@ def _in_order(faults: Iterable[Fault]) -> list[Fault]:
     return sorted(dict.fromkeys(faults), key=lambda fault: (fault.file, fault.line, fault.code, fault.text))
 
 
-def class_place(cls: type) -> Place:
+def class_place(cls: type) -> SourceLocation:
     """The file and line in which a class begins; ("", 0) when the source is not there."""
     try:
         return inspect.getsourcefile(cls) or "", inspect.getsourcelines(cls)[1]
@@ -216,8 +215,8 @@ def _not_imported(module: str, cause: str) -> Fault:
 
 
 def _undescribed(cls: type, error: Exception | SystemExit) -> Fault:
-    file, line = raised_at(error, cls.__module__) or class_place(cls)
-    text = f"describing it raised {error_text(error)}"
+    file, line = error_location(error, cls.__module__) or class_place(cls)
+    text = f"describing it raised {format_error_line(error)}"
     return Fault(ERROR, NOT_DESCRIBED, cls.__name__, text, file, line, "the skill is skipped")
 
 

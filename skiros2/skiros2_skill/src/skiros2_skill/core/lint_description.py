@@ -10,8 +10,8 @@ from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.names import ANY_TYPE, full_name
 from skiros2_common.core.or_condition import ConditionOr
 from skiros2_common.core.params import Param
-from skiros2_common.core.places import Place
 from skiros2_common.core.skill_description import DEVICE_STATE
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_skill.core.lint import WARNING, Described, Fault
 
 _OWN_COUNTS = "loaded; what the implementation declares counts"
@@ -27,7 +27,7 @@ def description_faults(described: Described, wmi: Any) -> Iterator[Fault]:
         yield from _unknown_names(described, wmi)
 
 
-def parts(conditions: Sequence[Any]) -> Iterator[tuple[Any, Place | None]]:
+def parts(conditions: Sequence[Any]) -> Iterator[tuple[Any, SourceLocation | None]]:
     """The conditions, and those that others are made of, with their places."""
     for condition in conditions:
         place = getattr(condition, "place", None)
@@ -111,7 +111,7 @@ def _changes_of_description(described: Described, wmi: Any) -> Iterator[Fault]:
     base = skill._description
     for key, wanted in base.params.items():
         own = skill.params.getParamMap().get(key)
-        place = skill.place_of(key)
+        place = skill.location_of(key)
         if own is None:
             text = f"the description {base.type} has the parameter {key!r}, the implementation has not"
             yield described.fault(WARNING, "contradicts-description", text, done=_OWN_COUNTS)
@@ -135,11 +135,11 @@ def _unknown_names(described: Described, wmi: Any) -> Iterator[Fault]:
     for key, param in skill.params.items():
         if param.is_element and param.element_type not in ANY_TYPE and not wmi.knows(param.element_type):
             text = f"parameter {key!r} is a {param.element_type}, which no ontology declares"
-            yield described.fault(WARNING, "unknown-class", text, skill.place_of(key), _KEPT)
+            yield described.fault(WARNING, "unknown-class", text, skill.location_of(key), _KEPT)
     for stage, conditions in _stages(described).items():
         for condition, place in parts(conditions):
             for attribute, kind in (("relation", "relation"), ("property", "property"), ("wanted_type", "class")):
                 name = getattr(condition, attribute, "")
-                if name and not wmi.knows(name) and reasoners.find_written(name) is None:
+                if name and not wmi.knows(name) and reasoners.find_or_load(name) is None:
                     text = f"{stage}-condition [{condition.label}] speaks of {name}, which no ontology declares"
                     yield described.fault(WARNING, f"unknown-{kind}", text, place, _KEPT)

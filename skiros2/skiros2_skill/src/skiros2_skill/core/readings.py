@@ -19,7 +19,7 @@ from skiros2_common.core.conditions import (
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import HOLD, PARAMETER
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_skill.core.blackboard import is_removed, refresh, removal
 from skiros2_skill.core.failures import HOLD_FAILED, Failure, unmet
 from skiros2_skill.core.inside import Inside
@@ -91,7 +91,7 @@ class Readings:
 
     def look(self) -> None:
         """Takes note of a change of the world model."""
-        mark = mutations.mark
+        mark = local_revision.current
         if mark == self.mark:
             return
         version = self._wmi.version if self._wmi is not None else 0
@@ -218,4 +218,4 @@ def _is_volatile(condition: Any, wmi: Any) -> bool:
     relation = getattr(condition, "relation", None)
     if condition.volatile or isinstance(condition, ConditionFunction):  # a dict may change in place
         return True
-    return relation is not None and reasoners.find_written(relation) is not None
+    return relation is not None and reasoners.find_or_load(relation) is not None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Origin
+from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Provenance
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
@@ -80,7 +80,7 @@ def why_refused(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: An
     """
     produced: set[str] = set()
     for request in requests:
-        params = [Origin(key, told_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
+        params = [Provenance(key, told_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
         stype = full_name(request.type)
         try:
             given, problems = _fitting(request, library, wmi, produced)

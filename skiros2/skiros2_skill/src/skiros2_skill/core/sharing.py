@@ -51,7 +51,7 @@ class Sharing:
         """Puts the parameters of a node on the blackboard; see `Blackboard.push`."""
         if self._readings.board.push(node, node.slots, everything, removes):
             self._readings.note_parameter()
-        node.lent = [slot.param for slot in node.slots if slot.param.lent is not None]
+        node.lent = [slot.param for slot in node.slots if slot.param.shared_snapshot is not None]
         if node.lent:
             node.steady_stamp = -1  # its lists have to be watched
 

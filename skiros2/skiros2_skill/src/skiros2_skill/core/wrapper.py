@@ -6,10 +6,10 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.places import Place
+from skiros2_common.core.revision import local_revision
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_skill.core.described_node import DescribedNode
 from skiros2_skill.core.ended_params import EndedParams
 from skiros2_skill.core.inside import EXECUTE_HOOK, LeftBehind
@@ -33,7 +33,7 @@ class SkillWrapper(DescribedNode):
         self._asked_label = plabel
         self._instanciator = instanciator
         #: Where a compound has put it into its tree; None: not known.
-        self.place: Place | None = None
+        self.place: SourceLocation | None = None
         # The executor's notes on the node while it runs.
         self.implementation: Any = None
         self.expanded = False
@@ -115,7 +115,7 @@ class SkillWrapper(DescribedNode):
         if instance is None:
             return
         self.rest()
-        if not (self.abandoned or instance._works_on):
+        if not (self.abandoned or instance._is_working):
             self.implementation.release(instance)
         self._instance = None
 
@@ -178,7 +178,7 @@ class SkillWrapper(DescribedNode):
         except FOREIGN_ERRORS as error:
             state = visitor.go_on(self, visitor.hooks.execute_raised(self, error), readings.version)
             return state
-        if answer is not _RUNNING or mutations.mark != readings.mark:
+        if answer is not _RUNNING or local_revision.current != readings.mark:
             state = visitor.go_on(self, visitor.hooks.judged(self, answer), readings.version)
             return state
         if self._instance._progressed_at > self._progressed_at:

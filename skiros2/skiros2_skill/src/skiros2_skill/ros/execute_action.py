@@ -61,7 +61,7 @@ class ExecuteAction(GoalServer):
     def wants(self, task: Task) -> bool:
         """Whether somebody is to be told how a task goes on."""
         goal = self._goal(task)
-        return goal is not None and goal.told != task.changes and self.is_listened_to
+        return goal is not None and goal.told != task.changes and self.has_subscribers
 
     def tell(self, task: Task, progress: Sequence[Any]) -> None:
         """Gives feedback to the client of a task, if it has one and something has changed."""

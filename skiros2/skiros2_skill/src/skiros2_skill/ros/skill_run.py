@@ -17,7 +17,7 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_msgs import msg as msgs
 
 #: A manager that says nothing for so long counts as dead (s); it says something five times a second.
@@ -125,11 +125,11 @@ class SkillRun:
             left = _LOOK if end is None else min(_LOOK, end - time.monotonic())
             if event.wait(max(0.0, left)):
                 return True
-            if self._watch.silence() > SILENCE:
+            if self._watch.time_since_status() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
             if self._is_unknown() and self._untaken() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has not taken the skills")
-            if self._watch.late_result(self._handle) > SILENCE:
+            if self._watch.time_without_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
             if end is not None and time.monotonic() >= end:
                 return False

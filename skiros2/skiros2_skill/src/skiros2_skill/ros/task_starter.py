@@ -12,7 +12,7 @@ from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_common.core.explanation import START, Explanation
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamTypes
-from skiros2_common.core.property import shown
+from skiros2_common.core.property import format_value
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
 from skiros2_skill.core.history import REFUSED, History, Record, one_line
@@ -108,10 +108,10 @@ def _read(text: str) -> tuple[str, Param | Plain]:
     try:
         decoded = read_json(text)
     except ValueError as error:
-        raise WrongValue(f"parameter is not JSON: {error}: {shown(text)}") from None
+        raise WrongValue(f"parameter is not JSON: {error}: {format_value(text)}") from None
     if not isinstance(decoded, dict) or not isinstance(decoded.get("key"), str):
         example = '{"key": "Duration", "values": [1.5]}'
-        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {shown(text)}")
+        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {format_value(text)}")
     if "specType" in decoded and "type" in decoded:
         param = utils.decodeParam(decoded)
         return param.key, param

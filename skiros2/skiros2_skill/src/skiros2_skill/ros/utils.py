@@ -8,7 +8,7 @@ from typing import Any
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamHandler
-from skiros2_common.core.property import shown
+from skiros2_common.core.property import format_value
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 
@@ -73,10 +73,10 @@ def decodeSkill(obj: Any) -> SkillHolder:
     if isinstance(obj, str):
         return deserialize_skill(obj)
     if not isinstance(obj, dict):
-        raise WrongValue(f"skill: expected a JSON object, got {shown(obj)}")
+        raise WrongValue(f"skill: expected a JSON object, got {format_value(obj)}")
     for name, expected in (("manager", str), ("type", str), ("name", str), ("ph", (dict, list)), ("children", list)):
         if not isinstance(obj.get(name), expected):
-            raise WrongValue(f"skill: expected {name!r} to be {_EXPECTED[name]}, got {shown(obj.get(name))}")
+            raise WrongValue(f"skill: expected {name!r} to be {_EXPECTED[name]}, got {format_value(obj.get(name))}")
     given = obj["ph"].items() if isinstance(obj["ph"], dict) else ((None, encoded) for encoded in obj["ph"])
     params: dict[str, Param] = {}
     for key, encoded in given:
@@ -97,7 +97,7 @@ def deserialize_skill(string: Any) -> SkillHolder:
     except ValueError as error:
         raise WrongValue(f"skill is not JSON: {error}") from None
     if isinstance(decoded, str):
-        raise WrongValue(f"skill: expected a JSON object, got {shown(decoded)}")
+        raise WrongValue(f"skill: expected a JSON object, got {format_value(decoded)}")
     return decodeSkill(decoded)
 
 

@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import same_node
@@ -39,30 +39,30 @@ _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
 _HEADS = ("step", "start", "end", "robot", "skill", "after step", "parameters")
 
 
-def plan(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The plan for a goal: when each step is done, and by which robot. Nothing moves."""
     with _planned(arguments) as (_, result):
         if result.schedule is None:
             return _without_plan(result)
-        return Answer(_shown(result.schedule, result.calls, screen), _as_json(result))
+        return CommandResult(_shown(result.schedule, result.calls, screen), _as_json(result))
 
 
-def preview(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The plan for a goal, tried out on a copy of the scene: what each step would change. Nothing moves."""
     with _planned(arguments) as (wm, result):
         if result.verdict is not Verdict.PLANNED or result.task is None:
             return _without_plan(result)
         tried = try_out(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
-        return Answer(list(tried.lines()), tried.to_dict(), OK if tried.works else REFUSED)
+        return CommandResult(list(tried.lines()), tried.to_dict(), OK if tried.works else REFUSED)
 
 
-def explain(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What each step of the plan for a goal is for; or why there is none, and what would have to be so."""
     with _planned(arguments) as (_, result):
         if result.schedule is None or result.task is None:
             return _without_plan(result, notes=True)
         why = why_plan(result.task, result.schedule.order, result.calls)
-        return Answer(list(why.lines()), why.to_dict())
+        return CommandResult(list(why.lines()), why.to_dict())
 
 
 def goal_text(words: Sequence[str]) -> str:
@@ -111,7 +111,7 @@ def _check_manager(wm: Any, manager: str) -> None:
         raise UnknownName(f"no robot {manager} offers skills; there are: {', '.join(sorted(known)) or 'none'}")
 
 
-def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
+def _without_plan(result: PlanningResult, notes: bool = False) -> CommandResult:
     """What is said where there is nothing to be done, or no plan.
 
     :param notes: also what was left out.
@@ -119,7 +119,7 @@ def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
     lines = result.message.splitlines()
     if notes and result.notes:
         lines += ["what planning could not use:", *(f"  {note}" for note in result.notes)]
-    return Answer(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
+    return CommandResult(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
 
 
 def _shown(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from skiros2_common.command_line.answer import WrongUsage
+from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
@@ -28,12 +28,12 @@ _STANDARD = "skiros2_std_skills"
 def planning_world(arguments: argparse.Namespace) -> Iterator[Any]:
     """The world model that a command plans with, for as long as it does.
 
-    :raises NotThere: there is no world model to be asked.
+    :raises Unavailable: there is no world model to be asked.
     :raises SkirosError: the scene or a library cannot be used.
     """
     if arguments.scene is None:
         if arguments.libraries or arguments.skills or arguments.workspace:
-            raise WrongUsage("--libraries, --skills and --workspace are for scene files; name one with --scene")
+            raise UsageError("--libraries, --skills and --workspace are for scene files; name one with --scene")
         yield connect(arguments.wm, arguments.author, computing=True)
         return
     if not arguments.scene.is_file():

@@ -50,7 +50,7 @@ class AchieveAction(GoalServer):
         self._max_replans = max_replans
         self._running: list[tuple[Any, Achievement]] = []  # belongs to the action's thread
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
 
     def _left(self) -> list[Any]:

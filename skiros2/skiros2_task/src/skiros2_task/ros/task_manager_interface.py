@@ -11,8 +11,8 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_common.ros.listeners import wait_for_listeners
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal
 
@@ -121,7 +121,7 @@ class TaskManagerInterface(PrettyObject):
             raise TimedOut(f"no task manager answers on {rospy.resolve_name(client.ns)}")
         if client not in self._heard:
             self._heard.append(client)
-            wait_for_listeners(client.pub_goal)
+            wait_for_subscribers(client.pub_goal)
         request = _Request(client, done_cb)
         on_feedback = (lambda handle, feedback: feedback_cb(feedback)) if feedback_cb is not None else None
         request.handle = client.send_goal(goal, request.on_transition, on_feedback)
@@ -143,9 +143,9 @@ class TaskManagerInterface(PrettyObject):
             raise Refused("wait_for_result: nothing was asked; call plan first")
         watch = ServerWatch(self._request.client)
         while not self._request.ended.wait(_LOOK_PERIOD):
-            if watch.silence() > _PATIENCE:
+            if watch.time_since_status() > _PATIENCE:
                 raise TimedOut(f"the task manager {watch.name} has not been heard of for {_PATIENCE:g} s")
-            if watch.late_result(self._request.handle) > _PATIENCE:
+            if watch.time_without_result(self._request.handle) > _PATIENCE:
                 raise TimedOut(f"the answer of the task manager {watch.name} was lost; ask again")
         return self._request.result
 

@@ -15,7 +15,7 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
     :param author: who makes the changes.
     :param computing: whether relations that reasoners compute are asked for; the server's reasoners are loaded then.
-    :raises NotThere: nobody answers; it takes seconds at most to say so.
+    :raises Unavailable: nobody answers; it takes seconds at most to say so.
     """
     full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
     check_node(full, "get", "world model")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.command_line.reading import element_answer, predicates_of, scene_tree
@@ -37,7 +37,7 @@ class WithHistory(WorldModelPort, Protocol):
     def difference(self, since: Point, until: Point | None = None, context_id: str = "scene") -> HistoryEntry: ...
 
 
-def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The changes of the scene or of one element; with `--at`, the scene or element as it was."""
     now = time.time()
     if arguments.at:
@@ -64,10 +64,10 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> A
         lines = ["no changes"]
     elif limit and len(entries) == limit:
         lines += ["", f"the last {limit}; --limit 0 shows all"]
-    return Answer(lines, [entry_json(entry) for entry in entries])
+    return CommandResult(lines, [entry_json(entry) for entry in entries])
 
 
-def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Screen) -> Answer:
+def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
     entry = wm.scene_at(at, arguments.context)
     since = f"as it was since {format_time(entry.stamp)}, {entry.author}, #{entry.number}"
     if arguments.id:
@@ -77,10 +77,10 @@ def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Scree
         answer = element_answer(element, screen)
     else:
         answer = scene_tree(entry.after, predicates_of(wm, arguments.all), screen, "", arguments.all)
-    return Answer([screen.fitted(since), "", *answer.lines], answer.data)
+    return CommandResult([screen.fitted(since), "", *answer.lines], answer.data)
 
 
-def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What is other in one scene than in another; each is a file, a time of the history (`@10m`), or what is now.
 
     :param wm: may be missing when both are files.
@@ -95,7 +95,7 @@ def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) 
         sides = [_elements(wm, side, now, context) for side in (old, new)]
         entry = difference(*sides)
     lines = [screen.fitted(line) for line in changed_lines(entry)]
-    return Answer(lines, entry_json(entry), REFUSED if entry else 0)
+    return CommandResult(lines, entry_json(entry), REFUSED if entry else 0)
 
 
 def _elements(wm: WithHistory | None, side: str, now: float, context: str) -> Sequence[Element]:

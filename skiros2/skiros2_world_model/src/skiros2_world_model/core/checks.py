@@ -11,7 +11,7 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.property import Property, as_type, shown
+from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
@@ -199,7 +199,7 @@ def made_property(
     if PYTHON_TYPES.get(datatype, str) is not str:
         given = [v for v in given if v != ""]  # how scenes in the field write a number that is not known
     if most is not None and len(given) > most:
-        raise WrongValue(f"{key} has {len(given)} values {shown(given)}, allowed are {most}")
+        raise WrongValue(f"{key} has {len(given)} values {format_value(given)}, allowed are {most}")
     if datatype in PYTHON_TYPES:
         if len(given) == 1 and type(given[0]) is PYTHON_TYPES[datatype]:
             return Property(key, given[0])
@@ -240,7 +240,7 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
             try:
                 value.encode()
             except UnicodeEncodeError as error:
-                raise WrongValue(f"{key}: {shown(value)} is no text: {error.reason}") from None
+                raise WrongValue(f"{key}: {format_value(value)} is no text: {error.reason}") from None
     elif isinstance(value, (list, tuple, dict)):
         if depth == _MOST_NESTED:
             raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MOST_NESTED} levels")
@@ -250,5 +250,5 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
         raise WrongValue(f"{key}: a number of more than {_MOST_BITS} bits")
     elif not isinstance(value, (int, float)) and (value is not None or not depth):
         raise WrongType(
-            f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {shown(value)}"
+            f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {format_value(value)}"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element

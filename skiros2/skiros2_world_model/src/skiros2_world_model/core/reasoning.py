@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element

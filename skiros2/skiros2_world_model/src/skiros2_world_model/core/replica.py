@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
@@ -78,7 +78,7 @@ class Replica:
                 finally:
                     self._is_fetching = False
 
-    def apply_change(self, change: Change) -> None:
+    def follow(self, change: Change) -> None:
         """Takes a change that the server has published. Called in the order in which they come."""
         with self.lock:
             self._take(change)
@@ -147,7 +147,7 @@ class Replica:
 
     def _count(self) -> None:
         self._version += 1
-        mutations.note()
+        local_revision.advance()
 
     def _load(self, snapshot: Snapshot) -> None:
         provenance = Provenance(snapshot.number, 0.0, "")

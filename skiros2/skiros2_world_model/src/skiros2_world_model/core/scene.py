@@ -110,10 +110,8 @@ class Scene:
         record = self._records.get(eid)
         if record is None:
             return None
-        made = record.provenance
-        element = Element.shared(
-            record.type, record.label, eid, record.properties, self.relations_of(eid), made.version
-        )
+        relations, made = self.relations_of(eid), record.provenance
+        element = Element.shared(record.type, record.label, eid, record.properties, relations, made.version)
         element._last_update = made.stamp
         return element
 
@@ -130,10 +128,9 @@ class Scene:
         return self._by_label.ids(label)
 
     def of_value(self, key: str, value: Any) -> list[Collection[str]] | None:
-        """Groups of ids that together contain every element with that value of a property.
+        """Groups of ids that together contain every element with that value of a property, and some others.
 
-        The groups may contain false positives and duplicates. The first call for a property scans all elements and
-        builds an index, which is kept up to date from then on.
+        The first call for a property scans all elements and builds an index.
 
         :returns: None when the index cannot answer for a value of this type.
         """
@@ -307,10 +304,7 @@ class Scene:
         return changed
 
     def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
-        """Copies the removal log of a scene that this one replaces.
-
-        :param provenance: the change that replaced it; None: unknown.
-        """
+        """Copies the removals of a scene that this one replaces by a change (None: unknown)."""
         self.removals.inherit_removals(before.removals, before._records, provenance, self._records.__contains__)
 
     def clear(self) -> None:

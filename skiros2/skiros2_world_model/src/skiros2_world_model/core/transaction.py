@@ -265,10 +265,7 @@ class Transaction:
         return src
 
     def _link(self, eid: str, relation: RelationDict) -> str:
-        """Checks and adds a relation; returns its subject.
-
-        :param eid: the element that the relation was given with; "": it was given on its own.
-        """
+        """Checks and adds a relation of an element, or ("") one given on its own; returns its subject."""
         src, pred, dst = self._ends(eid, relation)
         who = f"{src} {pred} {dst}"
         pred = self._checks.relation_name(pred, who)

@@ -11,7 +11,7 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
-from skiros2_world_model.core.change_publisher import ChangePublisher, Listener, PendingChange, pending_changes
+from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
 from skiros2_world_model.core.changes import (
     ONTOLOGY,
     RESET,
@@ -83,18 +83,18 @@ class WorldModel(WorldModelState):
         #: Whether the state was recovered from the journal.
         self.recovered = state is not None
         if state is not None:
-            self._publisher = ChangePublisher(state.number, state.session)
+            self._notifier = ChangeNotifier(state.number, state.session)
             self._recover(state)
             log.info("the world model has recovered from its journal %s: %s", journal.path if journal else "", state)
         else:
-            self._publisher = ChangePublisher(max(first_number(), journal.last if journal is not None else 0))
+            self._notifier = ChangeNotifier(max(first_number(), journal.last if journal is not None else 0))
             for context, file in initial:
                 self.load_initial(file, context, blank_on_error)
             if journal is not None:
-                provenance = self._publisher.next("wm")
+                provenance = self._notifier.next("wm")
                 contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
-                journal.start(self._publisher.session, provenance, contents)
-                self._publisher.publish(RESET, provenance, SCENE)
+                journal.start(self._notifier.session, provenance, contents)
+                self._notifier.notify(RESET, provenance, SCENE)
         self._journal = journal
 
     # -- requests ----------------------------------------------------------------------------------------------
@@ -122,7 +122,7 @@ class WorldModel(WorldModelState):
                 if context == SCENE:
                     self.reasoning.offer(scene, transaction)
                 pending = pending_changes(transaction, scene) if context == SCENE else [PendingChange(UPDATE)]
-                provenance = self._publisher.next(author)
+                provenance = self._notifier.next(author)
                 if pending and self._journal is not None:
                     last = self.number + len(pending)
                     with self._journal.request(provenance, last, "change", context) as writer:
@@ -139,7 +139,7 @@ class WorldModel(WorldModelState):
             self.reasoning.commit()
             for wanted, assigned in transaction.renamed:
                 log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
-            changes = self._publisher.publish_all(pending, provenance, context, scene)
+            changes = self._notifier.notify_all(pending, provenance, context, scene)
             for relation, other in transaction.in_other_contexts.items():
                 changes += self.transact([relation], author, other).changes
             for other, patches in self._contexts.dangling([e.id for e in transaction.removed]):
@@ -161,12 +161,12 @@ class WorldModel(WorldModelState):
                 removed, added = self.knowledge_base.new(*self.knowledge_base.split(statements))
                 if not removed and not added:
                     return []
-                provenance = self._publisher.next(author)
+                provenance = self._notifier.next(author)
                 if self._journal is not None:
                     with self._journal.request(provenance, provenance.version, "ontology", ONTOLOGY) as writer:
                         writer.ontology(map(str, removed), map(str, added))
                 self.knowledge_base.update(removed, added)
-                return [self._publisher.publish(UPDATE, provenance, ONTOLOGY)]
+                return [self._notifier.notify(UPDATE, provenance, ONTOLOGY)]
             removed, added = self.knowledge_base.split(statements)
             scene = self._contexts.named(context).scene
             operations = element_operations(self.knowledge_base, scene, removed, added)
@@ -186,7 +186,7 @@ class WorldModel(WorldModelState):
             target = self._contexts.get(context) or Context(context, self.knowledge_base)
             path = workspace_file(self._workspace, filename or target.file)
             checks = FileChecks(self.knowledge_base, path, self.strict)
-            provenance = self._publisher.next(author)
+            provenance = self._notifier.next(author)
             scene, extras = target.read(scene_file_triples(path), checks, str(path), provenance, adds_root)
             if self.strict:
                 Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
@@ -208,7 +208,7 @@ class WorldModel(WorldModelState):
             self.loaded[context] = path
             self._readable.add(path)
             self.flaws[context] = frozenset(checks.findings)
-            return self._publisher.publish(RESET if context == SCENE else UPDATE, provenance, context)
+            return self._notifier.notify(RESET if context == SCENE else UPDATE, provenance, context)
 
     def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
         """Loads a context at the start.
@@ -251,12 +251,12 @@ class WorldModel(WorldModelState):
     def add_listener(self, listener: Listener) -> None:
         """Calls `listener` after each change, in order, in the thread that made the change and under the lock."""
         with self.lock:
-            self._publisher.add_listener(listener)
+            self._notifier.add_listener(listener)
 
     def remove_listener(self, listener: Listener) -> None:
         """Removes a listener; no effect when it is unknown."""
         with self.lock:
-            self._publisher.remove_listener(listener)
+            self._notifier.remove_listener(listener)
 
     def add_reasoner(self, reasoner: DiscreteReasoner) -> None:
         """Adds a reasoner, which sees every further change of the scene.
@@ -266,7 +266,7 @@ class WorldModel(WorldModelState):
         with self.lock:
             self.reasoning.add(reasoner)
             scene = self.scene()
-            provenance = self._publisher.next(reasoner.__class__.__name__)
+            provenance = self._notifier.next(reasoner.__class__.__name__)
             scene.begin()
             try:
                 self.reasoning.complete(scene, [reasoner])
@@ -279,7 +279,7 @@ class WorldModel(WorldModelState):
                 raise
             scene.commit(provenance)
             if completed:
-                self._publisher.publish_all([PendingChange(UPDATE, ids=completed)], provenance, SCENE, scene)
+                self._notifier.notify_all([PendingChange(UPDATE, ids=completed)], provenance, SCENE, scene)
 
     # -- helpers -----------------------------------------------------------------------------------------------
 

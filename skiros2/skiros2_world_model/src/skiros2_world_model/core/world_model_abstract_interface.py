@@ -161,7 +161,7 @@ class Revisions:
     """Revisions of the world model's content, compared by identity. Get a new one when `version` changes. Thread-safe.
 
     :param ontology: a different object after each change of the ontologies.
-    :param element: returns for an element id a different object after each change of the element or of its relations, in
+    :param element: returns for an element id a different object after each change of the element or its relations, in
         both directions; None when the element does not exist.
     """
 

@@ -363,7 +363,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
 
     def _computes(self, pred: str) -> DiscreteReasoner | None:
         """The reasoner that computes a relation; None when no reasoner does."""
-        reasoner = reasoners.find_written(pred)
+        reasoner = reasoners.find_or_load(pred)
         if reasoner is None or full_name(pred) not in map(full_name, relations_of(reasoner)):
             return None
         return reasoner
@@ -387,7 +387,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return self.get_element(e.id, context).id
 
     def _keys_of(self, reasoner: str) -> frozenset[str]:
-        found = reasoners.find_written(reasoner)
+        found = reasoners.find_or_load(reasoner)
         if found is None:
             raise WmException(f"there is no reasoner {reasoner!r}; loaded: {', '.join(reasoners.names()) or 'none'}")
         return frozenset([*map(full_name, data_of(found)), REASONER_PROPERTY])

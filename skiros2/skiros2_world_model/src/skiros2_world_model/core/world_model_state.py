@@ -9,7 +9,7 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.change_publisher import ChangePublisher
+from skiros2_world_model.core.change_notifier import ChangeNotifier
 from skiros2_world_model.core.changes import ONTOLOGY, SCENE
 from skiros2_world_model.core.context import Contexts
 from skiros2_world_model.core.history import History
@@ -29,18 +29,18 @@ class WorldModelState:
     lock: threading.RLock
     reader: SceneReader
     _contexts: Contexts
-    _publisher: ChangePublisher
+    _notifier: ChangeNotifier
     _journal: Journal | None
 
     @property
     def number(self) -> int:
         """The number of the last change."""
-        return self._publisher.number
+        return self._notifier.number
 
     @property
     def snapshot_id(self) -> str:
         """The name of the current state."""
-        return self._publisher.snapshot_id
+        return self._notifier.snapshot_id
 
     @property
     def ontology(self) -> Ontology:

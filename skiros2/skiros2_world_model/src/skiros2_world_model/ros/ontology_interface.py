@@ -10,7 +10,7 @@ from typing import Any
 import rospy
 from std_srvs.srv import SetBool, SetBoolRequest
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.utils import makeStatementMsg
 from skiros2_msgs import msg as msgs
@@ -123,7 +123,7 @@ class OntologyInterface(OntologyAbstractInterface):
     def _invalidate_ontology(self) -> None:
         self._ontology_changes += 1
         self._index = None
-        mutations.note()
+        local_revision.advance()
 
     def _fetch_ontology(self) -> Ontology:
         rows = (row.split() for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))

@@ -11,7 +11,7 @@ import rospy
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
@@ -20,6 +20,7 @@ from skiros2_world_model.core.last_will_store import LastWillStore
 from skiros2_world_model.core.reader import no_element
 from skiros2_world_model.core.scene import ElementRecord
 from skiros2_world_model.core.world_model import WorldModel
+from skiros2_world_model.ros.change_publisher import ChangePublisher
 from skiros2_world_model.ros.errors import service_handler
 from skiros2_world_model.ros.history_service import answer_history
 from skiros2_world_model.ros.last_will_service import LastWillService
@@ -33,9 +34,6 @@ from skiros2_world_model.ros.wire import change2msg, msg2operation
 
 log = logging.getLogger(__name__)
 
-#: Changes that wait for a slow subscriber; one that misses some sees the gap and asks anew.
-_MONITOR_QUEUE = 1000
-
 
 class WorldModelServer:
     """The services and the monitor topic of this node over a world model.
@@ -46,12 +44,12 @@ class WorldModelServer:
     def __init__(self, model: WorldModel) -> None:
         self._model = model
         self._messages: weakref.WeakKeyDictionary[Change, Any] = weakref.WeakKeyDictionary()
-        self._monitor = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_MONITOR_QUEUE)
+        self._monitor = ChangePublisher()
         with model.lock:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
-            self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
+            self._monitor.put(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
             model.add_listener(self._on_change)
-            wait_for_subscribers(self._monitor)
+            wait_for_subscribers(self._monitor.topic)
         self._ontologies = OntologyServices(model, model.advisory_lock)
         self._validation = ValidationService(model)  # before the services below, which use it as soon as they are there
         self._services = [
@@ -160,7 +158,7 @@ class WorldModelServer:
         message = self._message(change)
         if change.action == RESET:  # whoever has only the messages, as in a bag, begins from here
             message.elements = self._scene()
-        self._monitor.publish(message)
+        self._monitor.put(message)
 
     def _scene(self) -> list[Any]:
         scene = self._model.scene()

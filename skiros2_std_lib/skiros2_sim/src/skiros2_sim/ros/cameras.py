@@ -64,7 +64,7 @@ class _Topics:
 
     @property
     def are_listened_to(self) -> bool:
-        return any(topic.is_listened_to for topic in self._all())
+        return any(topic.has_subscribers for topic in self._all())
 
     def put(self, world: World, messages: tuple[Any, Any, Any]) -> None:
         colour, depth, info = messages

@@ -84,7 +84,7 @@ class DeviceServer(GoalServer):
         self._refusal = refusal
         stepper.add_hook(self._after_step, self.abandon)
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return self._refusal(message)
 
     def _left(self) -> list[Any]:
@@ -159,7 +159,7 @@ class DeviceServer(GoalServer):
             return
         if running.motion.outcome is not None:
             self._answer(running.motion.outcome)
-        elif self._stepper.count % _FEEDBACK == 0 and self.is_listened_to:
+        elif self._stepper.count % _FEEDBACK == 0 and self.has_subscribers:
             running.handle.publish_feedback(running.job.feedback())
 
     def _answer(self, outcome: Outcome) -> None:

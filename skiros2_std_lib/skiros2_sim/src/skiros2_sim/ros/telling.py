@@ -61,7 +61,7 @@ class LateTopic:
         self._line: DelayLine[Any] = DelayLine()
 
     @property
-    def is_listened_to(self) -> bool:
+    def has_subscribers(self) -> bool:
         return bool(self._publisher.get_num_connections() > 0)
 
     def put(self, world: World, message: Any) -> None:
@@ -141,7 +141,7 @@ class Telling:
             self._packed.put(name, parent, name, pose)
         self._tf.publish(self._packed.message(now, 0.0))
         for topic, message in self._sensors:
-            if topic.is_listened_to:
+            if topic.has_subscribers:
                 topic.put(self._world, message())
             topic.send(self._world)
 

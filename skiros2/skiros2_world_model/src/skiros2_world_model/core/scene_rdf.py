@@ -68,6 +68,10 @@ def read_scene(
             reader.read(eid, statements)
         except SkirosError as error:
             checks.refuse(eid, "", error, LEFT_OUT)
+    records = {record.id: record for record in content.records}
+    for src, relation, dst in content.relations:
+        if src in records:
+            checks.relation_ends(records[src], relation, records.get(dst), f"{src} {relation} {dst}")
     return content
 
 

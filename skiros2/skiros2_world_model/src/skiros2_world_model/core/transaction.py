@@ -271,11 +271,11 @@ class Transaction:
         pred = self._checks.relation_name(pred, who)
         dst = self._target(src, pred, dst)
         if src not in self._scene:
-            context = next((name for name, scene in self._others.items() if src in scene), None)
-            if context is None:
+            if (context := next((name for name, scene in self._others.items() if src in scene), None)) is None:
                 raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
             self.in_other_contexts[Relate(src, pred, dst)] = context
             return src
+        self._checks.relation_ends(self._record(src), pred, self._scene.record(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._placed[dst] = None
         if eid not in (src, dst):

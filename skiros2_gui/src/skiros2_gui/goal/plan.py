@@ -22,7 +22,7 @@ from skiros2_task.core.preview import preview
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
 from skiros2_task.core.why_step import why_plan
 from skiros2_task.core.world_view import WorldView
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 
 #: Where what was made for each request is kept, and how long skills took.
 FOLDER = Path("~/.skiros/planner")
@@ -126,7 +126,7 @@ class GoalPlanner:
             notes = ["What planning could not use:", *(f"  {note}" for note in result.notes)] if result.notes else []
             return GoalPlan(goal, result.verdict.value, head, why=(*rest.splitlines(), *notes))
         told("trying the plan out on a copy of the scene")
-        tried = preview(SceneCopy(wm), result.task, result.steps, result.calls)
+        tried = preview(PreviewCopy(wm), result.task, result.steps, result.calls)
         return GoalPlan(
             goal,
             result.verdict.value,

@@ -288,10 +288,11 @@ class WorldPresenter:
     def _who(self, eid: str) -> str:
         """Who has changed an element last, and when. Called by jobs: it only looks."""
         hierarchy = self.hierarchy
-        node = hierarchy.scene.node(eid) if hierarchy is not None else None
-        if node is None or not node.made.author:
+        node = hierarchy.scene.record(eid) if hierarchy is not None else None
+        if node is None or not node.provenance.author:
             return ""
-        return f"{node.made.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
+        last = node.provenance
+        return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:
         """Who makes the changes of this window, as the world model names it."""

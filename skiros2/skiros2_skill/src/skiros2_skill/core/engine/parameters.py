@@ -170,7 +170,7 @@ class Parameters:
         if self._revisions_version != self.world_version or self.world_version == -1:
             self._revisions = None
             if self._wmi is not None:
-                self._revisions = self._guard.call(node, _REFRESH, self._wmi.present)
+                self._revisions = self._guard.call(node, _REFRESH, self._wmi.revisions)
             self._revisions_version = self.world_version
         return self._revisions
 

@@ -19,7 +19,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.source_location import SourceLocation, error_location, format_error_line
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.tree.compound import SkillBase
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, reads_of
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 
@@ -59,7 +59,7 @@ class Fault:
 class ReadOnlyWorldModel:
     """The world model for checked code: only the reading methods of the port."""
 
-    _READS = reads_of(WorldModelPort)
+    _READS = read_only_calls(WorldModelPort)
 
     def __init__(self, wmi: Any) -> None:
         self.__wmi = wmi

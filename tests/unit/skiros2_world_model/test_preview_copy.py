@@ -9,7 +9,7 @@ import pytest
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import REMOVE, UPDATE
 from skiros2_world_model.core.local_world_model import LocalWorldModel
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 ROOT = "skiros:Scene-0"
@@ -29,7 +29,7 @@ def add(wm: Any, cls: str, inside: str = ROOT) -> str:
 def test_it_begins_as_the_scene_is(wm: LocalWorldModel) -> None:
     place = add(wm, "skiros:Location")
     product = add(wm, "skiros:Product", place)
-    copy = SceneCopy(wm)
+    copy = PreviewCopy(wm)
     assert {e.id for e in copy.resolve_elements(Element())} == {ROOT, place, product}
     assert [e.id for e in copy.get_branch(ROOT)] == [e.id for e in wm.get_branch(ROOT)]
     assert copy.check_relation(place, "skiros:contain", product, True, False)
@@ -40,7 +40,7 @@ def test_it_begins_as_the_scene_is(wm: LocalWorldModel) -> None:
 def test_changes_of_one_are_not_seen_by_the_other(wm: LocalWorldModel) -> None:
     place, other = add(wm, "skiros:Location"), add(wm, "skiros:Location")
     product = add(wm, "skiros:Product", place)
-    copy = SceneCopy(wm)
+    copy = PreviewCopy(wm)
     copy.set_relation(place, "skiros:contain", product, False)
     copy.set_relation(other, "skiros:contain", product, True)
     element = copy.get_element(product)
@@ -59,7 +59,7 @@ def test_changes_of_one_are_not_seen_by_the_other(wm: LocalWorldModel) -> None:
 def test_listeners_hear_what_was_changed_and_removed(wm: LocalWorldModel) -> None:
     place = add(wm, "skiros:Location")
     product = add(wm, "skiros:Product", place)
-    copy = SceneCopy(wm)
+    copy = PreviewCopy(wm)
     heard: list[tuple[str, set[str]]] = []
 
     def listen(change: Any) -> None:
@@ -79,7 +79,7 @@ def test_listeners_hear_what_was_changed_and_removed(wm: LocalWorldModel) -> Non
 
 def test_what_the_world_model_would_refuse_is_refused_and_changes_nothing(wm: LocalWorldModel) -> None:
     place = add(wm, "skiros:Location")
-    copy = SceneCopy(wm)
+    copy = PreviewCopy(wm)
     before = copy.version
     with pytest.raises(WmException, match="skiros:Product-99"):
         copy.set_relation(place, "skiros:contain", "skiros:Product-99", True)
@@ -88,7 +88,7 @@ def test_what_the_world_model_would_refuse_is_refused_and_changes_nothing(wm: Lo
 
 
 def test_it_has_no_files_and_no_ontologies_of_its_own(wm: LocalWorldModel) -> None:
-    copy = SceneCopy(wm)
+    copy = PreviewCopy(wm)
     for refused in (
         lambda: copy.load("scene.ttl"),
         lambda: copy.save("scene.ttl"),

@@ -12,7 +12,7 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core import housekeeping
+from skiros2_world_model.core import retention
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
@@ -22,10 +22,10 @@ Start = Callable[..., tuple[LocalWorldModel, Journal]]
 
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Starts a world model whose housekeeping is done when the test says so."""
-    monkeypatch.setattr(housekeeping, "_PERIOD", 3600.0)
-    monkeypatch.setattr(housekeeping, "_REQUESTS", 1 << 60)
-    monkeypatch.setattr(housekeeping, "_PAUSE", 0.0)
+    """Starts a world model whose retention runs when the test says so."""
+    monkeypatch.setattr(retention, "_PERIOD", 3600.0)
+    monkeypatch.setattr(retention, "_REQUESTS", 1 << 60)
+    monkeypatch.setattr(retention, "_PAUSE", 0.0)
     journals: list[Journal] = []
 
     def start(**options: Any) -> tuple[LocalWorldModel, Journal]:
@@ -49,7 +49,7 @@ def test_the_size_stays_bounded_under_updates(start: Start, tmp_path: Path) -> N
         element.setProperty("Note", f"{step} " + "x" * 1000)
         wm.update_element(element)
         if step % 500 == 499:
-            journal._housekeeping.tidy()
+            journal._retention.prune()
             sizes.append([(tmp_path / name).stat().st_size for name in ("wm.journal", "wm.journal-wal")])
     assert max(size for size, _ in sizes) < 3 * bound  # what is written between two looks comes on top
     assert sizes[-1][0] <= sizes[2][0] * 1.1
@@ -76,7 +76,7 @@ def test_what_is_too_old_is_dropped_and_the_present_is_kept(start: Start, monkey
 
     for day in range(0, 100, 10):
         on_day(day)
-    journal._housekeeping.tidy()
+    journal._retention.prune()
     days = [entry.after[0].value_of("Day") for entry in wm.history(element.id) if entry.after]
     assert days == [70, 80, 90]
     entry = wm.model.history.scene_at(now + 65 * 86400.0)
@@ -95,14 +95,14 @@ def test_what_went_all_at_once_is_dropped_whole(start: Start, tmp_path: Path) ->
     journal = Journal(tmp_path / "wm.journal", max_bytes=1)
     wm = LocalWorldModel("tester", WorldModel(None, tmp_path, journal=journal))
     for _ in range(2):
-        elements = [Element("skiros:Part") for _ in range(3 * housekeeping._ROWS)]
+        elements = [Element("skiros:Part") for _ in range(3 * retention._ROWS)]
         for element in elements:
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
         wm.add_elements(elements)
     wm.save("cell.ttl")
     wm.load("cell.ttl")
     wm.load("cell.ttl")
-    journal._housekeeping.tidy()
+    journal._retention.prune()
     db = journal._file.writer
     begin = db.execute("SELECT value FROM meta WHERE key='begin'").fetchone()
     for table in ("past_element", "past_relation"):
@@ -117,14 +117,14 @@ def test_without_bounds_nothing_is_dropped(start: Start, monkeypatch: pytest.Mon
     now = time.time()
     monkeypatch.setattr(time, "time", lambda: now + 1e9)
     wm.set_relation("skiros:Scene-0", "skiros:contain", element)
-    journal._housekeeping.tidy()
+    journal._retention.prune()
     assert len(wm.history(element.id)) == 2
 
 
 def test_a_present_that_is_larger_than_the_bound_is_kept(start: Start) -> None:
     wm, journal = start(max_bytes=1)
     wm.add_elements([Element("skiros:Part") for _ in range(100)])
-    journal._housekeeping.tidy()
+    journal._retention.prune()
     assert len(wm.model.history.scene_at().after) == 101
     journal.close(clean=False)
     wm, _ = start()
@@ -137,11 +137,11 @@ def test_requests_and_questions_go_on_meanwhile(start: Start) -> None:
     wm.add_element(element)
     done = threading.Event()
 
-    def tidy() -> None:
+    def prune() -> None:
         while not done.is_set():
-            journal._housekeeping.tidy()
+            journal._retention.prune()
 
-    thread = threading.Thread(target=tidy)
+    thread = threading.Thread(target=prune)
     thread.start()
     try:
         for step in range(3000):
@@ -157,13 +157,13 @@ def test_requests_and_questions_go_on_meanwhile(start: Start) -> None:
     assert wm.get_element(element.id).value_of("Step") == 2999
 
 
-def test_the_thread_tidies_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(housekeeping, "_REQUESTS", 10)
-    tidied = threading.Event()
-    monkeypatch.setattr(housekeeping.Housekeeping, "tidy", lambda self: tidied.set())
+def test_thread_prunes_after_a_number_of_requests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(retention, "_REQUESTS", 10)
+    pruned = threading.Event()
+    monkeypatch.setattr(retention.Retention, "prune", lambda self: pruned.set())
     journal = Journal(tmp_path / "wm.journal")
     wm = LocalWorldModel("tester", WorldModel(journal=journal))
     for _ in range(10):
         wm.add_element(Element("skiros:Part"))
-    assert tidied.wait(5.0)
+    assert pruned.wait(5.0)
     journal.close()

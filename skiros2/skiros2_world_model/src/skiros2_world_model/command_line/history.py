@@ -13,9 +13,8 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.command_line.reading import element_answer, predicates_of, scene_tree
 from skiros2_world_model.command_line.values import entry_json, point
-from skiros2_world_model.core.differences import changed_lines, difference
-from skiros2_world_model.core.history_entry import HistoryEntry, Point
-from skiros2_world_model.core.shown import shown_time
+from skiros2_world_model.core.formatting import format_time
+from skiros2_world_model.core.history_entry import HistoryEntry, Point, changed_lines, difference
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 #: So many changes of one request are shown, unless all are wanted.
@@ -56,11 +55,11 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> C
     lines: list[str] = []
     for entry in entries:
         what = "" if entry.action == "change" else f"  {entry.action}"
-        lines += [screen.fitted(f"{shown_time(entry.stamp)}  {entry.author}{what}  #{entry.number}")]
+        lines += [screen.fitted(f"{format_time(entry.stamp)}  {entry.author}{what}  #{entry.number}")]
         changes = changed_lines(entry)
-        shown = changes if arguments.all else changes[:_SHOWN]
-        lines += [screen.fitted(f"    {line}") for line in shown]
-        lines += [f"    {len(changes) - len(shown)} more: --all"] if len(shown) < len(changes) else []
+        format_value = changes if arguments.all else changes[:_SHOWN]
+        lines += [screen.fitted(f"    {line}") for line in format_value]
+        lines += [f"    {len(changes) - len(format_value)} more: --all"] if len(format_value) < len(changes) else []
     if not entries:
         lines = ["no changes"]
     elif limit and len(entries) == limit:
@@ -70,7 +69,7 @@ def history(wm: WithHistory, arguments: argparse.Namespace, screen: Screen) -> C
 
 def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Screen) -> CommandResult:
     entry = wm.scene_at(at, arguments.context)
-    since = f"as it was since {shown_time(entry.stamp)}, {entry.author}, #{entry.number}"
+    since = f"as it was since {format_time(entry.stamp)}, {entry.author}, #{entry.number}"
     if arguments.id:
         element = next((e for e in entry.after if e.id == arguments.id), None)
         if element is None:

@@ -1,16 +1,16 @@
-"""A scene that is kept up to date from what is told of its changes: a client's replica, and what is read from a bag."""
+"""Applies published changes to a scene: for replicas and for recorded runs."""
 
 from __future__ import annotations
 
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
-from skiros2_world_model.core.scene import Node, Provenance, Scene
+from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 
-def follow(scene: Scene, change: Change) -> None:
-    """Makes in a scene what a change tells. It must be the next one: nothing is checked.
+def apply_change(scene: Scene, change: Change) -> None:
+    """Applies a change to a scene. It must be the next change; nothing is checked.
 
-    A reset that has elements tells the whole scene; one without leaves it empty.
+    A reset replaces the scene with its elements; a reset without elements empties it.
     """
     scene.begin()
     if change.action == RESET:
@@ -21,7 +21,7 @@ def follow(scene: Scene, change: Change) -> None:
                 scene.drop(element.id)
     else:
         for element in change.elements:
-            scene.put(Node(element.id, element.type, element.label, element._props))
+            scene.put(ElementRecord(element.id, element.type, element.label, element._props))
         for element in change.elements:
             _set_relations(scene, element, change.action == RESET)
     for relation in change.relations:
@@ -34,7 +34,7 @@ def follow(scene: Scene, change: Change) -> None:
 
 
 def _set_relations(scene: Scene, element: Element, is_reset: bool) -> None:
-    """Gives an element exactly the relations that it has in a change; of a whole scene each tells its outgoing ones."""
+    """Replaces the relations of an element; in a reset, only adds its outgoing relations."""
     eid = element.id
     wanted = dict.fromkeys(
         (eid if r["src"] == "-1" else r["src"], r["type"], eid if r["dst"] == "-1" else r["dst"]) for r in element._rels

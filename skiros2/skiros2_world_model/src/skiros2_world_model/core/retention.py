@@ -1,4 +1,4 @@
-"""Keeps a journal small, beside the requests: its log goes into the database, and the oldest of the past is dropped."""
+"""Checkpoints a journal and prunes its oldest past states, in a background thread."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import threading
 import time
 from contextlib import closing
 
-from skiros2_world_model.core.journal_file import LOG_LIMIT, JournalFile, read_note
+from skiros2_world_model.core.journal_file import LOG_LIMIT, JournalFile, read_meta
 
 log = logging.getLogger(__name__)
 
-#: How often it looks, at least (s).
+#: The period of checks (s).
 _PERIOD = 5.0
-#: After so many requests it looks at once.
+#: A check also runs after this number of requests.
 _REQUESTS = 1000
-#: Of the past, so many rows are dropped at a time; a request waits for no more.
+#: The number of rows deleted in one transaction; a request never waits for more.
 _ROWS = 200
-#: The pause between two such steps (s), so that requests go first.
+#: The pause between two such transactions (s), which gives requests precedence.
 _PAUSE = 0.01
-#: When there is too much, this part of the requests is forgotten, and so on until there is room.
+#: When the journal is too large, one in this number of requests is pruned, repeatedly.
 _PART = 10
 
-#: What is before the number of a request: table, order, which. Of past_element the last row stays, so that the numbers
-#: of its rows only ever grow.
+#: Selects the rows before a request: table, order, condition. The last row of past_element stays, so that its rowids
+#: keep increasing.
 _OLD = (
     (
         "past_element",
@@ -39,11 +39,11 @@ _OLD = (
 )
 
 
-class Housekeeping:
-    """A thread beside the one that writes.
+class Retention:
+    """The background thread that keeps a journal within its limits.
 
-    :param days: how long the past is kept; 0: without end.
-    :param max_bytes: how much the journal may hold.
+    :param days: the retention period (days); 0: unlimited.
+    :param max_bytes: the maximum size of the content.
     """
 
     def __init__(self, file: JournalFile, days: float, max_bytes: int) -> None:
@@ -56,21 +56,21 @@ class Housekeeping:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Starts the thread. It looks at once: what was killed has left its log."""
+        """Starts the thread. The first check runs immediately, as a killed process leaves a write-ahead log."""
         self.count_request()
         self._wake.set()
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread, and waits for it."""
+        """Stops the thread and waits for its end."""
         self._stopped.set()
         self._wake.set()
         if self._thread is not None:
             self._thread.join()
 
     def count_request(self) -> None:
-        """One more request was written."""
+        """Counts a written request."""
         self._requests += 1
         if self._requests == _REQUESTS:
             self._wake.set()
@@ -82,30 +82,30 @@ class Housekeeping:
             if self._requests and not self._stopped.is_set():
                 self._requests = 0
                 try:
-                    self.tidy()
+                    self.prune()
                 except (sqlite3.Error, OSError) as error:
-                    log.error("journal %s: housekeeping failed: %s", self._file.path, error)
+                    log.error("journal %s: retention failed: %s", self._file.path, error)
 
-    def tidy(self) -> None:
-        """Brings the log into the database and drops what is too old, then the oldest until there is room."""
-        with closing(self._file.connect()) as beside:
-            beside.execute("PRAGMA wal_checkpoint(PASSIVE)")
+    def prune(self) -> None:
+        """Checkpoints the write-ahead log, prunes expired states, then the oldest ones until the size fits."""
+        with closing(self._file.connect()) as db:
+            db.execute("PRAGMA wal_checkpoint(PASSIVE)")
             if os.path.getsize(f"{self._file.path}-wal") > LOG_LIMIT:
-                with self._file.writing:  # under load there is always something left
-                    beside.execute("PRAGMA wal_checkpoint(RESTART)")
+                with self._file.writing:  # under load, a passive checkpoint never completes
+                    db.execute("PRAGMA wal_checkpoint(RESTART)")
             if self._days:
-                self._forget_before(beside, _request_at(beside, time.time() - self._days * 86400.0))
-            while not self._stopped.is_set() and _size(beside) > self._max_bytes:
-                count = beside.execute("SELECT count(*) FROM request").fetchone()[0]
+                self._prune_before(db, _request_at(db, time.time() - self._days * 86400.0))
+            while not self._stopped.is_set() and _size(db) > self._max_bytes:
+                count = db.execute("SELECT count(*) FROM request").fetchone()[0]
                 if count < 2:
-                    return  # the present alone
+                    return  # only the current state is left
                 part = (max(count // _PART, 1),)
-                begin = beside.execute("SELECT number FROM request ORDER BY number LIMIT 1 OFFSET ?", part).fetchone()
-                self._forget_before(beside, begin[0])
+                begin = db.execute("SELECT number FROM request ORDER BY number LIMIT 1 OFFSET ?", part).fetchone()
+                self._prune_before(db, begin[0])
 
-    def _forget_before(self, beside: sqlite3.Connection, begin: int) -> None:
-        """The history begins with the state after that request. What was before is dropped in small steps."""
-        if read_note(beside, "begin") != begin:
+    def _prune_before(self, db: sqlite3.Connection, begin: int) -> None:
+        """Deletes all states before the one after a request, in small transactions."""
+        if read_meta(db, "begin") != begin:
             self._write("INSERT OR REPLACE INTO meta VALUES ('begin', ?)", begin)
         for table, order, old in _OLD:
             rows = f"SELECT rowid FROM {table} WHERE {old} ORDER BY {order} LIMIT {_ROWS}"
@@ -119,7 +119,7 @@ class Housekeeping:
 
 
 def _request_at(db: sqlite3.Connection, stamp: float) -> int:
-    """The number of the last request before that time; of the first one when there is none."""
+    """The number of the last request before a time; of the first request when there is none."""
     newer = db.execute("SELECT number FROM request WHERE stamp >= ? ORDER BY number LIMIT 1", (stamp,)).fetchone()
     before = "SELECT number FROM request WHERE number < ? ORDER BY number DESC LIMIT 1"
     found = db.execute(before, newer if newer is not None else (1 << 62,)).fetchone() or newer
@@ -127,6 +127,6 @@ def _request_at(db: sqlite3.Connection, stamp: float) -> int:
 
 
 def _size(db: sqlite3.Connection) -> int:
-    """How much the journal holds (bytes). The file has room for more when some was dropped."""
+    """The size of the content (bytes), without the free pages of the file."""
     pages, free, size = (db.execute(f"PRAGMA {n}").fetchone()[0] for n in ("page_count", "freelist_count", "page_size"))
     return int((pages - free) * size)

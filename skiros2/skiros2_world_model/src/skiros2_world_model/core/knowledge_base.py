@@ -1,4 +1,4 @@
-"""The ontologies of a world model: their files, their triples, the index over them, and queries."""
+"""The knowledge base: all graphs, the ontologies with their index, the prefixes, and queries."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from typing import Any
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
-from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import NamedTriple, Ontology
 from skiros2_world_model.core.prefixes import OWL, Prefixes
 from skiros2_world_model.core.rdf_files import read_triples
 from skiros2_world_model.core.shapes import is_shapes_file, shape_files
-from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
 from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
 
@@ -26,23 +25,23 @@ log = logging.getLogger(__name__)
 _ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
 _LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
 
-#: Files of the workspace with this in their name are ontologies.
-_ONTOLOGY_MARK = ".owl"
+#: Files of the workspace whose names contain this are ontologies.
+_ONTOLOGY_INFIX = ".owl"
 
 
 def is_knowledge_file(name: str) -> bool:
-    """Whether a file of the workspace with that name is read as an ontology or as shapes."""
-    return _ONTOLOGY_MARK in name or is_shapes_file(name)
+    """Whether a file of the workspace with this name holds an ontology or shapes."""
+    return _ONTOLOGY_INFIX in name or is_shapes_file(name)
 
 
-class OntologyBase:
-    """The triples of all contexts, those of the ontologies among them, with an index over the ontologies.
+class KnowledgeBase:
+    """The graphs of all contexts and of the ontologies, with an index of the ontologies.
 
-    :param ontologies: folder of the package's own ontologies (its `.ttl` files).
-    :param workspace: folder of the user's; every file in it and below whose name contains `.owl` is loaded. In both,
-        files whose names contain `.shapes.` hold shapes instead.
-    :param store: what answers queries; None: one in memory.
-    :param skip_broken: a file of the workspace that does not parse is logged and left out.
+    :param ontologies: folder of the package's ontologies (`.ttl` files).
+    :param workspace: folder of the user's ontologies: all files in it and its subfolders whose names contain `.owl`. In
+        both folders, files whose names contain `.shapes.` hold shapes.
+    :param store: the triple store that answers queries; None: one in memory.
+    :param skip_broken: logs and skips a file of the workspace that does not parse.
     :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
     """
 
@@ -57,7 +56,7 @@ class OntologyBase:
         self.store = OxigraphStore() if store is None else store
         self.lock = threading.RLock()
         self._index: Ontology | None = None
-        #: The files with the shapes that scenes are validated with.
+        #: The files with shapes for validation.
         self.shapes = shape_files(ontologies, workspace)
         files = _ontology_files(ontologies, workspace)
         self._files = frozenset(path.resolve() for path in files)
@@ -66,7 +65,7 @@ class OntologyBase:
 
     @property
     def index(self) -> Ontology:
-        """What the ontologies say now. It stays as it is; after a change there is another one."""
+        """The index of the current ontologies. Immutable: a change of the ontologies creates a new one."""
         index = self._index
         if index is None:
             with self.lock:
@@ -74,7 +73,7 @@ class OntologyBase:
         return index
 
     def reads(self, path: Path) -> bool:
-        """Whether a file is read as an ontology or as shapes, now or at the next start: no scene is written to it."""
+        """Whether a file is read as an ontology or as shapes, now or at the next start; no scene may overwrite it."""
         return path.resolve() in self._files or is_knowledge_file(path.name)
 
     def triples(self) -> list[ox.Triple]:
@@ -82,7 +81,7 @@ class OntologyBase:
         return self.store.triples(ONTOLOGY)
 
     def update(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> bool:
-        """Removes triples from the ontologies and adds others. False when they were so already."""
+        """Removes triples from the ontologies and adds others. Returns False when nothing changes."""
         with self.lock:
             removed, added = self.new(removed, added)
             if not removed and not added:
@@ -98,27 +97,27 @@ class OntologyBase:
     def new(
         self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
     ) -> tuple[list[ox.Triple], list[ox.Triple]]:
-        """Of those to be removed and to be added, the ones that are not so already."""
+        """Filters triples to remove and to add down to those that change the ontologies."""
         return (
             [t for t in removed if self.store.has(ONTOLOGY, t)],
             [t for t in added if not self.store.has(ONTOLOGY, t)],
         )
 
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> bool:
-        """Adds and removes statements, all or none. False when they were so already.
+        """Adds and removes statements, all or none. Returns False when nothing changes.
 
-        :param context: "" or `ontology`: others hold elements, which are the world model's.
-        :raises WrongValue: a text is no RDF term.
+        :param context: "" or `ontology`.
+        :raises WrongValue: a text is not an RDF term.
         :raises UnknownName: it is another context.
         """
         if context not in ("", ONTOLOGY):
-            raise UnknownName(f"{author}: there is no context {context!r}; there are the ontologies alone")
+            raise UnknownName(f"{author}: there is no context {context!r}; this node serves only the ontologies")
         return self.update(*self.split(statements))
 
     def split(self, statements: Sequence[Statement]) -> tuple[list[ox.Triple], list[ox.Triple]]:
-        """The triples that statements take away, and those that they add.
+        """Parses statements into the triples to remove and those to add.
 
-        :raises WrongValue: a text is no RDF term.
+        :raises WrongValue: a text is not an RDF term.
         """
         removed: list[ox.Triple] = []
         added: list[ox.Triple] = []
@@ -127,29 +126,29 @@ class OntologyBase:
         return removed, added
 
     def triple(self, subject: str, predicate: str, obj: str) -> ox.Triple:
-        """The triple that three texts write.
+        """Parses a triple.
 
-        :raises WrongValue: one of them is no term, or may not stand where it does.
+        :raises WrongValue: a text is not an RDF term, or not valid in its position.
         """
         s, p, o = (parse_term(text, self.prefixes) for text in (subject, predicate, obj))
         if isinstance(s, ox.Literal) or not isinstance(p, ox.NamedNode):
-            raise WrongValue(f"{subject} {predicate} {obj} is no RDF statement")
+            raise WrongValue(f"{subject} {predicate} {obj} is not an RDF statement")
         return ox.Triple(s, p, o)
 
     def query(
         self, query: str, context: str = "", cut_prefix: bool = True, flush: Callable[[], None] = lambda: None
     ) -> list[str]:
-        """One text for each row that a SPARQL query gives; of several columns each value is followed by a space.
+        """Answers a SPARQL query with a text for each row; in rows of several columns a space follows each value.
 
-        :param context: the one to ask; "" asks all.
-        :param cut_prefix: `prefix:name` and plain values; else N3.
-        :param flush: brings the store up to date; called under the lock, while the query is asked without it.
+        :param context: the context to query; "": all.
+        :param cut_prefix: returns `prefix:name` and plain values instead of N3.
+        :param flush: writes pending changes to the store. Called under the lock; the query runs without it.
         :raises WrongValue: the query cannot be answered.
-        :raises TimedOut: it takes too long.
-        :raises Refused: the store cannot be asked now.
+        :raises TimedOut: the query takes too long.
+        :raises Refused: the store is not available.
         """
         generation = None
-        while generation != self.store.generation:  # else it has lost on the way what it was given
+        while generation != self.store.generation:  # the store lost its content meanwhile: flush again
             if context != ONTOLOGY:
                 self.store.prepare()
             with self.lock:
@@ -164,7 +163,7 @@ class OntologyBase:
     def _load(self, files: list[Path], skipped: list[Path]) -> None:
         """Reads the ontologies.
 
-        :param skipped: files that are logged and left out when they do not parse.
+        :param skipped: files that are logged and skipped when they do not parse.
         """
         loaded: list[tuple[Path, list[ox.Triple]]] = []
         for path in files:
@@ -173,7 +172,7 @@ class OntologyBase:
             except WrongValue as error:
                 if path not in skipped:
                     raise ConfigurationError(f"ontology {error}") from None
-                log.error("ontology %s; it is left out", error)
+                log.error("ontology %s; the file is skipped", error)
         known = self.store.knowledge()
         for triples in [*(triples for _, triples in loaded), known]:
             for triple in triples:
@@ -187,7 +186,7 @@ class OntologyBase:
         if is_declared and isinstance(triple.subject, ox.NamedNode):
             prefix = self.prefixes.add_ontology(triple.subject.value)
             if not self.prefixes.has(prefix):
-                log.warning("ontology %s: another one has its prefix; its names stay IRIs", triple.subject.value)
+                log.warning("ontology %s: another ontology has its prefix; its names stay IRIs", triple.subject.value)
 
     def _named(self, triple: ox.Triple) -> NamedTriple:
         obj: Any = triple.object
@@ -205,7 +204,7 @@ class OntologyBase:
         return self.prefixes.name(node.value) if isinstance(node, ox.NamedNode) else str(node)
 
     def _warn_of_unknown(self, path: Path, triples: list[ox.Triple]) -> None:
-        """Warns of what individuals of a file use and no ontology declares, once for each name."""
+        """Warns of undeclared names that individuals of a file use, once for each name."""
         index = self.index
         unknown: dict[str, str] = {}
         for triple in triples:
@@ -230,7 +229,7 @@ def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Pat
             Path(folder, name)
             for folder, _, names in os.walk(_folder(workspace, "workspace"))
             for name in names
-            if _ONTOLOGY_MARK in name
+            if _ONTOLOGY_INFIX in name
         ]
         files += sorted(found)
     return [path for path in files if not is_shapes_file(path.name)]

@@ -1,4 +1,4 @@
-"""A copy of a scene that may be changed at will: for trying out what would come of something."""
+"""An independent copy of a scene, on which plans and starts are simulated."""
 
 from __future__ import annotations
 
@@ -9,30 +9,29 @@ from typing import Any, NoReturn
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import REMOVE, UPDATE, Change, Operation, Outcome
+from skiros2_world_model.core.changes import REMOVE, UPDATE, Change, Operation, Outcome, Statement
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes
 from skiros2_world_model.core.reader import SceneReader
-from skiros2_world_model.core.scene import Node, Provenance, Scene
-from skiros2_world_model.core.statement import Statement
+from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 from skiros2_world_model.core.transaction import Transaction
-from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 _SCENE = "scene"
 
 
-class SceneCopy(WorldModelAbstractInterface):
-    """The scene of a world model as it was when this was made; changes of either are not seen by the other.
+class PreviewCopy(WorldModelAbstractInterface):
+    """A copy of the scene of a world model. Neither sees later changes of the other.
 
-    It checks and applies changes as the world model does, but asks no reasoner what a change brings with it. The
-    ontologies are those of the world model, and cannot be changed here.
+    It checks and applies requests as the world model does, but without reasoners. It shares the ontologies of the world
+    model and cannot change them.
 
-    :param wm: the world model. Read whole, once.
-    :raises WmException: it does not answer.
+    :param wm: the world model. Its scene is read once.
+    :raises WmException: the world model does not answer.
     """
 
     def __init__(self, wm: WorldModelAbstractInterface) -> None:
@@ -41,7 +40,7 @@ class SceneCopy(WorldModelAbstractInterface):
         self._lock = threading.RLock()
         self._scene = _scene_of(wm.resolve_elements(Element()))
         self._number = 0
-        self._told: set[tuple[str, str, str]] = set()
+        self._warned: set[tuple[str, str, str]] = set()
         self._listeners: list[Callable[[Any], None]] = []
         self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
 
@@ -66,7 +65,7 @@ class SceneCopy(WorldModelAbstractInterface):
     def remove_listener(self, callback: Callable[[Any], None]) -> None:
         self._listeners.remove(callback)
 
-    # -- what a copy has not -----------------------------------------------------------------------------------
+    # -- calls that a copy does not support --------------------------------------------------------------------
 
     def lock(self) -> bool:
         """True: a copy has one user."""
@@ -78,20 +77,20 @@ class SceneCopy(WorldModelAbstractInterface):
 
     def load(self, filename: str = "", context: str = _SCENE) -> NoReturn:
         """:raises WmException: always."""
-        raise WmException("a copy of a scene loads no files")
+        raise WmException("a copy of a scene cannot load files")
 
     def save(self, filename: str = "", context: str = _SCENE) -> NoReturn:
         """:raises WmException: always."""
-        raise WmException("a copy of a scene is not saved")
+        raise WmException("a copy of a scene cannot be saved")
 
     def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
-        """Nothing: a copy has no past."""
+        """Returns []: a copy has no journal."""
         return []
 
-    def leave_will(self, bequests: Sequence[Bequest]) -> None:
-        """Nothing is left to be done: the copy ends with the process that it is in."""
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        """No effect: the copy ends with its process."""
 
-    # -- what the port is made of ------------------------------------------------------------------------------
+    # -- the port ----------------------------------------------------------------------------------------------
 
     @property
     def _ontology(self) -> Ontology:
@@ -102,11 +101,11 @@ class SceneCopy(WorldModelAbstractInterface):
 
     def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
         if context != "ontology":
-            raise WmException("a copy of a scene answers queries of the ontologies alone")
+            raise WmException("a copy of a scene can only query the ontologies")
         return self._wm._query(query, cut_prefix, context)
 
     def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
-        raise WmException("a copy of a scene does not change the ontologies")
+        raise WmException("a copy of a scene cannot change the ontologies")
 
     def _scene_now(self) -> tuple[list[Element], str]:
         with self._lock:
@@ -126,8 +125,8 @@ class SceneCopy(WorldModelAbstractInterface):
 
     def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
         with self._lock:
-            # The prefixes matter for names that are whole IRIs alone, and those of a scene are not.
-            checks = Checks(self._ontology, Prefixes(), self.author, told=self._told)
+            # Prefixes matter only for names that are IRIs; a scene has none.
+            checks = Checks(self._ontology, Prefixes(), self.author, told=self._warned)
             transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:
@@ -138,25 +137,26 @@ class SceneCopy(WorldModelAbstractInterface):
                     raise refusal(str(error)) from error
                 raise
             self._number += 1
-            made = Provenance(self._number, time.time(), self.author)
-            touched = self._scene.commit(made)
-            elements = tuple(e for eid in touched if (e := self._scene.element(eid)) is not None)
-            told = [(UPDATE, elements), (REMOVE, tuple(transaction.removed))]
-            changes = [self._change(action, some, made) for action, some in told if some]
+            provenance = Provenance(self._number, time.time(), self.author)
+            changed = self._scene.commit(provenance)
+            elements = tuple(e for eid in changed if (e := self._scene.element(eid)) is not None)
+            groups = [(UPDATE, elements), (REMOVE, tuple(transaction.removed))]
+            changes = [self._change(action, group, provenance) for action, group in groups if group]
         for change in changes:
             for listener in list(self._listeners):
                 listener(change)
         return Outcome(ids, changes)
 
-    def _change(self, action: str, elements: tuple[Element, ...], made: Provenance) -> Change:
-        state = str(made.version)
-        return Change(made.version, str(made.version - 1), state, made.stamp, made.author, action, _SCENE, elements)
+    def _change(self, action: str, elements: tuple[Element, ...], provenance: Provenance) -> Change:
+        state = str(provenance.version)
+        before, stamp = str(provenance.version - 1), provenance.stamp
+        return Change(provenance.version, before, state, stamp, provenance.author, action, _SCENE, elements)
 
 
 def _scene_of(elements: Sequence[Element]) -> Scene:
     scene = Scene()
     for element in elements:
-        scene.put(Node(element.id, element.type, element.label, element._props))
+        scene.put(ElementRecord(element.id, element.type, element.label, element._props))
     for element in elements:
         for relation in element.getRelations("-1"):
             scene.relate(element.id, relation["type"], relation["dst"])

@@ -1,4 +1,4 @@
-"""The numbers of changes, and who is told of them."""
+"""Numbers the changes of a world model and notifies listeners."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Listener = Callable[[Change], None]
 
 
 @dataclass
-class News:
-    """What is to be told once a request stands.
+class PendingChange:
+    """A change to report once its request is committed.
 
-    :param elements: those that are gone, as they were.
-    :param ids: of those that were added or updated.
+    :param elements: removed elements, as they were.
+    :param ids: added or updated elements.
     """
 
     action: str
@@ -33,11 +33,11 @@ class News:
     relations: Sequence[RelationDict] = ()
 
 
-class Announcer:
-    """Numbers the changes of a world model and tells its listeners. Used under the world model's lock.
+class ChangeNotifier:
+    """Numbers changes and calls listeners. Used under the world model's lock.
 
-    :param number: of the last change before; numbers only ever grow.
-    :param session: the first part of the snapshot ids; "": a new one.
+    :param number: the number of the last change so far; numbers only increase.
+    :param session: the first part of the snapshot ids; "" generates one.
     """
 
     def __init__(self, number: int, session: str = "") -> None:
@@ -47,11 +47,11 @@ class Announcer:
 
     @property
     def snapshot_id(self) -> str:
-        """The name of the present state."""
+        """The name of the current state."""
         return f"{self.session}-{self.number}"
 
     def next(self, author: str) -> Provenance:
-        """The next change, which is now."""
+        """The provenance of the next change, with the current time."""
         return Provenance(self.number + 1, time.time(), author)
 
     def add_listener(self, listener: Listener) -> None:
@@ -61,21 +61,23 @@ class Announcer:
         if listener in self._listeners:
             self._listeners.remove(listener)
 
-    def tell_all(self, news: Iterable[News], made: Provenance, context: str, scene: Scene) -> list[Change]:
-        """Tells what came of one request, in this order."""
-        return [self.tell(n.action, made, context, _elements(n, scene), n.relations) for n in news]
+    def notify_all(
+        self, pending: Iterable[PendingChange], provenance: Provenance, context: str, scene: Scene
+    ) -> list[Change]:
+        """Numbers the changes of one request, in order, and notifies the listeners."""
+        return [self.notify(n.action, provenance, context, _elements(n, scene), n.relations) for n in pending]
 
-    def tell(
+    def notify(
         self,
         action: str,
-        made: Provenance,
+        provenance: Provenance,
         context: str,
         elements: Iterable[Element] = (),
         relations: Iterable[RelationDict] = (),
     ) -> Change:
-        """Tells one change.
+        """Numbers one change and notifies the listeners.
 
-        :param made: the first change of the request; this one has the next number.
+        :param provenance: that of the request's first change.
         """
         before = self.snapshot_id
         self.number += 1
@@ -84,8 +86,8 @@ class Announcer:
             self.number,
             before,
             self.snapshot_id,
-            made.stamp,
-            made.author,
+            provenance.stamp,
+            provenance.author,
             action,
             context,
             tuple(elements),
@@ -95,25 +97,26 @@ class Announcer:
             try:
                 listener(change)
             except Exception:
-                log.exception("a listener failed on change %s; the change stands", change.snapshot_id)
+                log.exception("a listener failed on change %s; the change is kept", change.snapshot_id)
         return change
 
 
-def news_of(transaction: Transaction, scene: Scene) -> list[News]:
-    """What is to be told of a transaction on the scene; nothing when all is as it was."""
-    news: list[News] = []
+def pending_changes(transaction: Transaction, scene: Scene) -> list[PendingChange]:
+    """The changes to report for a transaction; none when it changed nothing."""
+    pending: list[PendingChange] = []
     if transaction.removed:
-        news.append(News(REMOVE_RECURSIVE if transaction.removed_recursively else REMOVE, transaction.removed))
+        action = REMOVE_RECURSIVE if transaction.removed_recursively else REMOVE
+        pending.append(PendingChange(action, transaction.removed))
     for action, ids in ((ADD, transaction.added), (UPDATE, transaction.updated)):
-        there = [eid for eid in ids if eid in scene]
-        if there:
-            news.append(News(action, ids=there))
+        existing = [eid for eid in ids if eid in scene]
+        if existing:
+            pending.append(PendingChange(action, ids=existing))
     for action, relations in ((ADD, transaction.related), (REMOVE, transaction.unrelated)):
         if relations:
-            news.append(News(action, relations=relations))
-    return news
+            pending.append(PendingChange(action, relations=relations))
+    return pending
 
 
-def _elements(news: News, scene: Scene) -> list[Element]:
-    now = (scene.element(eid) for eid in news.ids)
-    return [*news.elements, *(element for element in now if element is not None)]
+def _elements(pending: PendingChange, scene: Scene) -> list[Element]:
+    current = (scene.element(eid) for eid in pending.ids)
+    return [*pending.elements, *(element for element in current if element is not None)]

@@ -6,9 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property, same_value
-from skiros2_world_model.core.id_index import IdIndex
-from skiros2_world_model.core.property_pool import PropertyPool
-from skiros2_world_model.core.value_index import ValueIndex
+from skiros2_world_model.core.indexes import IdIndex, PropertyPool, ValueIndex
 
 STEPS = st.lists(st.tuples(st.booleans(), st.sampled_from("kl"), st.sampled_from("abc")))
 

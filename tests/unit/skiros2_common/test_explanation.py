@@ -114,7 +114,7 @@ def test_all_changes_are_found_also_in_what_was_tried():
         ("{}", WrongValue, "missing"),
         ('{"stage": 5}', WrongType, "explanation.stage: expected a str, got int"),
         ('{"node": true}', WrongType, "explanation.node: expected a int, got bool"),
-        ('{"spam": 5}', WrongValue, "spam is no part of Explanation"),
+        ('{"spam": 5}', WrongValue, "spam is no field of Explanation"),
         (json.dumps({"findings": [{"values": {"A": 1}}]}), WrongType, r"explanation.findings\[0\].values.A"),
     ],
 )

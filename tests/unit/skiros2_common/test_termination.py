@@ -43,7 +43,7 @@ def test_only_the_first_signal_disturbs(before: list[object]) -> None:
 def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) -> None:
     done = []
     with pytest.raises(Terminated), TerminationSignals() as signals:
-        with signals.held():
+        with signals.deferred():
             signal.raise_signal(signal.SIGTERM)
             done.append("what was held")
         done.append("what follows")

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from skiros2_common.command_line.command import UsageError
-from skiros2_common.command_line.master import Unavailable
+from skiros2_common.command_line.command import Unavailable, UsageError
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import serializeParamMap

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs

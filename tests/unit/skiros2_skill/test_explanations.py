@@ -290,7 +290,7 @@ def test_a_condition_whose_explanation_raises_is_told_by_its_description(bench):
         def fact(self):
             return "it is so"
 
-        def _nearest(self, ph, wmi):
+        def _near_matches(self, ph, wmi):
             raise RuntimeError("broken")
 
     bench.load(primitive(describe("Odd", pre=[lambda d: Broken("Broken", "Robot", True)]), "odd"))

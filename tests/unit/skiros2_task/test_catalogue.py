@@ -454,7 +454,7 @@ def test_what_the_scene_says_of_a_relation_that_a_reasoner_computes_does_not_cou
 ) -> None:
     monkeypatch.setattr(reasoners, "_by_name", {})
     monkeypatch.setattr(reasoners, "_owners", {})
-    monkeypatch.setattr(reasoners, "_answers", {})
+    monkeypatch.setattr(reasoners, "_cache", {})
     reasoners.add(Neighbours())
     world = PlanningWorld()
     first, _, third = (world.thing("skiros:Product") for _ in range(3))

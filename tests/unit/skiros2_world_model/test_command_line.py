@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.command_line import program
 from skiros2_world_model.command_line.connection import connect

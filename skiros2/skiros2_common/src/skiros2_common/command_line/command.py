@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import SkirosError
 
 #: Exit statuses.
@@ -25,6 +24,10 @@ INTERRUPTED = 130
 
 class UsageError(SkirosError):
     """The arguments are wrong in every state of the system; ends with `USAGE`."""
+
+
+class Unavailable(SkirosError):
+    """The master or the requested node is not running; ends with `UNAVAILABLE`."""
 
 
 @dataclass
@@ -42,30 +45,30 @@ class CommandResult:
 
 class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """Wrong usage, in one line."""
+        """Reports a usage error in one line."""
         self.exit(USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def command_arguments(arguments: Sequence[str] | None = None) -> list[str]:
-    """The arguments without what rosrun and roslaunch give to every node.
+    """The arguments without those that rosrun and roslaunch append.
 
     :param arguments: None: those of this process.
     """
-    given = sys.argv[1:] if arguments is None else arguments
-    return [a for a in given if not (a.startswith("__") and ":=" in a)]
+    passed = sys.argv[1:] if arguments is None else arguments
+    return [a for a in passed if not (a.startswith("__") and ":=" in a)]
 
 
 def program(status: Callable[[str, Sequence[str]], int]) -> Callable[..., NoReturn]:
     """The program of a package's commands.
 
-    :param status: does a command: of its name and arguments the exit status.
+    :param status: runs a command, given its name and arguments, and returns the exit status.
     """
 
     def run(name: str, arguments: Sequence[str] | None = None) -> NoReturn:
-        """Runs a command and ends the process with its status.
+        """Runs a command and ends the process with its exit status.
 
         :param name: the command.
-        :param arguments: of the command line; None: of this process's.
+        :param arguments: of the command line; None: those of this process.
         """
         end(status(name, command_arguments(arguments)))
 
@@ -73,14 +76,14 @@ def program(status: Callable[[str, Sequence[str]], int]) -> Callable[..., NoRetu
 
 
 def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, refused: int = REFUSED) -> int:
-    """Does the work of a command and prints its answer; what goes wrong is one line on stderr.
+    """Runs a command and prints its result, or an error in one line on stderr.
 
-    :param refused: the exit status when it is refused.
+    :param refused: the exit status for a refused command.
     :returns: the exit status.
     """
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
     try:
-        answer = work()
+        result = work()
     except Unavailable as error:
         return _fail(program, error, UNAVAILABLE)
     except UsageError as error:
@@ -89,36 +92,36 @@ def run_command(program: str, work: Callable[[], CommandResult], as_json: bool, 
         return _fail(program, error, refused)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # it prints by itself, and who reads has seen enough
+    except BrokenPipeError:  # a command that prints itself; the reader has closed the pipe
         return OK
-    lines = answer.lines
-    if as_json and answer.data is not None:
-        data = answer.data() if callable(answer.data) else answer.data
+    lines = result.lines
+    if as_json and result.data is not None:
+        data = result.data() if callable(result.data) else result.data
         lines = [json.dumps(json_safe(data), ensure_ascii=False, indent=2)]
     try:
         sys.stdout.writelines(f"{line}\n" for line in lines)
     except BrokenPipeError:
         return OK
-    return answer.status
+    return result.status
 
 
 def end(status: int) -> NoReturn:
-    """Ends the process, also when nobody reads what it has printed."""
+    """Ends the process, even if the reader of its output has closed the pipe."""
     try:
         sys.stdout.flush()
-    except BrokenPipeError:  # who reads has seen enough
+    except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
 
 
 def _fail(program: str, error: Exception, status: int) -> int:
-    """An error, in one line."""
+    """Reports an error in one line."""
     sys.stderr.write(f"{program}: {' '.join(str(error).split())}\n")
     return status
 
 
 def screen() -> Screen:
-    """What this process prints on."""
+    """The screen of this process."""
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     try:
         "├".encode(sys.stdout.encoding or "ascii")
@@ -128,7 +131,7 @@ def screen() -> Screen:
 
 
 def user() -> str:
-    """Who runs this process."""
+    """The name of the user of this process."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):
@@ -136,7 +139,7 @@ def user() -> str:
 
 
 def json_safe(data: Any) -> Any:
-    """The data with texts for infinite numbers and for what is no number, which JSON has not."""
+    """The data with strings for infinity and NaN, which JSON lacks."""
     if isinstance(data, dict):
         return {key: json_safe(value) for key, value in data.items()}
     if isinstance(data, (list, tuple)):

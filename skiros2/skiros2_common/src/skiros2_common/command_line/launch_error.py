@@ -1,7 +1,7 @@
-"""Shows why a launch was refused as its last line, below the lines that roslaunch itself prints when it ends.
+"""Prints the reason of a failed launch as the last line, after the shutdown lines of roslaunch.
 
-Run as a program by `repeat_after_roslaunch`, on the standard library alone: PID TEXT. Says "ready" on stdout, waits
-until the roslaunch process of that id has printed its last line, and prints the text where that process printed.
+`repeat_after_roslaunch` runs this file as a program with the arguments PID TEXT, on the standard library only. It
+prints "ready" to stdout, waits for the last line of the roslaunch process PID, and prints TEXT to its stderr.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import time
 from pathlib import Path
 from typing import NoReturn
 
-#: How long roslaunch may take to end (s); it gives its nodes 15 s and more.
-_PATIENCE = 60.0
+#: The timeout for roslaunch to end (s); it gives its nodes at least 15 s.
+_TIMEOUT = 60.0
 
-#: How often it is looked at (s): a shell shows its prompt as soon as roslaunch has ended.
-_PERIOD = 0.002
+#: The polling period (s); short, because the shell prints its prompt as soon as roslaunch ends.
+_POLL_PERIOD = 0.002
 
-#: How many processes may lie between a node and roslaunch: a launch-prefix and what it starts.
-_MOST_BETWEEN = 4
+#: The maximum number of generations from roslaunch to a node: a launch-prefix adds some.
+_MAX_GENERATIONS = 4
 
 
 def refuse(reason: object) -> NoReturn:
-    """Ends a program that checks the configuration for a launch file: with the reason, in one line, and status 1."""
+    """Ends a configuration check of a launch file: prints the reason in one line and exits with status 1."""
     sys.stderr.write(f"{reason}\n")
     sys.stderr.flush()
     repeat_after_roslaunch(str(reason))
@@ -33,8 +33,8 @@ def refuse(reason: object) -> NoReturn:
 
 
 def repeat_after_roslaunch(text: str) -> None:
-    """Has a text printed once more when the roslaunch that started this process has ended; without one nothing."""
-    roslaunch = _roslaunch_above()
+    """Prints a text again after the end of the roslaunch that started this process, if there is one."""
+    roslaunch = _roslaunch_ancestor()
     if roslaunch is None:
         return
     with contextlib.suppress(OSError):
@@ -47,14 +47,14 @@ def repeat_after_roslaunch(text: str) -> None:
         assert child.stdout is not None
         child.stdout.readline()
         child.stdout.close()
-        child.returncode = 0  # it outlives this process on purpose
+        child.returncode = 0  # it is meant to outlive this process
 
 
-def _roslaunch_above() -> int | None:
-    """The id of the roslaunch process that this process descends from."""
+def _roslaunch_ancestor() -> int | None:
+    """The id of the roslaunch process among the ancestors of this process."""
     pid = os.getpid()
     with contextlib.suppress(OSError, ValueError):
-        for _ in range(_MOST_BETWEEN):
+        for _ in range(_MAX_GENERATIONS):
             pid = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
             words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")[:2]
             if any(os.path.basename(word) == b"roslaunch" for word in words):
@@ -63,14 +63,13 @@ def _roslaunch_above() -> int | None:
 
 
 def _wait(pid: int) -> None:
-    """Returns when the process has ended, or has written the traceback of its end into its log file: it does so after
-    its last line."""
+    """Waits until the process has ended or has logged its final traceback, which it does after its last line."""
     log = _log_of(pid)
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _TIMEOUT
     while _runs(pid) and time.monotonic() < deadline:
         if log is not None and _has_traceback(*log):
             return
-        time.sleep(_PERIOD)
+        time.sleep(_POLL_PERIOD)
 
 
 def _runs(pid: int) -> bool:
@@ -98,7 +97,7 @@ def _has_traceback(log: Path, start: int) -> bool:
 
 
 def _screen_of(pid: int) -> int:
-    """Where a process prints its errors, opened; where that is impossible (a socket), where this one does."""
+    """A file descriptor of a process's stderr; this process's stderr if that cannot be opened (a socket)."""
     try:
         return os.open(f"/proc/{pid}/fd/2", os.O_WRONLY | os.O_APPEND)
     except OSError:

@@ -1,4 +1,4 @@
-"""What a ROS master knows, asked without being a node, and without importing rospy."""
+"""Queries of the ROS master without a node and without importing rospy."""
 
 from __future__ import annotations
 
@@ -8,19 +8,15 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.errors import SkirosError
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
-#: How long a master or a node may take to answer (s).
+#: The timeout for a response of a master or node (s).
 TIMEOUT = 2.0
 
 
-class Unavailable(SkirosError):
-    """There is no master, or not the node that is asked for."""
-
-
 def ask_master(call: str, *arguments: Any) -> Any:
-    """What the master answers to a call of its API; None when it knows no answer.
+    """The result of a call of the master's API; None if the call fails.
 
     :raises Unavailable: no master answers.
     """
@@ -33,23 +29,23 @@ def ask_master(call: str, *arguments: Any) -> Any:
 
 
 def check_node(node: str, service: str, what: str) -> None:
-    """Makes sure that a node is there, lives and offers a service.
+    """Checks that a node runs and offers a service.
 
-    :param what: what the node is, for the message: "world model".
-    :raises Unavailable: there is no master, or nobody on it who answers.
+    :param what: the kind of node for the message: "world model".
+    :raises Unavailable: the master or the node does not answer.
     """
     address = ask_master("lookupNode", node)
     if not address or not ask_master("lookupService", f"{node}/{service}"):
         raise Unavailable(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
     try:
-        # A connection to the service that says nothing would be reported by the node as a failed one.
+        # A probe connection to the service would make the node report a failed connection.
         _ask(str(address), "getPid")
     except XMLRPC_ERRORS as error:
         raise Unavailable(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
 
 
 def _ask(uri: str, call: str, *arguments: Any) -> Any:
-    """The answer of a master or node; None when it is none."""
+    """The result of a call of a master or node; None if the call fails."""
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(TIMEOUT)
     try:

@@ -1,4 +1,4 @@
-"""The content of an element, shared with a world model until something is changed."""
+"""The content of an element: shared with the world model, copied on write."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class _Original(NamedTuple):
 
 
 class ElementContent:
-    """Class, label, id, properties and relations of an element, copied from the world model's when they are changed.
+    """Class, label, id, properties and relations of an element, copied from the world model's on write.
 
-    `_type`, `_label`, `_id`, `_properties`, `_relations` and `_local_relations` are read, changed and assigned by
-    libraries. `_props` and `_rels` are the same to be read only; reading them copies nothing.
+    Libraries read, change and assign `_type`, `_label`, `_id`, `_properties`, `_relations` and `_local_relations`.
+    `_props` and `_rels` are the read-only forms, which copy nothing.
     """
 
     def __init__(self, etype: str, elabel: str, eid: str) -> None:
@@ -58,7 +58,7 @@ class ElementContent:
         self._rels: Sequence[RelationDict] = []
         self._local_relations: list[RelationDict] = []
         self._original: _Original | None = None
-        self._own_keys: set[str] | None = None  # None: all properties are our own
+        self._own_keys: set[str] | None = None  # None: the element owns all properties
         self._owns_relations = True
         self._version = -1
         self._last_update = 0.0
@@ -73,13 +73,13 @@ class ElementContent:
         relations: Sequence[RelationDict],
         version: int = 0,
     ) -> Self:
-        """An element over content that belongs to the caller and is copied only when it is changed here.
+        """An element over content that belongs to the caller and is copied on write.
 
-        :param properties: by key; neither the dict nor its properties are ever changed through the element.
-        :param relations: relation dicts, which are never changed through the element either.
-        :param version: the world model's version of the element.
+        :param properties: by key; the element never changes the dict or its properties.
+        :param relations: relation dicts, which the element never changes either.
+        :param version: the revision of the element in the world model.
         """
-        element = cls.__new__(cls)  # in the place of __init__, since each read makes one
+        element = cls.__new__(cls)  # faster than __init__: each read creates one
         element._type = etype
         element._label = label
         element._id = eid
@@ -95,12 +95,12 @@ class ElementContent:
 
     @property
     def version(self) -> int:
-        """The world model's version of the element when it was read; -1 when it was not read from one."""
+        """The revision of the element in the world model when it was read; -1 if it was not read from one."""
         return self._version
 
     @property
-    def touched(self) -> bool:
-        """Whether something may have been changed since a world model gave it out. Fast; `changes` is exact."""
+    def may_be_changed(self) -> bool:
+        """Whether it may have changed since it was read from a world model. Fast; `changes` is exact."""
         original = self._original
         return (
             self._own_keys is None
@@ -112,7 +112,7 @@ class ElementContent:
         )
 
     def changes(self) -> ElementChanges | None:
-        """What was changed since a world model gave the element out; None when none did."""
+        """The changes since the element was read from a world model; None if it was not read from one."""
         original = self._original
         if original is None:
             return None
@@ -136,9 +136,9 @@ class ElementContent:
         return changes
 
     def adopt(self, fresh: Self, keep_children: bool = False) -> None:
-        """Takes over id, content and version of `fresh`. World models call it when they have written the element.
+        """Replaces id, content and revision with those of `fresh`. World models call it after writing the element.
 
-        :param keep_children: the elements kept aside were not written and stay aside.
+        :param keep_children: keep the local relations, which were not written.
         """
         local = self._local_relations if keep_children else []
         self.__dict__.update(fresh.view().__dict__)
@@ -146,11 +146,11 @@ class ElementContent:
         self._local_relations = local
 
     def view(self) -> Self:
-        """An element over this one's content, copied only when it is changed there; `changes` counts from now."""
+        """A new element that shares this one's content, copied on write; its `changes` start from here."""
         return self.shared(self._type, self._label, self._id, self._props, self._rels, self._version)
 
     def copy(self) -> Self:
-        """A copy that shares nothing that can be changed."""
+        """A copy that shares no mutable data."""
         copy = self.__class__.__new__(self.__class__)
         ElementContent.__init__(copy, self._type, self._label, self._id)
         copy._props = {key: prop.clone() for key, prop in self._props.items()}
@@ -178,13 +178,13 @@ class ElementContent:
         return self._props[key]
 
     def _key_of(self, key: str) -> str | None:
-        """The key under which a property is kept, however it is written; None when there is none."""
+        """The stored spelling of a property's key; None if the property is missing."""
         if key in self._props:
             return key
         return next((name for name in spellings(key) if name in self._props), None)
 
     def _find(self, key: str) -> Property | None:
-        """A property, to be read only; None when there is none."""
+        """A property, read-only; None if it is missing."""
         prop = self._props.get(key)
         if prop is not None:
             return prop
@@ -207,7 +207,7 @@ class ElementContent:
 
     @property
     def _properties(self) -> dict[str, Property]:
-        # Libraries read, change and assign it, so all of it becomes the element's own.
+        # Libraries change it in place, so the element copies all of it.
         if self._own_keys is not None:
             for key in list(self._props):
                 self._own(key)
@@ -224,7 +224,6 @@ class ElementContent:
 
     @property
     def _relations(self) -> list[RelationDict]:
-        # Libraries read, change and assign it.
         return self._own_relations()
 
     @_relations.setter

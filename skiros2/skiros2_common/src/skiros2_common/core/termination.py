@@ -1,4 +1,4 @@
-"""What asks a program to end, as an exception in its main thread, so that it can put away what it has started."""
+"""Termination signals as an exception in the main thread, so that a program can clean up."""
 
 from __future__ import annotations
 
@@ -12,60 +12,60 @@ TERMINATION_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Terminated(KeyboardInterrupt):
-    """A signal has asked the program to end.
+    """The program received a termination signal.
 
-    :ivar number: of the signal.
+    :ivar number: the signal.
     """
 
     def __init__(self, number: int) -> None:
-        super().__init__(f"ended by {signal.Signals(number).name}")
+        super().__init__(f"terminated by {signal.Signals(number).name}")
         self.number = number
 
 
 class TerminationSignals:
-    """A context manager, for the main thread: within it the first signal to end raises `Terminated`.
+    """A context manager for the main thread: the first termination signal raises `Terminated`.
 
-    Those that come after it are left out, and those that the program ignores (nohup) stay ignored.
+    Later signals, and signals that the program already ignores (nohup), are ignored.
     """
 
     def __init__(self) -> None:
-        self._before: dict[int, Any] = {}
-        self._came: int | None = None
-        self._is_held = False
+        self._handlers: dict[int, Any] = {}
+        self._received: int | None = None
+        self._is_deferred = False
 
     def __enter__(self) -> TerminationSignals:
         """:raises ValueError: this is not the main thread."""
         for number in TERMINATION_SIGNALS:
             if signal.getsignal(number) != signal.SIG_IGN:
-                self._before[number] = signal.signal(number, self._end)
+                self._handlers[number] = signal.signal(number, self._end)
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
     @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Within it no signal disturbs; one that came meanwhile is raised at the end."""
-        self._is_held = True
+    def deferred(self) -> Iterator[None]:
+        """A context manager that defers signals: one received inside is raised at its end."""
+        self._is_deferred = True
         try:
             yield
         finally:
-            self._is_held = False
-        if self._came is not None:
-            raise Terminated(self._came)
+            self._is_deferred = False
+        if self._received is not None:
+            raise Terminated(self._received)
 
     def ignore(self) -> None:
-        """From now on signals are left out: the program is ending."""
-        self._is_held = True
+        """Ignores further signals, because the program is ending."""
+        self._is_deferred = True
 
     def _end(self, number: int, _: FrameType | None) -> None:
-        if self._came is None:
-            self._came = number
-            if not self._is_held:
+        if self._received is None:
+            self._received = number
+            if not self._is_deferred:
                 raise Terminated(number)
 
 
 def exit_status(interrupt: KeyboardInterrupt) -> int:
-    """What a program ends with that a signal has ended, as shells have it."""
+    """The exit status of a program that a signal ended, by the convention of shells."""
     return 128 + (interrupt.number if isinstance(interrupt, Terminated) else signal.SIGINT)

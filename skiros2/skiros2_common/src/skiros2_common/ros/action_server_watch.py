@@ -1,4 +1,4 @@
-"""Whether an action server is there, and whether its answer still comes, asked without waiting."""
+"""Non-blocking checks of an action server: is it connected, is a response overdue?"""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from actionlib import CommState
 
 from skiros2_common.ros.subscribers import RegisteredSubscribers
 
-#: Time after which the other listeners of an action's goals are not waited for any more (s).
-_LISTENERS_TIMEOUT = 5.0
+#: How long to wait for the other subscribers of an action's goals (s).
+_SUBSCRIBERS_TIMEOUT = 5.0
 
 
 class ServerWatch:
-    """Watches the server of one action client, from its creation on.
+    """Watches the server of one action client.
 
     :param client: an `actionlib.SimpleActionClient` or `ActionClient`.
     """
 
     def __init__(self, client: Any) -> None:
         self._client = getattr(client, "action_client", client)
-        self._heard: Any = self._client.last_status_msg
-        self._heard_at = self._made_at = time.monotonic()
-        self._overdue: dict[int, float] = {}  # since when (s), by the state in which an answer is waited for
-        self._listeners: RegisteredSubscribers | None = None
+        self._last_status: Any = self._client.last_status_msg
+        self._status_time = self._created = time.monotonic()
+        self._overdue: dict[int, float] = {}  # start time (s) by the communication state
+        self._subscribers: RegisteredSubscribers | None = None
 
     @property
     def name(self) -> str:
@@ -32,8 +32,8 @@ class ServerWatch:
         return str(self._client.ns)
 
     def is_connected(self) -> bool:
-        """Whether a goal would reach the server and all others that listen to goals, and its answer this client."""
-        # As SimpleActionClient.wait_for_server, which sleeps, and for ever when simulated time stands still.
+        """Whether a goal would reach the server and all other subscribers, and the result this client."""
+        # Like SimpleActionClient.wait_for_server, which blocks, forever if the simulated clock is paused.
         client = self._client
         if not client.last_status_msg:
             return False
@@ -44,41 +44,41 @@ class ServerWatch:
             and any(c.callerid_pub == server for c in client.result_sub.impl.connections)
             and any(c.callerid_pub == server for c in client.feedback_sub.impl.connections)
         )
-        if is_connected and self._listeners is None:
-            self._listeners = RegisteredSubscribers(client.pub_goal)
-        if not is_connected or self._listeners is None:
+        if is_connected and self._subscribers is None:
+            self._subscribers = RegisteredSubscribers(client.pub_goal)
+        if not is_connected or self._subscribers is None:
             return False
-        return self.age() > _LISTENERS_TIMEOUT or self._listeners.are_connected()
+        return self.age() > _SUBSCRIBERS_TIMEOUT or self._subscribers.are_connected()
 
     def age(self) -> float:
-        """Time since the creation (s of wall time)."""
-        return time.monotonic() - self._made_at
+        """Time since creation (s of wall time)."""
+        return time.monotonic() - self._created
 
     def time_since_status(self) -> float:
-        """For how long the server has said nothing, as seen by the calls of this method (s of wall time).
+        """Time since the last status message, as observed by calls of this method (s of wall time).
 
         A server publishes its status five times a second.
         """
         status = self._client.last_status_msg
-        if status is not self._heard:
-            self._heard, self._heard_at = status, time.monotonic()
-        return time.monotonic() - self._heard_at
+        if status is not self._last_status:
+            self._last_status, self._status_time = status, time.monotonic()
+        return time.monotonic() - self._status_time
 
     def time_without_result(self, handle: Any) -> float:
-        """For how long the server has said that a goal is ended without its result, likewise (s).
+        """Time since the server reported the end of a goal whose result is missing, as observed by calls (s).
 
-        A result is lost when the server was started anew under its name just before: the connections seem to be there.
+        A result is lost if the server has just been restarted: the old connections still seem to be open.
         """
-        return self._waiting(handle, CommState.WAITING_FOR_RESULT)
+        return self._time_in(handle, CommState.WAITING_FOR_RESULT)
 
     def time_without_ack(self, handle: Any) -> float:
-        """For how long the server has not said that it has got a goal that was sent, likewise (s).
+        """Time since a goal was sent that the server has not acknowledged, as observed by calls (s).
 
-        A goal is lost as a result is.
+        A goal can be lost like a result.
         """
-        return self._waiting(handle, CommState.WAITING_FOR_GOAL_ACK)
+        return self._time_in(handle, CommState.WAITING_FOR_GOAL_ACK)
 
-    def _waiting(self, handle: Any, state: int) -> float:
+    def _time_in(self, handle: Any, state: int) -> float:
         if handle.get_comm_state() != state:
             self._overdue.pop(state, None)
             return 0.0

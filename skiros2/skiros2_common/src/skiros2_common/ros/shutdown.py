@@ -1,7 +1,7 @@
-"""How nodes end when a signal asks them to.
+"""Shutdown of a node by a signal, with the shutdown hooks in a separate thread.
 
-rospy runs the shutdown hooks on top of whatever the main thread is at. When that holds a lock, of logging for example,
-and a hook or a thread that the hook waits for needs it, the node never ends. Here they run in a thread of their own.
+rospy runs the hooks in the signal handler, on top of the main thread's current frame. If that frame holds a lock, for
+example of logging, that a hook needs, the node deadlocks.
 """
 
 from __future__ import annotations
@@ -14,52 +14,52 @@ from queue import SimpleQueue
 
 import rospy
 
-_PERIOD = 0.5  # s, how often is looked whether ROS has shut the node down by itself
+_POLL_PERIOD = 0.5  # s, for a shutdown by ROS itself
 
-_ender: _Ender | None = None
+_shutdown_thread: _ShutdownThread | None = None
 
 
-class _Ender(threading.Thread):
-    """Shuts the node down when it is told to."""
+class _ShutdownThread(threading.Thread):
+    """Shuts the node down on request."""
 
     def __init__(self) -> None:
-        super().__init__(name="end")
-        self._told: SimpleQueue[str] = SimpleQueue()
-        self.began = threading.Event()
+        super().__init__(name="shutdown")
+        self._reasons: SimpleQueue[str] = SimpleQueue()
+        self.started = threading.Event()
 
-    def tell(self, reason: str) -> None:
-        """For signal handlers too: holds no lock that the thread below the handler may hold."""
-        self._told.put(reason)
+    def request(self, reason: str) -> None:
+        """Requests the shutdown. Safe in signal handlers: it takes no lock that the interrupted thread may hold."""
+        self._reasons.put(reason)
 
     def run(self) -> None:
-        reason = self._told.get()
-        self.began.set()
+        reason = self._reasons.get()
+        self.started.set()
         rospy.signal_shutdown(reason)
 
 
 @contextlib.contextmanager
 def shutdown_in_thread() -> Iterator[None]:
-    """Within it a signal to end shuts the node down in a thread of its own, and so does the end of it.
+    """A context manager: SIGINT, SIGTERM and its end shut the node down in a separate thread.
 
-    For the main thread, with `rospy.init_node(..., disable_signals=True)` inside. The main thread goes on meanwhile: it
-    has to ask `rospy.is_shutdown`, or to call `spin`.
+    For the main thread, with `rospy.init_node(..., disable_signals=True)` inside. The main thread continues during the
+    shutdown: it has to check `rospy.is_shutdown` or to call `spin`.
     """
-    global _ender
-    _ender = ender = _Ender()
-    ender.start()
+    global _shutdown_thread
+    _shutdown_thread = thread = _ShutdownThread()
+    thread.start()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: ender.tell(f"signal {number}"))
+        signal.signal(number, lambda number, _: thread.request(f"signal {number}"))
     try:
         yield
     finally:
-        ender.tell("the program is over")
-        ender.join()
+        thread.request("the program has ended")
+        thread.join()
 
 
 def spin() -> None:
-    """As `rospy.spin`, within `shutdown_in_thread`: returns when a signal has shut the node down, hooks and all."""
-    assert _ender is not None, "spin is for within ended_beside_main"
-    while not rospy.is_shutdown() and not _ender.began.wait(_PERIOD):
+    """Same as `rospy.spin`, for use in `shutdown_in_thread`: returns after all shutdown hooks have run."""
+    assert _shutdown_thread is not None, "spin requires shutdown_in_thread"
+    while not rospy.is_shutdown() and not _shutdown_thread.started.wait(_POLL_PERIOD):
         pass
-    if _ender.began.is_set():
-        _ender.join()
+    if _shutdown_thread.started.is_set():
+        _shutdown_thread.join()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import rosgraph
 
-from skiros2_common.command_line.command import UsageError
-from skiros2_common.command_line.master import Unavailable, ask_master, check_node
+from skiros2_common.command_line.command import Unavailable, UsageError
+from skiros2_common.command_line.master import ask_master, check_node
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_skill.command_line.description import Skill, read_skill

@@ -9,7 +9,7 @@ from typing import Any
 
 import rospy
 
-from skiros2_common.command_line.master import Unavailable
+from skiros2_common.command_line.command import Unavailable
 from skiros2_msgs.msg import TreeProgress
 from skiros2_skill.command_line.connection import Manager
 

@@ -10,9 +10,8 @@ import threading
 import time
 from typing import Any, TextIO
 
-from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_skill.command_line.assignments import Step, read_steps

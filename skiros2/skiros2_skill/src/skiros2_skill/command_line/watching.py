@@ -9,9 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, Protocol, TextIO
 
-from skiros2_common.command_line.command import OK, REFUSED, CommandResult, json_safe, screen
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult, Unavailable, json_safe, screen
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.command_line.tree import SUCCESS, Changes, HoldConditions, has_ended, picture, summary, word_of

@@ -60,7 +60,7 @@ class Slot:
 
     @property
     def is_at_placeholder(self) -> bool:
-        return self.param._values is self.placeholder and not any(e.id or e.touched for e in self.param._values)
+        return self.param._values is self.placeholder and not any(e.id or e.may_be_changed for e in self.param._values)
 
 
 class Blackboard:
@@ -267,7 +267,7 @@ def refresh(slots: list[Slot], wmi: Any, present: Any) -> list[str]:
                 gone.append(eid)
                 is_complete = False
             elif found.version != value.version or found.version < 0:
-                changes = value.changes() if value.touched else None
+                changes = value.changes() if value.may_be_changed else None
                 values[index] = with_changes(found, changes) if changes else found
         if not is_complete:
             slot.param._values = [v for v in values if v.id not in gone and not is_removed(v)]
@@ -325,7 +325,7 @@ def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
     """The elements that were changed in place and not written."""
     for slot in slots:
         for element in slot.param._values:
-            if element.id and element.touched and element.changes():
+            if element.id and element.may_be_changed and element.changes():
                 yield element
 
 
@@ -334,7 +334,7 @@ def drop_changes(slots: list[Slot], wmi: Any) -> None:
     for slot in slots:
         values = slot.param._values
         for index, element in enumerate(values):
-            if element.id and element.touched:
+            if element.id and element.may_be_changed:
                 values[index] = wmi.find_element(element.id) or element
 
 

@@ -48,7 +48,7 @@ class NodeNow(JsonData):
     :param params: the values of its parameters and where they came from.
     """
 
-    _called = "node"
+    _data_name = "node"
 
     node: int
     type: str

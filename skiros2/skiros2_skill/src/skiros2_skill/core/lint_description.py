@@ -30,7 +30,7 @@ def description_faults(described: Described, wmi: Any) -> Iterator[Fault]:
 def parts(conditions: Sequence[Any]) -> Iterator[tuple[Any, SourceLocation | None]]:
     """The conditions, and those that others are made of, with their places."""
     for condition in conditions:
-        place = getattr(condition, "place", None)
+        place = getattr(condition, "source_location", None)
         yield condition, place
         if isinstance(condition, ConditionOr):
             for part, _ in parts(condition.conditions):
@@ -95,13 +95,13 @@ def _contradictions(described: Described) -> Iterator[Fault]:
         for one, other in combinations(conditions, 2):
             if one.hasConflict(other):
                 text = f"{stage}-conditions [{one.label}] and [{other.label}] cannot both hold"
-                place = getattr(other, "place", None)
+                place = getattr(other, "source_location", None)
                 yield described.fault(WARNING, "contradiction", text, place, "loaded; a start fails")
     for pre in stages["pre"]:
         for hold in stages["hold"]:
             if getattr(pre, "property", "") != DEVICE_STATE and pre.hasConflict(hold):
                 text = f"[{pre.label}] has to hold at the start, and not to hold while the skill runs ([{hold.label}])"
-                place = getattr(hold, "place", None)
+                place = getattr(hold, "source_location", None)
                 yield described.fault(WARNING, "contradiction", text, place, "loaded; both are checked")
 
 

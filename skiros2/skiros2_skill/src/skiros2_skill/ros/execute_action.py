@@ -51,7 +51,7 @@ class ExecuteAction(GoalServer):
         self._lock = threading.Lock()  # never held in a call of actionlib
         self._goals: dict[int, _Goal] = {}  # by the id of the task
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         with self._lock:
             left, self._goals = self._goals, {}
         return [goal.handle for goal in left.values()]

@@ -11,9 +11,9 @@ from typing import Any, TextIO
 
 import rosgraph
 
-from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import Unavailable, check_node
+from skiros2_common.command_line.master import check_node
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.command_line.planning import goal_text

@@ -117,7 +117,7 @@ class Preview(JsonData):
 
     steps: list[PreviewStep]
     reached: bool
-    _called = "preview"
+    _data_name = "preview"
 
     @property
     def works(self) -> bool:

@@ -53,7 +53,7 @@ class AchieveAction(GoalServer):
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         return [handle for handle, _ in self._running]
 
     # -- in the thread of the action ---------------------------------------------------------------------------

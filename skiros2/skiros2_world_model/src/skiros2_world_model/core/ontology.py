@@ -67,6 +67,7 @@ class Ontology:
         self._superproperties: dict[str, list[str]] = {}
         self._relations: set[str] = set()
         self._data_properties: set[str] = set()
+        self._domains: dict[str, list[str]] = {}
         self._ranges: dict[str, list[str]] = {}
         self._types: dict[str, list[str]] = {}
         self._individuals: dict[str, Individual] = {}
@@ -74,6 +75,7 @@ class Ontology:
         self._restrictions: dict[str, list[Restriction]] = {}
         self._closures: dict[tuple[str, str], frozenset[str]] = {}
         self._limits: dict[tuple[str, str], tuple[str, int | None]] = {}
+        self._misfits: dict[tuple[str, str, str], list[str]] = {}
         self._read(list(triples))
         self._subclasses = _inverse(self._superclasses)
         self._subproperties = _inverse(self._superproperties)
@@ -151,6 +153,30 @@ class Ontology:
     def is_subproperty(self, child: str, parent: str) -> bool:
         """Whether `child` is `parent` or under it."""
         return child == parent or parent in self.superproperties(child)
+
+    def misfits(self, subject_type: str, relation: str, object_type: str) -> list[str]:
+        """The rules on the classes of the ends of a relation that are broken, as texts.
+
+        A class that the ontologies do not know breaks no rule.
+
+        :param object_type: "" when the object has no class.
+        """
+        key = (subject_type, relation, object_type)
+        broken = self._misfits.get(key)
+        if broken is not None:
+            return broken
+        broken = self._misfits[key] = []
+        for name in sorted(self.superproperties(relation) | {relation}):
+            for side, etype, wanted in (
+                ("subject", subject_type, self._domains.get(name, ())),
+                ("object", object_type, self._ranges.get(name, ())),
+            ):
+                broken += [
+                    f"the {side} of {name} is a {cls}, which {etype} is not"
+                    for cls in wanted
+                    if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
+                ]
+        return broken
 
     # -- values ------------------------------------------------------------------------------------------------
 
@@ -231,7 +257,7 @@ class Ontology:
         other = copy.copy(self)
         other._superclasses = {name: list(above) for name, above in self._superclasses.items()}
         other._types = {name: list(types) for name, types in self._types.items()}
-        other._closures, other._limits = {}, {}
+        other._closures, other._limits, other._misfits = {}, {}, {}
         for subject, predicate, obj in triples:
             if predicate == "rdf:type":
                 _append(other._types.setdefault(subject, []), obj)
@@ -268,6 +294,8 @@ class Ontology:
             elif predicate == "rdfs:subPropertyOf" and not obj.startswith("_:"):
                 self._superproperties.setdefault(obj, [])
                 _append(self._superproperties.setdefault(subject, []), obj)
+            elif predicate == "rdfs:domain" and not obj.startswith("_:"):
+                _append(self._domains.setdefault(subject, []), obj)
             elif predicate == "rdfs:range" and not obj.startswith("_:"):
                 _append(self._ranges.setdefault(subject, []), obj)
 

@@ -174,7 +174,7 @@ class Reasoning:
             if self._parse(reasoner, element, action) is False:
                 raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
             self._offered.append((reasoner, action, element))
-            changes = element.changes() if removed is None and element.touched else None
+            changes = element.changes() if removed is None and element.may_be_changed else None
             if changes:
                 self._store(scene, transaction, _name(reasoner), element, changes)
 

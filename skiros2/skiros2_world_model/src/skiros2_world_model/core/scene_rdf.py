@@ -68,6 +68,10 @@ def read_scene(
             reader.read(eid, statements)
         except SkirosError as error:
             checks.refuse(eid, "", error, LEFT_OUT)
+    nodes = {node.id: node for node in content.nodes}
+    for src, relation, dst in content.relations:
+        if src in nodes:
+            checks.relation_ends(nodes[src], relation, nodes.get(dst), f"{src} {relation} {dst}")
     return content
 
 

@@ -273,11 +273,11 @@ class Transaction:
         pred = self._checks.relation_name(pred, who)
         dst = self._target(src, pred, dst)
         if src not in self._scene:
-            context = next((name for name, scene in self._others.items() if src in scene), None)
-            if context is None:
+            if (context := next((name for name, scene in self._others.items() if src in scene), None)) is None:
                 raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
             self.elsewhere[Relate(src, pred, dst)] = context
             return src
+        self._checks.relation_ends(self._node(src), pred, self._scene.node(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._placed[dst] = None
         if eid not in (src, dst):

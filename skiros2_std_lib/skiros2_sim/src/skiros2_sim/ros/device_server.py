@@ -87,7 +87,7 @@ class DeviceServer(GoalServer):
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return self._rejection(message)
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         running = self._running
         return [running.handle] if running is not None else []
 

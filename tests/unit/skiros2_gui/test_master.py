@@ -11,7 +11,7 @@ import pytest
 
 from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.master import ask_master
-from skiros2_gui.ros import master
+from skiros2_gui.app.ros import master
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def address(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """A socket at the master's address, which nobody serves."""
     with socket.create_server(("localhost", 0)) as listening:
         monkeypatch.setenv("ROS_MASTER_URI", f"http://localhost:{listening.getsockname()[1]}")
-        monkeypatch.setattr(master, "PATIENCE", 0.1)
+        monkeypatch.setattr(master, "TIMEOUT", 0.1)
         yield listening
 
 

@@ -17,7 +17,7 @@ from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Linter, OnlyReads, lin
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, reads_of
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
 from unit.skiros2_skill.skills import REQUIRED, Note, Work, describe, primitive
 
 FAULTY = Path(__file__).parents[2] / "libraries"
@@ -252,7 +252,7 @@ def test_code_that_is_only_checked_has_the_reading_calls_of_the_port_and_no_othe
         except SkirosError:
             refused.add(name)
     assert {"instanciate", "add_element", "transact", "_transact", "_modify", "set_relation", "add_class"} <= refused
-    assert calls - refused == reads_of(WorldModelPort) & calls
+    assert calls - refused == read_only_calls(WorldModelPort) & calls
 
 
 def test_narrowed_types_and_more_parameters(wmi):

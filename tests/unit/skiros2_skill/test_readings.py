@@ -41,7 +41,7 @@ class Counting(LocalWorldModel):
 class Blind(LocalWorldModel):
     """Cannot tell what has changed."""
 
-    def present(self):
+    def revisions(self):
         return None
 
 

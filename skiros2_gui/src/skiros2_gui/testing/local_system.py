@@ -1,4 +1,4 @@
-"""A whole system in this process, without ROS: the world model, robots with their skills, and what is told of them."""
+"""A system in this process, without ROS: the world model and robots with skills."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.core.events import ConnectionChanged, ManagersChanged, Progressed, WorldChanged
-from skiros2_gui.core.inbox import Inbox
-from skiros2_gui.core.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
+from skiros2_gui.app.event_queue import EventQueue
+from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_skill.command_line.description import Skill, read_skill
 from skiros2_skill.core.breakpoints import Breakpoint
 from skiros2_skill.core.history import REFUSED, History, Record
@@ -58,7 +58,7 @@ class Node:
 
 @dataclass
 class Why:
-    """The answer to why."""
+    """The response of `Manager.why`."""
 
     ok: bool
     text: str
@@ -66,12 +66,12 @@ class Why:
 
 
 class LocalManager:
-    """A robot with skills, which are ticked by a thread; `close` ends it.
+    """A skill manager with a ticker thread; `close` ends it.
 
     :param name: the node name, with its slash.
     :param skills: classes of implementations.
-    :param told: called with each progress, in the thread that ticks.
-    :param robot: the label of the robot in the scene, which has to be there.
+    :param on_progress: called with each progress, in the ticker thread.
+    :param robot: the label of the robot, which is in the scene.
     """
 
     def __init__(
@@ -79,12 +79,12 @@ class LocalManager:
         wm: LocalWorldModel,
         name: str,
         skills: Sequence[type],
-        told: Callable[[Progressed], None],
+        on_progress: Callable[[TaskProgress], None],
         robot: str,
     ) -> None:
         self._name = name
         self._wm = wm
-        self._told = told
+        self._report = on_progress
         self._library = SkillLibrary(wm)
         for skill in skills:
             self._library.add(skill)
@@ -154,8 +154,8 @@ class LocalManager:
             nodes = make_nodes(requests, self._library, self._wm)
         except Exception as error:
             explanation = why_refused(requests, self._library, self._wm, -1)
-            told = [explanation] if explanation is not None else []
-            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), told))
+            explanations = [explanation] if explanation is not None else []
+            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), explanations))
             raise Refused(f"start by window refused: {error}") from error
         task = self._ticker.new_task(self._wm, "window")
         task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred)
@@ -166,7 +166,7 @@ class LocalManager:
     def _on_progress(self, task: Task) -> None:
         if task.ended.is_set():
             self._history.end(task)
-        self._told(Progressed(self._name, self._nodes(task), time.time()))
+        self._report(TaskProgress(self._name, self._nodes(task), time.time()))
 
     def _nodes(self, task: Task) -> list[Node]:
         return [
@@ -179,20 +179,20 @@ class LocalManager:
 
 
 class LocalSystem:
-    """The port over a world model of this process.
+    """Implements `app.system.System` with a world model of this process.
 
-    :param wm: the author of its changes is the window's.
+    :param wm: its author is the author of the window's changes.
     """
 
-    def __init__(self, inbox: Inbox, wm: LocalWorldModel | None = None) -> None:
-        self._inbox = inbox
+    def __init__(self, event_queue: EventQueue, wm: LocalWorldModel | None = None) -> None:
+        self._event_queue = event_queue
         self._wm = wm if wm is not None else LocalWorldModel("window")
         self._is_up = True
         self._since = time.time()
         self._managers: dict[str, LocalManager] = {}
         self.planner: Planner | None = None
-        #: The element that was marked last.
-        self.marked = ""
+        #: The argument of the last `set_movable`.
+        self.movable = ""
         self._wm.add_listener(self._on_change)
 
     @property
@@ -217,32 +217,32 @@ class LocalSystem:
         return dict(self._managers)
 
     def add_manager(self, name: str, skills: Sequence[type], robot: str = "skiros:test_robot") -> LocalManager:
-        """A robot comes up.
+        """Adds a manager, and its robot if it is not in the scene.
 
         :param name: the node name, with its slash.
-        :param robot: its label; one that is not there is added.
+        :param robot: the robot's label.
         """
         if not any(e.label == robot for e in self._robots()):
             element = Element("cora:Robot", robot)
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
             self._wm.add_element(element)
-        made = LocalManager(self._wm, name, skills, self._inbox.put, robot)
+        made = LocalManager(self._wm, name, skills, self._event_queue.put, robot)
         self._managers[name] = made
-        self._inbox.put(ManagersChanged())
+        self._event_queue.put(ManagersChanged())
         return made
 
     def remove_manager(self, name: str) -> None:
-        """A robot goes."""
+        """Removes a manager."""
         self._managers.pop(name).close()
-        self._inbox.put(ManagersChanged())
+        self._event_queue.put(ManagersChanged())
 
     def set_up(self, is_up: bool) -> None:
-        """The world model is there, or not, as the window hears of it."""
+        """Sets the status of the world model."""
         self._is_up, self._since = is_up, time.time()
-        self._inbox.put(ConnectionChanged())
+        self._event_queue.put(ConnectionChanged())
 
-    def mark(self, eid: str) -> None:
-        self.marked = eid
+    def set_movable(self, eid: str) -> None:
+        self.movable = eid
 
     def close(self) -> None:
         self._wm.remove_listener(self._on_change)
@@ -256,4 +256,4 @@ class LocalSystem:
     def _on_change(self, change: Change) -> None:
         is_other = change.action == RESET
         of_ontology = is_other or not (change.elements or change.relations)
-        self._inbox.put(WorldChanged((change,), is_other, of_ontology))
+        self._event_queue.put(WorldChanged((change,), is_other, of_ontology))

@@ -247,7 +247,7 @@ def refresh(slots: list[Slot], wmi: Any, present: Any) -> list[str]:
     here is kept. Elements that are not there any more are dropped.
 
     :param slots: those of element type.
-    :param present: the world model's `Present`, which tells which are the same; None: it is not known.
+    :param present: the world model's `Revisions`, which tells which are the same; None: it is not known.
     :returns: the ids of those that were dropped.
     """
     gone = []

@@ -19,7 +19,7 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.source_location import SourceLocation, error_location, format_error_line
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.core.compound import SkillBase
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, reads_of
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 
@@ -59,7 +59,7 @@ class Fault:
 class OnlyReads:
     """The world model for code that is only tried: it has what the port has for reading, and no more."""
 
-    _READS = reads_of(WorldModelPort)
+    _READS = read_only_calls(WorldModelPort)
 
     def __init__(self, wmi: Any) -> None:
         self.__wmi = wmi

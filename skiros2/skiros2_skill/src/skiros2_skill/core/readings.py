@@ -40,7 +40,7 @@ _OF_THEIR_ELEMENTS = (
 
 
 class Watch:
-    """What a node has read, as marks of the world model's `Present`.
+    """What a node has read, as marks of the world model's `Revisions`.
 
     :param ontology: what the ontologies said.
     :param elements: each id with what stood for its element.
@@ -182,14 +182,14 @@ class Readings:
         return self._inside.call(node, "its conditions", unmet, HOLD, node._hold_conditions, node._params, self._wmi)
 
     def present(self, node: SkillWrapper) -> Any:
-        """The world model's `Present`; it is asked for once for each version, for whichever node comes first.
+        """The world model's `Revisions`; it is asked for once for each version, for whichever node comes first.
 
         :raises WmException: the world model does not answer.
         """
         if self._present_version != self.version or self.version == -1:
             self._present = None
             if self._wmi is not None:
-                self._present = self._inside.call(node, "the reading of its elements", self._wmi.present)
+                self._present = self._inside.call(node, "the reading of its elements", self._wmi.revisions)
             self._present_version = self.version
         return self._present
 

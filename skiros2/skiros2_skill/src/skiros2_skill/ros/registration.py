@@ -16,7 +16,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_skill.core.devices import DEVICE_HOLDER, free_former_devices
 from skiros2_skill.core.library import Implementation
 from skiros2_skill.core.manager_names import SKILL_MGR, bare_name, runs_on
-from skiros2_world_model.core.wills import Bequest
+from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ class Registration:
         :raises ConfigurationError: the robot cannot be found or made.
         :raises WmException: the world model refuses, or does not answer.
         """
-        self._wmi.leave_will(self._will())
+        self._wmi.set_last_will(self._will())
         self._wmi.catch_up()
         if self.stands():
             return False
@@ -68,7 +68,7 @@ class Registration:
         :raises WmException: the world model refuses, or does not answer; the will stands then.
         """
         self.remove_skills()
-        self._wmi.leave_will([])
+        self._wmi.set_last_will([])
 
     def register_robot(self) -> None:
         """Finds the robot in the scene, or makes it from its template, and places it.
@@ -115,16 +115,16 @@ class Registration:
             if skill is not None:  # else the last will of an earlier life has just taken it
                 self._wmi.remove_element(skill, True, "skiros:skillProperty")
 
-    def _will(self) -> list[Bequest]:
+    def _will(self) -> list[CleanupAction]:
         """What is to be done when the manager is gone: its skills go, its devices are free."""
         free = {
             DEVICE_STATE: Property(DEVICE_STATE, DEVICE_IDLE),
             DEVICE_HOLDER: Property(DEVICE_HOLDER, str),
         }
         return [
-            Bequest(DEVICE_HOLDER, self._manager, properties=free),
+            CleanupAction(DEVICE_HOLDER, self._manager, properties=free),
             *(
-                Bequest(SKILL_MGR, name, "skiros:hasSkill", "skiros:skillProperty")
+                CleanupAction(SKILL_MGR, name, "skiros:hasSkill", "skiros:skillProperty")
                 for name in (bare_name(self._manager), self._manager)  # scenes hold both
             ),
         ]

@@ -25,7 +25,7 @@ from skiros2_skill.ros.progress import ProgressPublisher, param_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_skill.ros.task_starter import TaskStarter
-from skiros2_world_model.core.wills import author_of_will
+from skiros2_world_model.core.last_will import last_will_author
 
 log = logging.getLogger(__name__)
 
@@ -253,7 +253,7 @@ class SkillManager(DiscoverableNode):
         if self._ticker is not None:
             self._ticker.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
-        was_buried = change.author == author_of_will(rospy.get_name())  # out of reach for long, but alive
+        was_buried = change.author == last_will_author(rospy.get_name())  # out of reach for long, but alive
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
             element.id == self._registration.robot_id for element in change.elements
         )

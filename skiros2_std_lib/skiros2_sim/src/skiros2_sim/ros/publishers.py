@@ -1,4 +1,4 @@
-"""What the simulated world tells by itself: its clock, tf, joints, odometry, wrenches, contacts."""
+"""Publishes the state of the simulated world: clock, tf, joints, odometry, wrenches, contacts."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from skiros2_sim.core.composing import BASE_LINK
 from skiros2_sim.core.faults import DelayLine
 from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import RATE, World
 from skiros2_sim.ros.frames import ODOM, Frames
@@ -23,16 +23,16 @@ from skiros2_sim.ros.messages import pose_message, twist_message, wrench_message
 from skiros2_sim_msgs.msg import Contact, Contacts
 from skiros2_std_reasoners.ros.packed_transforms import PackedTransforms
 
-#: Steps between two of each: 60, 30 and 20 Hz of simulated time.
+#: Steps between two messages: 60, 30 and 20 Hz of simulated time.
 _CLOCK, _STATE, _CONTACTS = RATE // 60, RATE // 30, RATE // 20
-#: Contacts are told when what touches what has changed, and after so many steps while anything touches.
+#: Contacts are published on change, and after this number of steps while there are any.
 _CONTACTS_ANYWAY = RATE
 
 
 class SimulatedClock:
-    """The time of the simulated world for ROS, which goes on when the world is reset.
+    """The ROS time of the simulated world. Not reset with the world.
 
-    :param stepper: whose steps it counts.
+    :param stepper: counts the steps.
     """
 
     def __init__(self, stepper: Stepper) -> None:
@@ -40,7 +40,7 @@ class SimulatedClock:
 
     @property
     def now(self) -> Any:
-        """It begins with the first step: 0 is "no time" to rospy."""
+        """The current time. Starts with the first step, as rospy treats 0 as "no time"."""
         seconds, steps = divmod(self._stepper.count + 1, RATE)
         return rospy.Time(seconds, steps * 1_000_000_000 // RATE)
 
@@ -50,9 +50,9 @@ class SimulatedClock:
 
 
 class LateTopic:
-    """A topic of a sensor, which a fault may make late.
+    """A sensor's topic, which a fault may delay.
 
-    :param targets: ids of the elements that the fault may be attached to.
+    :param targets: ids of the elements of the fault.
     """
 
     def __init__(self, name: str, kind: Any, targets: Iterable[str], queue_size: int = 10) -> None:
@@ -65,59 +65,59 @@ class LateTopic:
         return bool(self._publisher.get_num_connections() > 0)
 
     def put(self, world: World, message: Any) -> None:
-        """Publishes what was measured now, when it is due."""
+        """Adds a measurement with the current time."""
         self._line.put(world.time, message)
 
     def send(self, world: World) -> None:
-        """Publishes what is due."""
+        """Publishes the measurements that are due."""
         for message in self._line.due(world.time, max(map(world.faults.lag, self._targets), default=0.0)):
             self._publisher.publish(message)
 
-    def forget(self) -> None:
-        """What was not published yet never is: the world was reset."""
+    def clear(self) -> None:
+        """Discards unpublished measurements, after a reset of the world."""
         self._line = DelayLine()
 
 
-class Telling:
-    """Publishes the state of the world after its steps, in the thread that steps."""
+class StatePublisher:
+    """Publishes the state of the world after its steps, in the stepping thread."""
 
     def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames) -> None:
         self._world = world
         self._stepper = stepper
         self._clock = clock
         self._frames = frames
-        # latched, so that a node that starts while the world is paused has a time
+        # latched for nodes that start while the world is paused
         self._clock_topic = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._packed = PackedTransforms()
         self._contacts = rospy.Publisher("~contacts", Contacts, queue_size=10, latch=True)
         self._pairs: list[tuple[str, str]] = []
-        self._contacts_told = 0
-        self._state_told = -1
+        self._contacts_count = 0
+        self._state_count = -1
         self._sensors: list[tuple[LateTopic, Callable[[], Any]]] = []
         for robot in world.robots.values():
             self._add_sensors(robot)
 
     def after_step(self) -> None:
-        """Tells what is due."""
+        """Publishes what is due."""
         count = self._stepper.count
         if count % _CLOCK == 0:
             self._clock_topic.publish(self._clock.now)
         if count % _STATE == 0:
-            self._tell_state()
+            self._publish_state()
         if count % _CONTACTS == 0:
-            self._tell_contacts()
+            self._publish_contacts()
 
-    def tell(self) -> None:
-        """Tells all now: the world was put elsewhere, or will not go on for a while."""
+    def publish_all(self) -> None:
+        """Publishes everything now: after a change of the world, or before a pause."""
         self._clock_topic.publish(self._clock.now)
-        self._tell_state()
-        self._tell_contacts()
+        self._publish_state()
+        self._publish_contacts()
 
-    def forget(self) -> None:
-        """What sensors are late with is lost: the world was reset."""
+    def clear(self) -> None:
+        """Discards delayed measurements, after a reset of the world."""
         for topic, _ in self._sensors:
-            topic.forget()
+            topic.clear()
 
     def _add_sensors(self, robot: Robot) -> None:
         base = robot.spec.base
@@ -132,10 +132,10 @@ class Telling:
     def _add(self, topic: LateTopic, message: Callable[[str], Any], eid: str) -> None:
         self._sensors.append((topic, lambda: message(eid)))
 
-    def _tell_state(self) -> None:
-        if self._state_told == self._stepper.count:
-            return  # tf takes no other transform of the same time
-        self._state_told = self._stepper.count
+    def _publish_state(self) -> None:
+        if self._state_count == self._stepper.count:
+            return  # tf accepts one transform per time
+        self._state_count = self._stepper.count
         now = self._clock.now
         for parent, name, pose in self._frames.moved(self._world):
             self._packed.put(name, parent, name, pose)
@@ -173,13 +173,13 @@ class Telling:
         header = Header(stamp=self._clock.now, frame_id=f"{robot.name}/{arm.name}/tool")
         return WrenchStamped(header, wrench_message(arm.wrench()))
 
-    def _tell_contacts(self) -> None:
+    def _publish_contacts(self) -> None:
         contacts = self._world.contacts()
         pairs = [(contact.first, contact.second) for contact in contacts]
         count = self._stepper.count
-        if pairs == self._pairs and not (pairs and count - self._contacts_told >= _CONTACTS_ANYWAY):
+        if pairs == self._pairs and not (pairs and count - self._contacts_count >= _CONTACTS_ANYWAY):
             return
-        self._pairs, self._contacts_told = pairs, count
+        self._pairs, self._contacts_count = pairs, count
         self._contacts.publish(
             Contacts(
                 Header(stamp=self._clock.now, frame_id=self._frames.map),

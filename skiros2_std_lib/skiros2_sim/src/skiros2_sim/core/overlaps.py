@@ -1,4 +1,4 @@
-"""Things that are inside one another when the world begins: told, and moved apart where one can move."""
+"""Resolves overlaps between bodies before the first step."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from skiros2_std_reasoners.core.geometry import Pose
 if TYPE_CHECKING:
     from skiros2_sim.core.world import World
 
-#: m; what the engine presses apart by itself, gently.
+#: Largest depth (m) that the engine resolves gently by itself.
 _SHALLOW = 0.002
 _ROUNDS = 30
 
 
-def move_apart(world: World) -> list[Problem]:
-    """Moves things that can move out of what they are in, before the first step: the engine would throw them out.
+def separate_overlaps(world: World) -> list[Problem]:
+    """Moves movable bodies out of each other and out of fixed ones; the engine would eject them.
 
-    :return: what was inside what, how deep, and what became of it.
+    :return: each overlap with its depth and whether it was resolved.
     """
     deepest: dict[tuple[str, str], float] = {}
     for _ in range(_ROUNDS):
@@ -42,7 +42,7 @@ def move_apart(world: World) -> list[Problem]:
 
 
 def _overlaps(world: World) -> list[tuple[tuple[str, str], float, tuple[float, float, float]]]:
-    """By pair the deepest point: how deep, and the way out of the first."""
+    """Returns the deepest overlap per pair: names, depth (m) and the direction that separates the first body."""
     world.bullet.performCollisionDetection()
     found: dict[tuple[str, str], tuple[float, tuple[float, float, float]]] = {}
     for point in world.bullet.getContactPoints():
@@ -58,7 +58,7 @@ def _overlaps(world: World) -> list[tuple[tuple[str, str], float, tuple[float, f
 
 
 def _shift(world: World, eid: str, way: tuple[float, float, float], far: float) -> bool:
-    """Moves a thing, if it is one that moves."""
+    """Moves a body, if it is movable."""
     body = world.bodies.get(eid)
     if body is None or not body.movable:
         return False

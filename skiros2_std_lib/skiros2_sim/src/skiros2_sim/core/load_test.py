@@ -1,7 +1,7 @@
-"""Loads a model in a process of its own, since PyBullet may end the process on one that is broken in a new way.
+"""Test-loads a model in a separate process, since PyBullet may end the process on an invalid one.
 
-Run as a program it loads the file that it is given, once fixed and once free, and makes some steps; it needs PyBullet
-alone. Its exit status is 0 when all went well; else the last line of the standard error tells what did not.
+As a program, this file loads a model, fixed and free, and makes some steps; it imports only PyBullet. Its exit status
+is 0 on success; otherwise the last line of stderr is the reason.
 """
 
 from __future__ import annotations
@@ -16,38 +16,38 @@ import pybullet
 import pybullet_data
 
 _STEPS = 10
-_PATIENCE = 30.0  # s
+_TIMEOUT = 30.0  # s
 _DATA = Path(pybullet_data.getDataPath()).resolve()
 _known: dict[tuple[str, str], str] = {}
 
 
-def fault_of(file: Path, text: str | None = None) -> str:
-    """Why PyBullet cannot use a model; "" when it can. PyBullet's own models are not tried; others once.
+def load_error(file: Path, text: str | None = None) -> str:
+    """Returns why PyBullet cannot use a model; "" if it can. Results are cached; PyBullet's own models are not tested.
 
     :param file: the model.
-    :param text: the URDF that is made of it; None: PyBullet reads the file.
+    :param text: the URDF generated from it; None if PyBullet reads the file itself.
     """
     if file.resolve().is_relative_to(_DATA):
         return ""
     content = file.read_bytes() if text is None else text.encode()
     key = (str(file), hashlib.sha256(content).hexdigest())
     if key not in _known:
-        _known[key] = _tried(file, text)
+        _known[key] = _load_in_process(file, text)
     return _known[key]
 
 
-def _tried(file: Path, text: str | None) -> str:
+def _load_in_process(file: Path, text: str | None) -> str:
     with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
         tried = file
         if text is not None:
             tried = Path(folder, "model.urdf")
             tried.write_text(text, encoding="utf-8")
-        # -P: beside this file are modules whose names others have too.
+        # -P: modules beside this file have names that others use too.
         command = [sys.executable, "-P", str(Path(__file__).resolve()), str(tried)]
         try:
-            ended = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
+            ended = subprocess.run(command, capture_output=True, timeout=_TIMEOUT, check=False)
         except subprocess.TimeoutExpired:
-            return f"PyBullet does not get done with it within {_PATIENCE:.0f} s"
+            return f"PyBullet does not get done with it within {_TIMEOUT:.0f} s"
     if ended.returncode == 0:
         return ""
     if ended.returncode < 0:

@@ -1,7 +1,7 @@
-"""A robot of one piece: its base, arms and grippers merged into one URDF.
+"""Merges the base, arms and grippers of a robot into one URDF.
 
-A mobile robot hangs on three motors in the map (x, y and the turn about z), which hold it upright and drive it; its
-wheels do not turn. So it collides with what stands in its way, and one model has the dynamics of all of it.
+A mobile robot has three drives in the map (x, y and yaw), which keep it upright and move it; its wheels do not turn. So
+it collides with obstacles, and one model has the dynamics of the whole robot.
 
     anchor -x- . -y- . -turn- base_link -+- BASE/...            (the base's model)
                                          +- ARM/... -- ARM/tool (an arm's model; fingers in it or in a gripper's own)
@@ -21,22 +21,22 @@ from skiros2_sim.core.urdf import Urdf, read_urdf
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between, from_euler, to_euler
 
 BASE_LINK = "base_link"
-#: The motors of a mobile robot.
+#: The drives of a mobile robot.
 DRIVES = ("drive_x", "drive_y", "drive_turn")
 
-#: By the name of the model: where its joints rest at the start. Others rest at 0, or what is nearest to it.
+#: Rest posture by name of the model. The default is 0, or the nearest limit.
 _REST = {
     "panda": (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785),
     "lbr_iiwa": (0.0, 0.5, 0.0, -1.5, 0.0, 1.1, 0.0),
 }
-#: By the name of the model: the tool's frame in the frame of its last link, for models that have no link for it.
+#: Tool frame in the frame of the last link, by name of the model, for models without a link for it.
 _TOOL = {"lbr_iiwa": Pose((0.0, 0.0, 0.045), IDENTITY.orientation)}
 _TOOL_LINKS = ("grasptarget", "tool", "tcp")
 
-#: PyBullet's way to write that a sliding joint has no limits.
+#: PyBullet's notation for a prismatic joint without limits.
 _UNLIMITED = (0.0, -1.0)
 
-#: rad; a robot that drives and is tilted by no more is taken for upright.
+#: Maximum tilt (rad) of a mobile robot that counts as upright.
 TILT = 0.01
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -44,12 +44,12 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True)
 class ArmModel:
-    """An arm as it is in the robot's model.
+    """An arm in the robot's model.
 
     :param mount: name of its first link.
-    :param joints: names of those that move the tool, from the mount on.
-    :param fingers: names of the joints of the fingers; both move the same way out.
-    :param rest: positions of `joints` at the start.
+    :param joints: names of the joints that move the tool, from the mount on.
+    :param fingers: names of the finger joints; positive positions open.
+    :param rest: initial positions of `joints`.
     """
 
     spec: ArmSpec
@@ -62,10 +62,10 @@ class ArmModel:
 
 @dataclass
 class RobotModel:
-    """The whole robot.
+    """The merged model of a robot.
 
-    :param pose: of its `base_link` in the map at the start.
-    :param base_links: links that are of its base, which stands on the ground.
+    :param pose: initial pose of its `base_link` in the map.
+    :param base_links: the links of the base, which stands on the ground.
     """
 
     urdf: str
@@ -76,10 +76,10 @@ class RobotModel:
     problems: list[Problem] = field(default_factory=list)
 
 
-def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
-    """Merges the models of a robot. One that does not load is left out, and told in `problems`.
+def merge_models(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
+    """Merges the models of a robot. Models that do not load are omitted and listed in `problems`.
 
-    :param folders: where models are looked for.
+    :param folders: folders to search for models.
     """
     made = RobotModel("", False, spec.pose)
     base = _base_model(spec, folders, made.problems)
@@ -106,7 +106,7 @@ def compose(spec: RobotSpec, folders: Sequence[str] = ()) -> RobotModel:
 
 
 def upright(pose: Pose) -> Pose:
-    """The pose, turned about z alone."""
+    """Returns the pose with rotation about z only."""
     return Pose(pose.position, from_euler(0.0, 0.0, to_euler(pose.orientation)[2]))
 
 
@@ -122,7 +122,7 @@ def _base_model(spec: RobotSpec, folders: Sequence[str], problems: list[Problem]
 
 
 def _drives() -> list[Element]:
-    """The anchor in the map and the three motors."""
+    """Creates the anchor in the map and the three drives."""
     x, y, turn = DRIVES
     return [
         models.link("anchor"),
@@ -141,9 +141,9 @@ def _fixed_wheels(base: Urdf) -> list[Element]:
 
 
 def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[Element]:
-    """The parts of an arm, which is added to the robot's.
+    """Adds an arm to the robot's model. Returns its parts.
 
-    :raises ConfigurationError: its model, or that of its gripper, cannot be loaded or is no arm.
+    :raises ConfigurationError: the model of arm or gripper cannot be loaded, or is not an arm.
     """
     arm = read_urdf(find_model(spec.model, folders), f"{spec.name}/")
     last = _last_link(arm)
@@ -179,7 +179,7 @@ def _add_arm(spec: ArmSpec, folders: Sequence[str], robot: RobotModel) -> list[E
 def _add_gripper(
     spec: ArmSpec, gripper: GripperSpec, folders: Sequence[str], flange: str, parts: list[Element]
 ) -> Urdf:
-    """Adds the parts of a gripper that has a model of its own; returns the model."""
+    """Adds the parts of a gripper with its own model; returns the model."""
     model = read_urdf(find_model(gripper.model, folders), f"{spec.name}/{gripper.name}/")
     mount = f"{spec.name}/{gripper.name}/mount"
     parts += [*model.parts, models.joint(mount, "fixed", flange, model.root, gripper.pose)]
@@ -187,13 +187,13 @@ def _add_gripper(
 
 
 def _fingers(model: Urdf, others: Sequence[Element] = ()) -> list[Element]:
-    """The joints that slide to and fro, but for some others."""
+    """Returns the prismatic joints with limits, except `others`."""
     sliding = (joint for joint in model.joints if joint.get("type") == "prismatic" and joint not in others)
     return [joint for joint in sliding if _limits(joint)[0] < _limits(joint)[1]]
 
 
 def _last_link(model: Urdf) -> str:
-    """The link of the tool: the one that is called so, else the last of those with the most turning joints before."""
+    """Returns the tool link: by name; else the last link after the most revolute joints."""
     named = [name for name in model.links if name.rpartition("_")[2].rpartition("/")[2] in _TOOL_LINKS]
     if named:
         return named[-1]
@@ -205,7 +205,7 @@ def _last_link(model: Urdf) -> str:
 
 
 def _path(model: Urdf, link: str) -> list[Element]:
-    """The moving joints between the root and a link."""
+    """Returns the moving joints between the root and a link."""
     parent_joint = {child.get("link", ""): joint for joint in model.joints for child in joint.iter("child")}
     found: list[Element] = []
     while link in parent_joint:

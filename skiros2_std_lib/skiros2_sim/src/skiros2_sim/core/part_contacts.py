@@ -1,17 +1,17 @@
-"""What a moving part of a robot touches, in words for the reason why it did not get on."""
+"""Contacts of a part of a robot, to explain why a motion is blocked."""
 
 from __future__ import annotations
 
 from skiros2_sim.core.world import World
 
-#: Contacts with less force (N) are no reason.
+#: Minimum force (N) of a reported contact.
 _LEAST = 0.5
 
 
-def touched(world: World, part: str) -> dict[str, float]:
-    """What the links whose names begin with `part` touch, and what things that they carry touch: the force (N) by name.
+def contacts_of_part(world: World, part: str) -> dict[str, float]:
+    """Returns the bodies in contact with a part of a robot or with movable bodies it carries: force (N) by name.
 
-    :param part: ROBOT/ for all of it, or ROBOT/ARM/. Its links do not count as touched.
+    :param part: name prefix of the links: ROBOT/ for the whole robot, or ROBOT/ARM/. Contacts within it are ignored.
     """
     contacts = world.contacts()
     touching: dict[str, float] = {}
@@ -27,15 +27,15 @@ def touched(world: World, part: str) -> dict[str, float]:
     return touching
 
 
-def new_touches(world: World, part: str, before: dict[str, float]) -> dict[str, float]:
-    """What is touched now and was not `before`: the force (N) by name, the strongest first."""
-    now = touched(world, part)
+def new_contacts(world: World, part: str, before: dict[str, float]) -> dict[str, float]:
+    """Returns the contacts that were not there `before`: force (N) by name, the strongest first."""
+    now = contacts_of_part(world, part)
     new = [name for name in now if name not in before and now[name] >= _LEAST]
     return {name: now[name] for name in sorted(new, key=lambda name: -now[name])}
 
 
-def because(new: dict[str, float]) -> str:
-    """ ", it touches ..." for such; "" when there are none."""
+def format_contacts(new: dict[str, float]) -> str:
+    """Formats contacts as ", it touches ..."; "" without contacts."""
     if not new:
         return ""
     return ", it touches " + " and ".join(f"{name} ({force:.0f} N)" for name, force in new.items())

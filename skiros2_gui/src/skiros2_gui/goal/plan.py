@@ -22,7 +22,7 @@ from skiros2_task.core.preview import preview
 from skiros2_task.core.task_planner import TaskPlanner, Verdict
 from skiros2_task.core.why_step import why_plan
 from skiros2_task.core.world_view import WorldView
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 
 #: The folder of request archives and measured durations.
 FOLDER = Path("~/.skiros/planner")
@@ -126,7 +126,7 @@ class GoalPlanner:
             notes = ["What planning could not use:", *(f"  {note}" for note in result.notes)] if result.notes else []
             return GoalPlan(goal, result.verdict.value, head, why=(*rest.splitlines(), *notes))
         on_activity("simulating the plan")
-        simulation = preview(SceneCopy(wm), result.task, result.steps, result.calls)
+        simulation = preview(PreviewCopy(wm), result.task, result.steps, result.calls)
         return GoalPlan(
             goal,
             result.verdict.value,

@@ -17,9 +17,9 @@ from skiros2_common.core.world_element import Element
 from skiros2_gui.skills.catalogue import Offer
 from skiros2_gui.skills.fields import ElementChoice, element_choices
 from skiros2_skill.command_line.description import KINDS, Parameter, Skill
-from skiros2_skill.core.emptiness import candidates_of, told
-from skiros2_skill.core.failures import PRE_FAILED
-from skiros2_skill.core.inference import infer, inferable
+from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.failures import PRE_FAILED
+from skiros2_skill.core.engine.inference import infer, inferable
 from skiros2_skill.core.manager_names import runs_on
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import as_condition
@@ -102,8 +102,8 @@ def _preview(
     unset = [param.key for param in inferable(params)]
     search = infer(params, conditions, wm) if unset else None
     if search is not None:
-        candidates = candidates_of(search)
-        refusal = _refusal(skill, INFERENCE, told(search, candidates), params)
+        candidates = filter_candidates(search)
+        refusal = _refusal(skill, INFERENCE, failure_text(search, candidates), params)
         refusal.candidates = candidates
         return StartPreview(refusal=refusal)
     failed = [c for c in conditions if not c.evaluate(params, wm)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from skiros2_common.core.names import local_name
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 #: The values of `SkillProgress.state`.
 SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4

@@ -85,7 +85,7 @@ def element_choices(
     found = hierarchy.find(text, len(hierarchy)) if words else sorted(all_ids, key=id_order)
     wanted = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
     if wanted:
-        found.sort(key=lambda eid: (node := hierarchy.scene.node(eid)) is None or node.type not in wanted)
+        found.sort(key=lambda eid: (node := hierarchy.scene.record(eid)) is None or node.type not in wanted)
     chosen = [(eid, shown_name(hierarchy, eid)) for eid in found if eid != without][:most]
     templates = [name for name in vocabulary.templates() if words and all(word in name.lower() for word in words)]
     return chosen + [(name, f"{local_name(name)}  (template)") for name in templates]

@@ -14,8 +14,8 @@ from skiros2_gui.world.scene import UNPLACED, SceneHierarchy
 from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_std_reasoners.core.geometry import to_euler
 from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
+from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.scene import ROOT
-from skiros2_world_model.core.shown import shown_values
 
 #: Pseudo properties of elements with an orientation.
 ANGLES = ("Roll", "Pitch", "Yaw")
@@ -63,7 +63,7 @@ class PropertyRow:
     @property
     def text(self) -> str:
         """The displayed values, without the unit."""
-        return shown_values(self.values)
+        return format_values(self.values)
 
     @property
     def kind_text(self) -> str:
@@ -147,7 +147,7 @@ class Details:
 
 def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> Details | None:
     """Returns the details of an element; None if it does not exist."""
-    node = hierarchy.scene.node(eid)
+    node = hierarchy.scene.record(eid)
     if node is None:
         return None
     pose = _pose(hierarchy, eid)
@@ -170,8 +170,8 @@ def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> D
         node.type,
         node.label,
         vocabulary.description(node.type),
-        node.made.author,
-        node.made.stamp,
+        node.provenance.author,
+        node.provenance.stamp,
         tuple(sorted(rows, key=_property_order)),
         tuple(relations),
         pose,
@@ -188,7 +188,7 @@ def shown_name(hierarchy: SceneHierarchy, eid: str) -> str:
     """Returns the displayed name of an element: its label, if it has one, and its id without prefix."""
     if eid == UNPLACED:
         return "Not placed"
-    node = hierarchy.scene.node(eid)
+    node = hierarchy.scene.record(eid)
     short = local_name(eid)
     if node is None:
         return short

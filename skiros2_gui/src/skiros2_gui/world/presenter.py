@@ -288,10 +288,11 @@ class WorldPresenter:
     def _who(self, eid: str) -> str:
         """Returns who changed an element last, and when. Called by jobs; read-only."""
         hierarchy = self.hierarchy
-        node = hierarchy.scene.node(eid) if hierarchy is not None else None
-        if node is None or not node.made.author:
+        node = hierarchy.scene.record(eid) if hierarchy is not None else None
+        if node is None or not node.provenance.author:
             return ""
-        return f"{node.made.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(node.made.stamp))}"
+        last = node.provenance
+        return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:
         """Returns the author of this window's changes."""

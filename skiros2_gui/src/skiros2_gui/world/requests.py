@@ -16,8 +16,8 @@ from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
 from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, pose_of, set_pose
 from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
-from skiros2_world_model.core.queries import held_only_by
-from skiros2_world_model.core.scene import ROOT, Node
+from skiros2_world_model.core.queries import cascade_ids
+from skiros2_world_model.core.scene import ROOT, ElementRecord
 
 CONTAINS = "skiros:contain"
 #: Maintains frame and pose.
@@ -142,7 +142,7 @@ class Requests:
     def removed_with(self, eid: str) -> list[str]:
         """Returns the elements that are removed with an element: itself, and descendants without other parents."""
         self._node(eid)
-        return held_only_by(self._hierarchy.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
+        return cascade_ids(self._hierarchy.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
 
     def remove(self, ids: Sequence[str]) -> list[Operation]:
         """Removes elements with their descendants."""
@@ -210,15 +210,15 @@ class Requests:
         return [relation_dict(parent, predicate, "-1")]
 
     def _type_of(self, eid: str) -> str:
-        node = self._hierarchy.scene.node(eid)
+        node = self._hierarchy.scene.record(eid)
         return node.type if node is not None else self._vocabulary.type_of(eid)
 
     def _check_class(self, etype: str) -> None:
         if not self._vocabulary.ontology.has_class(etype):
             raise UnknownName(f"the ontologies have no class {etype!r}")
 
-    def _node(self, eid: str) -> Node:
-        node = self._hierarchy.scene.node(eid)
+    def _node(self, eid: str) -> ElementRecord:
+        node = self._hierarchy.scene.record(eid)
         if node is None:
             raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
         return node

@@ -14,9 +14,9 @@ from skiros2_common.core.names import local_name
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import Add, Change, Expect, Operation, Patch, Remove, relation_dict
+from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.scene import Node
-from skiros2_world_model.core.shown import shown_values
+from skiros2_world_model.core.scene import ElementRecord
 
 _Relation = tuple[str, str, str]
 
@@ -189,13 +189,13 @@ def _same(one: Property | None, other: Property | None) -> bool:
 
 
 def _value_text(prop: Property | None) -> str:
-    return shown_values(prop.values) if prop is not None and prop.values else "not there" if prop is None else "empty"
+    return format_values(prop.values) if prop is not None and prop.values else "not there" if prop is None else "empty"
 
 
 def recorded_change(
     change: Change,
-    before: Mapping[str, Node | None],
-    after: Mapping[str, Node | None],
+    before: Mapping[str, ElementRecord | None],
+    after: Mapping[str, ElementRecord | None],
     related_before: Set[_Relation],
     related_after: Set[_Relation],
 ) -> HistoryEntry:
@@ -216,7 +216,7 @@ def recorded_change(
     return entry
 
 
-def _same_content(one: Node, other: Node) -> bool:
+def _same_content(one: ElementRecord, other: ElementRecord) -> bool:
     if (one.type, one.label, one.properties.keys()) != (other.type, other.label, other.properties.keys()):
         return False
     return one.properties is other.properties or all(
@@ -225,5 +225,5 @@ def _same_content(one: Node, other: Node) -> bool:
     )
 
 
-def _element(node: Node) -> Element:
+def _element(node: ElementRecord) -> Element:
     return Element.shared(node.type, node.label, node.id, node.properties, (), node.version)

@@ -13,11 +13,10 @@ from typing import Protocol
 from skiros2_common.core.names import id_order, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_gui.world.revert import recorded_change
-from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, Change
-from skiros2_world_model.core.context_names import SCENE
-from skiros2_world_model.core.following import follow
+from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, SCENE, Change
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
 #: The parent of elements that nothing contains.
 UNPLACED = "(held by nothing)"
@@ -82,7 +81,7 @@ class SceneHierarchy:
         elements = list(elements)
         for element in elements:
             made = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
-            self.scene.put(Node(element.id, element.type, element.label, element._props, made))
+            self.scene.put(ElementRecord(element.id, element.type, element.label, element._props, made))
         for element in elements:
             for relation in element._rels:
                 if relation["src"] == "-1":
@@ -181,12 +180,12 @@ class SceneHierarchy:
             if change.context not in ("", SCENE) or not (change.elements or change.relations):
                 continue
             affected = self._affected(change)
-            before = {eid: self.scene.node(eid) for eid in affected}
+            before = {eid: self.scene.record(eid) for eid in affected}
             relations = self._relations(affected) if change.author == wanted else set()
             self._apply(change, affected)
             update.elements.update(affected)
             if change.author == wanted:
-                after = {eid: self.scene.node(eid) for eid in affected}
+                after = {eid: self.scene.record(eid) for eid in affected}
                 made = recorded_change(change, before, after, relations, self._relations(affected))
                 update.by_change[change.snapshot_id] = made
         if self.view is not None:
@@ -195,7 +194,7 @@ class SceneHierarchy:
 
     def _apply(self, change: Change, affected: dict[str, None]) -> None:
         places = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
-        follow(self.scene, change)
+        apply_change(self.scene, change)
         moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != places.get(e, (TOP, 0))[0]]
         if len(moves) > _MANY_MOVES:
             self._reset_order(moves)
@@ -358,9 +357,9 @@ class SearchTexts:
     """The search texts of the elements, cached."""
 
     def __init__(self) -> None:
-        self._texts: dict[str, tuple[Node, str]] = {}
+        self._texts: dict[str, tuple[ElementRecord, str]] = {}
 
-    def find(self, text: str, nodes: Iterable[Node]) -> list[str]:
+    def find(self, text: str, nodes: Iterable[ElementRecord]) -> list[str]:
         """Returns the elements that contain all words of a text, sorted by id; none without words."""
         words = text.lower().split()
         found = [node.id for node in nodes if all(map(self._text(node).__contains__, words))]
@@ -370,7 +369,7 @@ class SearchTexts:
         """Removes an element."""
         self._texts.pop(eid, None)
 
-    def _text(self, node: Node) -> str:
+    def _text(self, node: ElementRecord) -> str:
         known = self._texts.get(node.id)
         if known is None or known[0] is not node:
             values = (str(v) for prop in node.properties.values() for v in prop.values if isinstance(v, str))

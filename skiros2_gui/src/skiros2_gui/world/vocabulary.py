@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.names import local_name
 from skiros2_common.core.property import from_text
-from skiros2_world_model.core.changes import SPATIAL
-from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.changes import ONTOLOGY, SPATIAL
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface

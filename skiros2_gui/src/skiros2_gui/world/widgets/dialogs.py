@@ -185,7 +185,7 @@ class RelationDialog(_Dialog):
         hierarchy, vocabulary = presenter.hierarchy, presenter.vocabulary
         assert hierarchy is not None and vocabulary is not None
         self._vocabulary = vocabulary
-        node = hierarchy.scene.node(eid)
+        node = hierarchy.scene.record(eid)
         self.predicate = QComboBox()
         self.predicate.setObjectName("relationChoice")
         for predicate, fits in predicate_choices(vocabulary, node.type if node is not None else ""):

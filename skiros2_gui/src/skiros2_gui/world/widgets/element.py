@@ -24,7 +24,7 @@ from skiros2_gui.world.details import ANGLES, Details, PropertyRow, RelationRow
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.widgets.dialogs import PoseDialog, PropertyDialog, RelationDialog, ValuesDialog
 from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
-from skiros2_world_model.core.shown import shown_time
+from skiros2_world_model.core.formatting import format_time
 
 _VALUE = 1
 
@@ -293,7 +293,7 @@ def _about(details: Details, own: str) -> str:
     words = f"{details.type}"
     if details.author:
         who = "this window" if details.author == own else details.author.strip("/")
-        words += f"  ·  last changed by {who}, {shown_time(details.stamp)}"
+        words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
     return f"{words}\n{details.pose.text}" if details.pose is not None else words
 
 

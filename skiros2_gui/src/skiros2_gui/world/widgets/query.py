@@ -21,7 +21,7 @@ from skiros2_gui.app.widgets import theme
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import CONTEXTS, WorldQueries
 from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView, fixed_font
-from skiros2_world_model.core.shown import shown
+from skiros2_world_model.core.formatting import format_value
 
 _CONTEXT_TEXTS = ("the scene and the ontologies", "the scene", "the ontologies")
 _EXAMPLES = (
@@ -98,7 +98,7 @@ class QueryPanel(QWidget):
         answer, diagnostic = self._queries.answer, self._queries.diagnostic
         rows = () if answer is None else answer.rows
         self.table.rows.show_rows(
-            [Row(tuple("" if v is None else shown(v) for v in row), "", row) for row in rows],
+            [Row(tuple("" if v is None else format_value(v) for v in row), "", row) for row in rows],
             answer.names if answer is not None else (),
         )
         self.table.resizeColumnsToContents()

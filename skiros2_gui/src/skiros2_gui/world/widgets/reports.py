@@ -10,8 +10,8 @@ from skiros2_common.core.names import local_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.queries import WorldQueries
 from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
+from skiros2_world_model.core.formatting import format_time
 from skiros2_world_model.core.report import VIOLATION, WARNING
-from skiros2_world_model.core.shown import shown_time
 
 _COLOURS = {VIOLATION: "failure", WARNING: "paused"}
 
@@ -45,7 +45,7 @@ class ReportPanel(QWidget):
         report = self._queries.report
         if report is None:
             return
-        self.said.setText(f"{shown_time(report.stamp)}: {report.summary}")
+        self.said.setText(f"{format_time(report.stamp)}: {report.summary}")
         self.table.rows.show_rows(
             [
                 Row(
@@ -118,8 +118,8 @@ class HistoryPanel(QWidget):
         for entry in past.entries or ():
             own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
             author = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
-            tip = "\n".join([f"{shown_time(entry.stamp)}, {entry.author}", *own])
-            rows.append(Row((shown_time(entry.stamp), author, "   ".join(own)), tip, entry.number))
+            tip = "\n".join([f"{format_time(entry.stamp)}, {entry.author}", *own])
+            rows.append(Row((format_time(entry.stamp), author, "   ".join(own)), tip, entry.number))
         self.table.rows.show_rows(rows)
         self.table.resizeColumnsToContents()
         most = self.table.fontMetrics().averageCharWidth() * 24

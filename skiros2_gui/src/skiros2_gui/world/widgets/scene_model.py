@@ -172,7 +172,7 @@ class SceneModel(QAbstractItemModel):
         if column == 0:
             name = shown_name(hierarchy, eid)
             return f"{name} ({hierarchy.count(UNPLACED)})" if eid == UNPLACED else name
-        node = hierarchy.scene.node(eid)
+        node = hierarchy.scene.record(eid)
         if column == 1:
             return local_name(node.type) if node is not None else ""
         highlight = self._presenter.highlights.get(eid)
@@ -183,13 +183,13 @@ class SceneModel(QAbstractItemModel):
         assert hierarchy is not None
         if eid == UNPLACED:
             return "Elements without parent: skills, parameters, elements without location"
-        node = hierarchy.scene.node(eid)
+        node = hierarchy.scene.record(eid)
         if node is None:
             return eid
         lines = [eid, vocabulary.description(node.type) if vocabulary is not None else ""]
-        if node.made.author:
-            when = time.strftime("%H:%M:%S", time.localtime(node.made.stamp))
-            lines.append(f"Last changed by {node.made.author.strip('/')} at {when}")
+        if node.provenance.author:
+            when = time.strftime("%H:%M:%S", time.localtime(node.provenance.stamp))
+            lines.append(f"Last changed by {node.provenance.author.strip('/')} at {when}")
         return "\n".join(line for line in lines if line)
 
     # -- drag and drop -----------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Three simulated robots share a cell and one goal, in physics."""
+"""Three simulated robots share a cell and a goal, with physics."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from skiros2_common.core.names import nearest
 from skiros2_skill.command_line.description import Skill, read_skill
 
 if TYPE_CHECKING:
-    from skiros2_skill.core.inspection import NodeNow
+    from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
 _SKILLS, _COMMAND = "get_skills", "command"
 
@@ -117,18 +117,18 @@ class Manager:
 
         return self._call("why", srvs.SkillWhy, task_id)
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
 
         :raises UnknownName: there is no such task or node.
         """
         from skiros2_msgs import srv as srvs
-        from skiros2_skill.core.inspection import NodeNow
+        from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
         answer = self._call("inspect", srvs.SkillInspection, task_id, node_id)
         if not answer.ok:
             raise UnknownName(f"{self.name}: {answer.text}")
-        return NodeNow.from_json(answer.json)
+        return NodeStatus.from_json(answer.json)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
         """Adds, removes or lists breakpoints. Returns the number, and the list of those that there are."""

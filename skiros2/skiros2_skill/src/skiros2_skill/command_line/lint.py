@@ -23,7 +23,7 @@ from skiros2_common.command_line.command import (
     run_command,
 )
 from skiros2_skill.command_line.knowledge import world_model_of
-from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Fault, lint_libraries
+from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Fault, lint_libraries
 
 #: Its skills may be used by those of any library.
 _STANDARD = "skiros2_std_skills"

@@ -47,7 +47,7 @@ def _restart(folder: Path) -> Measurement:
         start = time.perf_counter()
         again = _model(folder, path)
         seconds = time.perf_counter() - start
-        assert again.went_on and len(again.scene()) == ELEMENTS + 1
+        assert again.recovered and len(again.scene()) == ELEMENTS + 1
         again._journal.close(clean=False)
         return seconds
 

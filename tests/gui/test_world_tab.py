@@ -222,7 +222,7 @@ def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
     desk.select(box)
     desk.qtbot.keyClick(desk.tab.tree, Qt.Key_Delete)
     dialog = desk.dialog(RemoveDialog)
-    assert "goes one element under it:\nscrew" in dialog.note.text()
+    assert "Also removes one element below it:\nscrew" in dialog.note.text()
     desk.press(dialog)
     assert desk.wm.find_element(part) is None
     desk.tab.undo_button.click()
@@ -312,7 +312,7 @@ def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
 def test_a_world_model_without_a_journal_says_so_in_the_history(desk: Desk) -> None:
     desk.select(desk.add())
     desk.tab.pages.setCurrentWidget(desk.tab.history)
-    assert desk.tab.history.said.text() == "The world model keeps no journal: its past is not known"
+    assert desk.tab.history.said.text() == "The world model has no journal, so its history is unknown"
 
 
 def test_several_are_selected_and_removed_together(desk: Desk) -> None:

@@ -148,7 +148,7 @@ def test_changes_that_the_scene_has_already_are_not_made_twice(vocabulary: Vocab
     before = Element("skiros:Part", "old", "skiros:Part-1")
     update = hierarchy.follow([_change(8, ADD, before), _change(9, UPDATE, here)])
     assert update is not None and not update.elements
-    node = hierarchy.scene.node("skiros:Part-1")
+    node = hierarchy.scene.record("skiros:Part-1")
     assert node is not None and node.label == "new"
 
 
@@ -177,8 +177,8 @@ def test_a_query_gives_names_and_values(queries: WorldQueries) -> None:
 @pytest.mark.parametrize(
     ("query", "line", "words"),
     [
-        ("SELECT ?x WHERE {\n ?x a\n}", 3, "cannot go on"),
-        ("SELECT ?x WHERE { ?x a foo:Bar }", 1, "prefix is not known"),
+        ("SELECT ?x WHERE {\n ?x a\n}", 3, "unexpected token"),
+        ("SELECT ?x WHERE { ?x a foo:Bar }", 1, "unknown prefix"),
         ("DROP ALL", 1, ""),
     ],
 )

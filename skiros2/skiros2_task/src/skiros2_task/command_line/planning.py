@@ -27,7 +27,7 @@ from skiros2_task.core.schedule import Schedule
 from skiros2_task.core.skill_model import MANAGER_PROPERTY
 from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.why_step import why_plan
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 
 #: Where what was made for each request is kept, and how long skills took.
 _FOLDER = Path("~/.skiros/planner")
@@ -52,7 +52,7 @@ def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     with _planned(arguments) as (wm, result):
         if result.verdict is not Verdict.PLANNED or result.task is None:
             return _without_plan(result)
-        tried = try_out(SceneCopy(wm), result.task, result.steps, result.calls, arguments.states)
+        tried = try_out(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
         return CommandResult(list(tried.lines()), tried.to_dict(), OK if tried.works else REFUSED)
 
 

@@ -143,7 +143,7 @@ def preview(
 ) -> Preview:
     """Tries a plan out on a copy of the scene, which is changed. No robot hears of it.
 
-    :param copy: a copy of the world that the plan was made for, such as a `SceneCopy`.
+    :param copy: a copy of the world that the plan was made for, such as a `PreviewCopy`.
     :param task, steps, calls: as the result of the `TaskPlanner` has them.
     :param states: whether the whole state after each step is to be told, not what has changed alone.
     """

@@ -23,7 +23,7 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
 
     from skiros2_world_model.ros.world_model_interface import WorldModelInterface, load_reasoners
 
-    class OnceAsked(WorldModelInterface):
+    class OneShotInterface(WorldModelInterface):
         _server = full
 
         def _wait_for_server(self) -> None:
@@ -36,4 +36,4 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
         rospy.names._set_caller_id(f"/{author}")  # a call or two need no node, but the server tells who loads a file
     if computing:
         load_reasoners(full)
-    return OnceAsked(author)
+    return OneShotInterface(author)

@@ -19,7 +19,7 @@ from skiros2_common.command_line.command import (
     user,
 )
 from skiros2_common.command_line.layout import Screen
-from skiros2_world_model.command_line import past, reading, validating, writing
+from skiros2_world_model.command_line import history, reading, validating, writing
 from skiros2_world_model.command_line.connection import connect
 
 Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
@@ -38,7 +38,7 @@ def _run(name: str, given: Sequence[str]) -> int:
 
     def work() -> CommandResult:
         wm = None
-        if name != "validate_scene" and (name != "diff" or past.needs_world_model(arguments)):
+        if name != "validate_scene" and (name != "diff" or history.needs_world_model(arguments)):
             wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
         return command(wm, arguments, screen())
 
@@ -161,8 +161,8 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     ),
     "load": (writing.load, _load),
     "save": (writing.save, _save),
-    "history": (past.history, _history, _TIMES),
-    "diff": (past.diff, _diff, _TIMES),
+    "history": (history.history, _history, _TIMES),
+    "diff": (history.diff, _diff, _TIMES),
     "validate": (validating.validate, lambda parser: None),
     "validate_scene": (validating.validate_scene, _validate_scene),
 }

@@ -12,9 +12,9 @@ from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.formatting import format_value, format_values, summary
 from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.scene import ROOT
-from skiros2_world_model.core.shown import shown, shown_values, summary
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 CONTAINS = "skiros:contain"
@@ -119,7 +119,7 @@ class _Forest:
 
     def _details(self, element: Element) -> list[str]:
         """All properties, and the relations that do not lead down the tree."""
-        lines = [f"{key} = {shown_values(p.values)}" for key, p in sorted(element._props.items())]
+        lines = [f"{key} = {format_values(p.values)}" for key, p in sorted(element._props.items())]
         below = set(self.children(element.id))
         relations = [(r["type"], r["dst"]) for r in element._rels if r["src"] == "-1"]
         return lines + [f"{kind} {dst}" for kind, dst in sorted(set(relations) - below)]
@@ -142,7 +142,7 @@ def element_answer(element: Element, screen: Screen) -> CommandResult:
     """An element with its properties and relations."""
     lines = [screen.fitted(f"{element.id}  {element.type}  {element.label}".rstrip()), ""]
     properties = sorted(element._props.items())
-    lines += table(screen, [(key, p.dataType().__name__, shown_values(p.values)) for key, p in properties])
+    lines += table(screen, [(key, p.dataType().__name__, format_values(p.values)) for key, p in properties])
     relations = sorted((r["src"], r["type"], r["dst"]) for r in element._rels)
     if relations:
         lines += ["", *table(screen, [[element.id if e == "-1" else e for e in row] for row in relations])]
@@ -176,7 +176,7 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
     else:
         text = arguments.sparql
     names, rows = query_table(wm, text, arguments.context)
-    lines = table(screen, [["" if v is None else shown(v) for v in row] for row in rows], names)
+    lines = table(screen, [["" if v is None else format_value(v) for v in row] for row in rows], names)
     if names and not rows:
         lines = ["no rows"]
     return CommandResult(lines, [dict(zip(names, row, strict=True)) for row in rows] if names else rows)

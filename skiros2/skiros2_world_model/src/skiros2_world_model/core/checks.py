@@ -15,7 +15,7 @@ from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
-from skiros2_world_model.core.scene import Node
+from skiros2_world_model.core.scene import ElementRecord
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ class Checks:
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
-        self._told = told
+        self._warned = told
         self._known: dict[str, str] = {}  # properties in full, by their names as given
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
@@ -79,7 +79,7 @@ class Checks:
             self._note("relation", name, who)
         return name
 
-    def relation_ends(self, subject: Node, relation: str, obj: Node | None, who: str) -> None:
+    def relation_ends(self, subject: ElementRecord, relation: str, obj: ElementRecord | None, who: str) -> None:
         """Notes a relation whose ends are not of the classes of its `rdfs:domain` and `rdfs:range`.
 
         :param obj: None when it is no element of the scene.
@@ -166,12 +166,12 @@ class Checks:
             error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
             raise error("; ".join(lines.values()))
         for what, line in lines.items():
-            if self._told is None or what not in self._told:
+            if self._warned is None or what not in self._warned:
                 log.warning("%s", line)
-        if self._told is not None:
-            if len(self._told) > _TOLD_AT_MOST:
-                self._told.clear()
-            self._told.update(lines)
+        if self._warned is not None:
+            if len(self._warned) > _TOLD_AT_MOST:
+                self._warned.clear()
+            self._warned.update(lines)
 
     def name(self, name: Any, kind: str, who: str) -> str:
         """A name in full, known or not.

@@ -10,7 +10,7 @@ from pathlib import Path
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import local_name
 from skiros2_world_model.core.checks import Checks, noted
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
 
 log = logging.getLogger(__name__)
@@ -30,8 +30,8 @@ class Flaw:
 class CollectingChecks(Checks):
     """Checks that note what is wrong and go on."""
 
-    def __init__(self, base: OntologyBase, origin: str, strict: bool) -> None:
-        super().__init__(base.index, base.prefixes, origin, strict)
+    def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
+        super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
         self.flaws: list[Flaw] = []
 
     @property
@@ -58,8 +58,8 @@ class CollectingChecks(Checks):
 class FileChecks(CollectingChecks):
     """Checks of a file that is loaded: flaws are one warning; with `strict` they refuse the file."""
 
-    def __init__(self, base: OntologyBase, path: Path, strict: bool) -> None:
-        super().__init__(base, str(path), strict)
+    def __init__(self, knowledge_base: KnowledgeBase, path: Path, strict: bool) -> None:
+        super().__init__(knowledge_base, str(path), strict)
         self._path = path
 
     def finish(self) -> None:

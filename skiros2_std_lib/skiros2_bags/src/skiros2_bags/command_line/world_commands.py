@@ -18,9 +18,9 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.command_line.reading import element_answer, scene_tree
 from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.differences import changed_lines, difference
-from skiros2_world_model.core.following import follow
+from skiros2_world_model.core.history_entry import changed_lines, difference
 from skiros2_world_model.core.scene import Scene
 
 #: Relations along which the tree of a scene is printed; a bag contains no ontologies to derive them from.
@@ -72,13 +72,13 @@ def _change_lines(scene: Scene, timed: TimedChange) -> list[str]:
     change = timed.change
     ids = [e.id for e in change.elements]
     if change.action == RESET:
-        follow(scene, change)
+        apply_change(scene, change)
         return [f"the whole scene, {len(ids)} elements"]
     facts = [(r["src"], r["dst"]) for part in (change, *change.elements) for r in _relations(part)]
     facts += [(src, dst) for eid in ids for src, _, dst in scene.relations(dst=eid)]
     touched = dict.fromkeys([*ids, *(end for fact in facts for end in fact if end != "-1")])
     before = _elements(scene, touched)
-    follow(scene, change)
+    apply_change(scene, change)
     after = _elements(scene, touched)
     return changed_lines(difference(before, after)) or [summary(change)]
 

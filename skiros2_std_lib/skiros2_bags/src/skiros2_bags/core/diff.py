@@ -20,8 +20,8 @@ from skiros2_bags.core.tolerance import NARROW, Tolerance, diff_changes, diff_el
 from skiros2_bags.core.world_history import TimedChange
 from skiros2_common.core.names import id_order
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import UPDATE, Change
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
 
 _NOTHING = "nothing more"
@@ -245,7 +245,7 @@ def without_moves(changes: Iterable[TimedChange]) -> list[TimedChange]:
     for timed in changes:
         if not _only_moves(scene, timed.change):
             kept.append(timed)
-        follow(scene, timed.change)
+        apply_change(scene, timed.change)
     return kept
 
 

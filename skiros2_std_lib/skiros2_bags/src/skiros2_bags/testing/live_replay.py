@@ -27,10 +27,10 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
 #: Timeout of a step: a multiple of its recorded duration, plus seconds.
 SLOWDOWN, TIMEOUT = 3.0, 20.0
@@ -187,9 +187,9 @@ class WorldModelWriter:
 def fetch_scene(node: str) -> Scene:
     """Fetches the scene of a world model node."""
     answer = rospy.ServiceProxy(f"{node}/snapshot", srvs.WmSnapshot)("")
-    elements = tuple(msg2given_element(m, 0) for m in answer.elements)
+    elements = tuple(msg2shared_element(m, 0) for m in answer.elements)
     scene = Scene()
-    follow(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
+    apply_change(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
     return scene
 
 

@@ -12,6 +12,7 @@ from skiros2_bags.testing.recording import Recording, WorldChange
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges, RelationDict
 from skiros2_common.ros.reasoners import new_reasoners
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import (
     ADD,
     REMOVE,
@@ -26,7 +27,6 @@ from skiros2_world_model.core.changes import (
     Update,
     relation_dict,
 )
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.reasoner_world_model import ReasonerWorldModel
 from skiros2_world_model.core.scene import ROOT, Scene
@@ -91,7 +91,7 @@ def input_operations(recording: Recording) -> dict[int, list[Operation]]:
     found: dict[int, list[Operation]] = {}
     for event in recording.changes:
         found[event.order] = _patches(event.change, scene)
-        follow(scene, event.change)
+        apply_change(scene, event.change)
     return found
 
 

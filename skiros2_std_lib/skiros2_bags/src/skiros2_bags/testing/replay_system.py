@@ -88,7 +88,7 @@ def _manager_parameters(recording: Recording, manager: str, scene: Scene) -> dic
     known = _private(recording, manager)
     if "libraries_list" in known:
         return known
-    skills = [scene.node(dst) for _, _, dst in scene.relations(robots[0].id, ["skiros:hasSkill"])]
+    skills = [scene.record(dst) for _, _, dst in scene.relations(robots[0].id, ["skiros:hasSkill"])]
     modules = {str(n.properties["skiros:PythonModule"].values[0]) for n in skills if n is not None}
     return {
         "prefix": robots[0].label.rpartition(":")[0] or "skiros",

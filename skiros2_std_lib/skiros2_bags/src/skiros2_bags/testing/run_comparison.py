@@ -214,7 +214,7 @@ def _registered(scene: Scene) -> set[str]:
 
 def _outgoing(scene: Scene, eid: str, skipped: set[str]) -> Element | None:
     """Returns an element with its outgoing relations, without those to skipped elements."""
-    node = scene.node(eid)
+    node = scene.record(eid)
     if node is None:
         return None
     relations = [

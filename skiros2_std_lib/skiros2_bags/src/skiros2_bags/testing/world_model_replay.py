@@ -12,10 +12,10 @@ from skiros2_bags.testing.recording import Recording, WorldChange
 from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_world_model
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
 NODE = "/wm"
 
@@ -52,7 +52,7 @@ def _play_request(
     operations = []
     for change in expected:
         operations += change_operations(change, scene)
-        follow(scene, change)
+        apply_change(scene, change)
     if not operations:
         return None
     try:
@@ -71,7 +71,7 @@ def _play_request(
 def _diff_final_scene(scene: Scene, tolerance: Tolerance) -> Divergence | None:
     """Compares the final scene with the recorded one."""
     answer = rospy.ServiceProxy(f"{NODE}/snapshot", srvs.WmSnapshot)("")
-    remaining = {m.id: msg2given_element(m, 0) for m in answer.elements}
+    remaining = {m.id: msg2shared_element(m, 0) for m in answer.elements}
     for node in scene:
         expected = scene.element(node.id)
         assert expected is not None

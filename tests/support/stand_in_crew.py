@@ -1,4 +1,4 @@
-"""Robots that do the steps of plans in a world model in this process, by what the skills' conditions say."""
+"""Simulated robots that run plan steps on a world model in process, by the conditions of the skills."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class StandInCrew:
         return lambda: self._end(key, False, "stopped")
 
     def wait_for_starts(self, count: int, timeout: float = 30.0) -> None:
-        """Waits until so many steps were started."""
+        """Waits until a number of steps were started."""
         with self._change:
             assert self._change.wait_for(lambda: len(self.begun) >= count, timeout), f"{len(self.begun)} steps"
 
@@ -57,7 +57,7 @@ class StandInCrew:
             return began
 
     def lose(self, manager: str) -> None:
-        """What a robot does comes to nothing, and nobody is told."""
+        """The steps of a robot have no effect, without a message."""
         with self._change:
             self._running = {k: (job, e) for k, (job, e) in self._running.items() if job.call.manager != manager}
 

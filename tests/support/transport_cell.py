@@ -130,7 +130,7 @@ class TransportCell:
     # -- what happens ------------------------------------------------------------------------------------------
 
     def run(self, until: float = float("inf"), most: int = 10_000) -> None:
-        """Goes on until that time, or the end.
+        """Continues until that time, or the end.
 
         :raises AssertionError: it does not end.
         """

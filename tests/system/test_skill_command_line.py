@@ -142,12 +142,12 @@ def test_a_task_is_paused_ticked_once_resumed_and_stopped(run: Run, start: Start
     assert shown[0] == f"task {task} on {ROBOT}: running: paused"
     assert shown[1].startswith("▶ wait  running")
     assert run("step").stdout == f"task {task} was ticked once\n"
-    assert run("resume").stdout == f"task {task} goes on\n"
+    assert run("resume").stdout == f"task {task} is resumed\n"
     again = run("resume", task)
     assert (again.returncode, again.stdout) == (1, "")
     assert "runs already" in again.stderr
     assert json.loads(run("watch", task, "--once", "--json").stdout)[0]["message"] == ""
-    assert run("stop", task).stdout == f"task {task} is told to end\n"
+    assert run("stop", task).stdout == f"task {task} is being preempted\n"
     watching.wait_for_line(f"task {task} on {ROBOT}: failure: Preempted")
     assert watching.wait() == 1
     for name in ("stop", "pause", "resume", "step", "watch"):
@@ -163,7 +163,7 @@ def test_task_pauses_at_a_breakpoint_and_resumes(run: Run, start: Start) -> None
     task = task_of(run("run", "wait", "Duration=0.1", "wait", "Duration=60", "--detach"))
     paused = f"running: paused at breakpoint {number[1]}: before the start of skiros:Wait"
     wait_until(lambda: paused in run("watch", task, "--once").stdout, what="a task that is paused")
-    assert run("breakpoint", "remove", number[1]).stdout == f"breakpoint {number[1]} is gone\n"
+    assert run("breakpoint", "remove", number[1]).stdout == f"breakpoint {number[1]} is removed\n"
     assert run("breakpoint").stdout == "no breakpoints\n"
     watching = start("watch", task)
     watching.wait_for_line("task")

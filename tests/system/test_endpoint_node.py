@@ -64,7 +64,7 @@ def test_a_query_that_takes_too_long_is_given_up_and_the_node_goes_on(ros: Ros, 
     wm = WorldModelInterface("tester")
     query = ros.service("/wm/ontology/query", srvs.WoQuery)
     pairs = "{ ?a ?b ?c . ?d ?e ?f . ?g a owl:Class FILTER(?b != ?e) }"
-    with pytest.raises(rospy.ServiceException, match=r"given up after 0\.3 s"):
+    with pytest.raises(rospy.ServiceException, match=r"abandoned after 0\.3 s"):
         query(query_string=f"SELECT (COUNT(*) AS ?n) {pairs}")
     eid = wm.add_element(Element("skiros:LargeBox", "box")).id
     with pytest.raises(rospy.ServiceException, match="more than 1000 rows; expected a LIMIT"):

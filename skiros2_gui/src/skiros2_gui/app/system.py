@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from skiros2_skill.command_line.description import Skill
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeStatus
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
@@ -60,7 +60,7 @@ class Manager(Protocol):
     def why(self, task_id: int) -> Any:
         """Explains a failed task: `text` for users and `json`, a list of `Explanation`."""
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """Returns the current parameters and conditions of a node of an unfinished task."""
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:

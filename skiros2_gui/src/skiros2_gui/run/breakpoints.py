@@ -9,7 +9,7 @@ from typing import Any
 from skiros2_common.core.errors import WrongValue
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.shape import Shape
-from skiros2_skill.core.breakpoints import AT_END, BEFORE_START, NODE, WHEN, Breakpoint
+from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START, NODE, WHEN, Breakpoint
 
 #: Descriptions, by kind and when.
 _TEXTS = {
@@ -60,7 +60,7 @@ class Breakpoints:
             self._on_change()
 
     def add(self, robot: str, kind: str, pattern: str, when: str) -> None:
-        """Adds a breakpoint; see `skiros2_skill.core.breakpoints`."""
+        """Adds a breakpoint; see `skiros2_skill.core.engine.breakpoints`."""
         self._send(robot, "adding a breakpoint", "add", kind, pattern.strip(), when)
 
     def remove(self, known: ManagerBreakpoint) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
 from skiros2_gui.app.state_style import IDLE, RUNNING, style_of
 from skiros2_gui.run.frame import Frame
-from skiros2_skill.core.inspection import FAILS, HOLDS, ConditionNow, NodeNow
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionStatus, NodeStatus
 
 #: The symbols of verdicts.
 VERDICTS = {HOLDS: "✓", FAILS: "✗"}
@@ -59,7 +59,7 @@ class NodeText:
 
 
 def node_text(
-    frame: Frame, index: int, now: NodeNow | None = None, why: Explanation | None = None, note: str = ""
+    frame: Frame, index: int, now: NodeStatus | None = None, why: Explanation | None = None, note: str = ""
 ) -> NodeText:
     """Describes a node at a tick.
 
@@ -94,7 +94,7 @@ def node_text(
     )
 
 
-def _condition(now: ConditionNow, state: int) -> ConditionText:
+def _condition(now: ConditionStatus, state: int) -> ConditionText:
     """Describes a condition; its current value may differ from the value at its stage."""
     stage = STAGES.get(now.stage, now.stage)
     if now.stage == PRE and state != IDLE:

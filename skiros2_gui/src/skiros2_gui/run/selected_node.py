@@ -16,7 +16,7 @@ from skiros2_gui.run.frame import Frame
 from skiros2_gui.run.node_text import NodeText, node_text
 from skiros2_gui.run.runs import RunBag
 from skiros2_gui.run.task_run import TaskRun
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
 _OF_A_BAG = "The values of conditions are not recorded in bags."
 _OF_THE_PAST = "The values of conditions are known for the live tick only."
@@ -25,7 +25,7 @@ _ENDED = "The task has ended: the values of its conditions are the last ones kno
 
 @dataclass(frozen=True)
 class _Answer:
-    now: NodeNow | None
+    now: NodeStatus | None
     why: Explanation | None
     note: str
 
@@ -98,7 +98,7 @@ class SelectedNode:
             self._on_change()
 
 
-def _inspect(manager: Any, task_id: int, node: int) -> tuple[NodeNow | None, str]:
+def _inspect(manager: Any, task_id: int, node: int) -> tuple[NodeStatus | None, str]:
     """Returns the details of a node, or None and the error message."""
     try:
         return manager.inspect(task_id, node), ""

@@ -17,13 +17,13 @@ from skiros2_gui.app.event_queue import EventQueue
 from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
 from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_skill.command_line.description import Skill, read_skill
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.history import REFUSED, History, Record
-from skiros2_skill.core.inspection import NodeNow, inspect
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.diagnosis.inspection import NodeStatus, inspect
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.history import REFUSED, History, Record
+from skiros2_skill.core.runtime.request import SkillRequest, explain_refusal, make_nodes
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -90,10 +90,10 @@ class LocalManager:
             self._library.add(skill)
         prefix, _, local = robot.rpartition(":")
         self._registration = Registration(wm, prefix, local, name)
-        self._registration.enter(self._library.implementations())
+        self._registration.register(self._library.implementations())
         self._history = History()
-        self._ticker = Ticker(on_progress=self._on_progress)
-        wm.add_listener(self._ticker.on_change)
+        self._scheduler = Scheduler(on_progress=self._on_progress)
+        wm.add_listener(self._scheduler.on_change)
 
     @property
     def name(self) -> str:
@@ -101,8 +101,8 @@ class LocalManager:
 
     def close(self) -> None:
         """Ends its tasks and its thread."""
-        self._wm.remove_listener(self._ticker.on_change)
-        self._ticker.stop()
+        self._wm.remove_listener(self._scheduler.on_change)
+        self._scheduler.stop()
 
     def skills(self) -> list[Skill]:
         return [
@@ -118,26 +118,26 @@ class LocalManager:
         ticks = 1 if action == "tick_once" else 0
         if action in ("start", "tick_once"):
             number = self._make(skills) if task_id == _ALL else task_id
-            self._ticker.start(number, ticks)
+            self._scheduler.start(number, ticks)
             return number
         if action not in ("preempt", "pause"):
             raise UnknownName(f"unknown action {action!r}, expected one of: start, preempt, pause, tick_once")
-        for number in [t.id for t in self._ticker.tasks()] if task_id == _ALL else [task_id]:
-            (self._ticker.preempt if action == "preempt" else self._ticker.pause)(number)
+        for number in [t.id for t in self._scheduler.tasks()] if task_id == _ALL else [task_id]:
+            (self._scheduler.preempt if action == "preempt" else self._scheduler.pause)(number)
         return task_id
 
     def tasks(self, task_id: int = _ALL) -> list[Sequence[Any]]:
-        return [self._nodes(task) for task in self._ticker.tasks() if task_id in (_ALL, task.id)]
+        return [self._nodes(task) for task in self._scheduler.tasks() if task_id in (_ALL, task.id)]
 
     def why(self, task_id: int) -> Any:
         record = self._history.get(task_id)
         return Why(True, str(record), json.dumps([e.to_dict() for e in record.explanations]))
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
-        return inspect(self._ticker.get(task_id), node_id, self._wm)
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
+        return inspect(self._scheduler.get(task_id), node_id, self._wm)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
-        known = self._ticker.breakpoints
+        known = self._scheduler.breakpoints
         if action == "add":
             number = known.add(Breakpoint(kind, pattern, when))
         elif action == "remove":
@@ -153,11 +153,11 @@ class LocalManager:
         try:
             nodes = make_nodes(requests, self._library, self._wm)
         except Exception as error:
-            explanation = why_refused(requests, self._library, self._wm, -1)
+            explanation = explain_refusal(requests, self._library, self._wm, -1)
             explanations = [explanation] if explanation is not None else []
             self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), explanations))
             raise Refused(f"start by window refused: {error}") from error
-        task = self._ticker.new_task(self._wm, "window")
+        task = self._scheduler.new_task(self._wm, "window")
         task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred)
         task.root(*nodes)
         self._history.begin(task)

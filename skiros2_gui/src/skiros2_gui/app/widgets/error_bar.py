@@ -22,7 +22,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_gui.app.health import clock
 from skiros2_gui.app.problems import Problems
 from skiros2_gui.app.widgets.theme import tint
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 #: The most characters in the bar (of the first line), and in its tooltip (of the whole text).
 MAX_SHOWN, MAX_IN_TIP = 400, 4000

@@ -8,7 +8,7 @@ from python_qt_binding.QtWidgets import QLabel, QWidget
 from skiros2_gui.app.state_style import FAILURE
 from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.run.frame import Frame
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 #: The most characters shown (of the first line), and in the tooltip.
 _LONGEST, _LONGEST_TIP = 240, 2000

@@ -14,7 +14,7 @@ from skiros2_gui.run.message_log import LogLine
 from skiros2_gui.run.node_text import clock_text, duration_text
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.task_run import TaskRun
-from skiros2_skill.core.history import one_line
+from skiros2_skill.core.runtime.history import one_line
 
 
 class _Rows(QAbstractListModel):

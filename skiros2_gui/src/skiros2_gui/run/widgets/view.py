@@ -11,7 +11,7 @@ from skiros2_gui.run.node_text import CHOSEN_LATER, duration_text, processor_tex
 from skiros2_gui.run.presenter import RunPresenter
 from skiros2_gui.run.tree import RunTree
 from skiros2_gui.run.widgets.graph import TreeItem
-from skiros2_skill.core.breakpoints import AT_END, BEFORE_START
+from skiros2_skill.core.engine.breakpoints import AT_END, BEFORE_START
 
 #: The range of scales.
 _SMALLEST, _LARGEST = 0.005, 4.0

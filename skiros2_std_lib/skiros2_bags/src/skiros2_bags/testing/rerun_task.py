@@ -15,8 +15,8 @@ from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros import utils
-from skiros2_skill.core.request import SkillRequest, make_nodes
-from skiros2_skill.core.task import Task
+from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import wire_code, wire_text
 from skiros2_world_model.core.changes import Change
 
@@ -73,7 +73,7 @@ class RerunTask:
         try:
             for _ in range(2 + int((progress.time - before.time) / _PERIOD)):
                 self._task.tick()
-                if self._task.take_changed() or self._task.ended.is_set():
+                if self._task.update_revision() or self._task.ended.is_set():
                     break
         finally:
             self._manager.ticked = None

@@ -10,12 +10,12 @@ from skiros2_common.command_line.master import check_node
 
 
 def connect(name: str, author: str, computing: bool = False) -> Any:
-    """The world model node of that name, once it is known to be there; not followed, and not waited for.
+    """Connects to a running world model node, without subscribing to its changes.
 
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
-    :param author: who makes the changes.
-    :param computing: whether relations that reasoners compute are asked for; the server's reasoners are loaded then.
-    :raises Unavailable: nobody answers; it takes seconds at most to say so.
+    :param author: the author of the changes.
+    :param computing: loads the server's reasoners, for relations that they compute.
+    :raises Unavailable: the node does not answer within a few seconds.
     """
     full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
     check_node(full, "get", "world model")

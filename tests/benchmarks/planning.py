@@ -17,11 +17,10 @@ from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.engine_worker import DOMAIN_FILE, PROBLEM_FILE, write_pddl
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import makespan, planner_named
+from skiros2_task.core.planners import UpPlanner, makespan, planner_named
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.schedule import seconds_of
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
-from skiros2_task.core.up_problem import UpProblem
+from skiros2_task.core.up_model import UpProblem
 from support.planning_world import PlanningWorld, transport_world
 
 ALIAS = "lama-first"

@@ -27,7 +27,7 @@ from skiros2_gui.core.goal_plan import GoalPlan
 from skiros2_gui.core.goal_presenter import GoalPresenter
 from skiros2_gui.qt.goal_line import GoalLine
 from skiros2_gui.qt.state_colours import colour_state, colour_words
-from skiros2_task.core.plan_table import PlanRow
+from skiros2_task.core.plan import PlanRow
 
 _HEADS = ("Step", "State", "Start", "End", "Robot", "Skill", "After", "With")
 _STATE = 1

@@ -44,7 +44,7 @@ class TaskManagerLink:
         try:
             if self._client is None:
                 self._client = TaskManagerInterface()
-            self._client.achieve(goals, feedback_cb=told, wish=wish, seconds=seconds)
+            self._client.achieve(goals, feedback_cb=told, quality=wish, seconds=seconds)
             return self._client.wait_for_result()
         finally:
             self._asking.release()

@@ -23,9 +23,9 @@ from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.simulation import flaw
+from skiros2_task.core.planning import TaskPlanner
+from skiros2_task.core.semantics import validate
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.task_planner import TaskPlanner
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
@@ -143,7 +143,7 @@ def _worse(expected: Answer, got: Answer, recording: Recording, goal: Acted, set
     model = world_of(scene_before(recording, goal.order), settings.workspace)
     task = TaskPlanner(LocalWorldModel("replay", model), None, Limits()).look(goal.content.goals)  # type: ignore[arg-type]
     try:
-        wrong = flaw(task, [_step(task, call) for call in got.calls])
+        wrong = validate(task, [_step(task, call) for call in got.calls])
     except WrongValue as error:
         wrong = str(error)
     return f"does not work: {wrong}" if wrong else ""

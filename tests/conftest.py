@@ -21,6 +21,9 @@ pytest_plugins = ["skiros2_skill.testing", "skiros2_bags.testing"]
 
 TESTS = Path(__file__).parent
 
+#: The slowest tests are listed after a run of at least this many tests.
+_MANY_TESTS, _SLOWEST = 1000, 20
+
 _ROS = pytest.StashKey[Ros]()
 
 
@@ -38,6 +41,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         item.add_marker(item.path.relative_to(TESTS).parts[0])
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Keeps the times of all tests, set-up and teardown included, in build/test_times.txt, the slowest first."""
+    times: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                times[report.nodeid] = times.get(report.nodeid, 0.0) + report.duration
+    if len(times) < _MANY_TESTS:
+        return
+    slowest = sorted(times.items(), key=lambda item: -item[1])
+    lines = [f"{seconds:8.2f} s  {name}" for name, seconds in slowest]
+    target = TESTS.parent / "build" / "test_times.txt"
+    target.parent.mkdir(exist_ok=True)
+    target.write_text("\n".join(lines) + "\n")
+    terminalreporter.section(f"slowest tests (all: {target.relative_to(TESTS.parent)})")
+    terminalreporter.write_line("\n".join(lines[:_SLOWEST]))
+
+
 @pytest.fixture(scope="session")
 def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
     """A master for the session, and in this process a node `/tests_...` on it."""
@@ -47,10 +68,10 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
     with master:
         import rospy
 
-        from skiros2_common.ros.inbound import greet_in_threads
+        from skiros2_common.ros.inbound_connections import handshake_in_threads
 
         rospy.init_node("tests", anonymous=True, disable_signals=True)
-        greet_in_threads()
+        handshake_in_threads()
         yield master
         rospy.signal_shutdown("the tests are over")
     os.environ.clear()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sys
 
-import pytest
-
-from support.source import PACKAGES, SourceFile, source_files
+from support.source import PACKAGES, WINDOW_SUBJECTS, source_files
 
 FILES = source_files()
 CORES = [file for file in FILES if file.part in ("core", "tools")]
@@ -48,28 +46,48 @@ PORTS = {
     },
 }
 
+WINDOW_CORES = tuple(f"skiros2_gui.{subject}" for subject in WINDOW_SUBJECTS)
+WINDOW_ADAPTERS = tuple(f"{subject}.{folder}" for subject in WINDOW_CORES for folder in ("widgets", "ros"))
+QT = {"python_qt_binding", "PyQt5", "PySide2"}
+ROS = {"rospy", "rosgraph", "actionlib", "skiros2_msgs", "visualization_msgs", "interactive_markers"}
 
-def test_every_package_is_looked_at() -> None:
+
+def test_every_package_is_checked() -> None:
     assert {file.package for file in FILES} == set(PACKAGES)
 
 
-@pytest.mark.parametrize("file", CORES, ids=str)
-def test_a_core_imports_only_its_own_layer_and_those_below(file: SourceFile) -> None:
-    allowed = sys.stdlib_module_names | OUTSIDE[file.package]
-    own = ("skiros2_common.core", "skiros2_common.tools", f"{file.package}.core", f"{file.package}.tools")
-    wrong = [
-        f"{file}:{line}: {name}"
-        for line, name in file.imports()
-        if name.partition(".")[0] not in allowed and not _under(name, (*own, *PORTS.get(file.package, ())))
-    ]
-    assert not wrong, "a core has no ROS and no layer above it"
+def test_cores_import_no_ros_and_no_higher_layer() -> None:
+    wrong = []
+    for file in CORES:
+        allowed = sys.stdlib_module_names | OUTSIDE[file.package]
+        own = ("skiros2_common.core", "skiros2_common.tools", f"{file.package}.core", f"{file.package}.tools")
+        wrong += [
+            f"{file}:{line}: {name}"
+            for line, name in file.imports()
+            if name.partition(".")[0] not in allowed
+            and (not _under(name, (*own, *WINDOW_CORES, *PORTS.get(file.package, ()))) or _under(name, WINDOW_ADAPTERS))
+        ]
+    assert not wrong
 
 
-@pytest.mark.parametrize("file", FILES, ids=str)
-def test_no_package_imports_one_that_stands_above_it(file: SourceFile) -> None:
+def test_window_uses_qt_in_widgets_and_ros_in_adapters_only() -> None:
+    """The programs at the top of the package, such as `standalone`, may use both."""
+    wrong = []
+    for file in [file for file in FILES if file.package == "skiros2_gui" and file.part]:
+        modules = {name.partition(".")[0] for _, name in file.imports()}
+        if (file.part != "widgets" and modules & QT) or (file.part not in ("ros", "nodes") and modules & ROS):
+            wrong.append(str(file))
+    assert not wrong
+
+
+def test_packages_import_no_higher_package() -> None:
     order = list(PACKAGES)
-    above = order[order.index(file.package) + 1 :]
-    assert not [f"{file}:{line}: {name}" for line, name in file.imports() if name.partition(".")[0] in above]
+    assert not [
+        f"{file}:{line}: {name}"
+        for file in FILES
+        for line, name in file.imports()
+        if name.partition(".")[0] in order[order.index(file.package) + 1 :]
+    ]
 
 
 def _under(name: str, modules: tuple[str, ...]) -> bool:

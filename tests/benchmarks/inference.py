@@ -14,8 +14,8 @@ from benchmarks.measurement import Measurement, paired
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.emptiness import candidates_of, told
-from skiros2_skill.core.inference import infer
+from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.inference import infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 RUNS = 9
@@ -45,7 +45,7 @@ def _row(wmi: LocalWorldModel, name: str, weight: float, found: bool) -> Measure
         failed = infer(params, _conditions(weight), wmi)
         assert (failed is None) is found
         if failed is not None:
-            told(failed, candidates_of(failed))
+            failure_text(failed, filter_candidates(failed))
 
     asked = _timed(lambda: wmi.query_ontology(query))
     return paired(name, _timed(ours), "one SPARQL query", asked, unit="ms", runs=RUNS)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, paired, seconds_per_call
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Patch
@@ -47,7 +47,7 @@ def _restart(folder: Path) -> Measurement:
         start = time.perf_counter()
         again = _model(folder, path)
         seconds = time.perf_counter() - start
-        assert again.went_on and len(again.scene()) == ELEMENTS + 1
+        assert again.recovered and len(again.scene()) == ELEMENTS + 1
         again._journal.close(clean=False)
         return seconds
 

@@ -76,7 +76,7 @@ def _writing(processes: EngineProcesses, folder: Path) -> Iterator[Measurement]:
     def written(size: int) -> float:
         def write() -> None:
             os.chdir(folder / "written")
-            write_pddl(UpProblem(planners[size].look(_goal(worlds[size]))))
+            write_pddl(UpProblem(planners[size].read_task(_goal(worlds[size]))))
 
         before = Path.cwd()
         try:
@@ -95,7 +95,7 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     """How long the best plan takes with all robots at work, beside other engines' plans, dealt out likewise."""
     world = transport_world(*size)
     durations = Durations()
-    for action in TaskPlanner(world.wm, planner_named(processes), Limits()).look(_goal(world)).actions:
+    for action in TaskPlanner(world.wm, planner_named(processes), Limits()).read_task(_goal(world)).actions:
         durations.learn(action.skill, "/any", SECONDS[action.skill.label])
     cost = makespan(durations)
     ours = _plan(TaskPlanner(world.wm, planner_named(processes, "best", durations), Limits(OTHERS_TIME)), _goal(world))

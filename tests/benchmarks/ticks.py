@@ -20,10 +20,10 @@ from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.scheduler import RECURSION_LIMIT
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import ParallelFf, Sequential, Skill, SkillWrapper, State
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import RECURSION_LIMIT
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 RUNS = 9

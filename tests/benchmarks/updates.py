@@ -16,7 +16,7 @@ import rospy
 
 from benchmarks.measurement import Measurement, paired, seconds_per_call
 from benchmarks.services import _bare_service, _echo, _size
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import srv as srvs

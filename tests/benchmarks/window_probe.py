@@ -16,9 +16,9 @@ from typing import Any
 from python_qt_binding.QtCore import QObject, Qt, QTimer, Signal
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.core.events import Progressed, WorldChanged
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.app.events import TaskProgress, WorldChanged
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
 
 #: A hold shows as a tick of the probe that comes late (ms).
 _TICK = 4
@@ -43,7 +43,7 @@ class Probe(QObject):
         self._holds: list[tuple[float, float]] = []
         self._counts = {"changes": 0, "progress": 0}
         window.shared.subscribe(WorldChanged, lambda event: self._count("changes", len(event.changes)))
-        window.shared.subscribe(Progressed, lambda _: self._count("progress", 1))
+        window.shared.subscribe(TaskProgress, lambda _: self._count("progress", 1))
         self.asked.connect(self._begin)
 
     def _count(self, what: str, more: int) -> None:

@@ -287,7 +287,7 @@ class Painter(DiscreteReasoner):
 def painter(monkeypatch):
     monkeypatch.setattr(reasoners, "_by_name", {})
     monkeypatch.setattr(reasoners, "_owners", {})
-    monkeypatch.setattr(reasoners, "_answers", {})
+    monkeypatch.setattr(reasoners, "_cache", {})
     reasoners.add(Painter())
 
 

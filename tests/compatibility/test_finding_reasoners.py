@@ -41,7 +41,7 @@ class Bare(DiscreteReasoner):
 
 @pytest.fixture
 def no_reasoners(monkeypatch):
-    for name in ("_by_name", "_owners", "_answers"):
+    for name in ("_by_name", "_owners", "_cache"):
         monkeypatch.setattr(reasoners, name, {})
     monkeypatch.setattr(reasoners, "_is_loaded", False)
 

@@ -14,8 +14,8 @@ from compatibility.rules import rule
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.node import all_nodes
 from skiros2_skill.core.skill import SerialStar, SkillBase, SkillDescription
+from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Expect, Patch, Relate, Remove

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_skill.core.devices import free_former_devices, locks_in
+from skiros2_skill.core.engine.devices import locks_in, release_stale_devices
 
 ROUNDS = 30
 
@@ -33,12 +33,12 @@ def test_of_two_managers_at_once_exactly_one_gets_a_device(world, arm):
         for _ in range(ROUNDS):
             together.wait(30.0)
             try:
-                locks.take(arm.id, manager, manager)
+                locks.acquire(arm.id, manager, manager)
                 outcomes[manager.author].append("")
             except Refused as refused:
                 outcomes[manager.author].append(str(refused))
             together.wait(30.0)
-            locks.give_back([arm.id], manager, manager)
+            locks.release([arm.id], manager, manager)
             manager.catch_up()
             together.wait(30.0)
             manager.catch_up()
@@ -57,10 +57,10 @@ def test_of_two_managers_at_once_exactly_one_gets_a_device(world, arm):
 
 
 def test_another_life_frees_what_the_former_one_has_locked(world, arm):
-    locks_in(former := world.connect("/one")).take(arm.id, former, former)
+    locks_in(former := world.connect("/one")).acquire(arm.id, former, former)
     assert state(world.wm, arm) == ("Busy", "/one")
     another, again = world.connect("/two"), world.connect("/one")
-    free_former_devices(another)
+    release_stale_devices(another)
     assert state(world.wm, arm) == ("Busy", "/one")
-    free_former_devices(again)
+    release_stale_devices(again)
     assert state(world.wm, arm) == ("Idle", None)

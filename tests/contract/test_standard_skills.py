@@ -4,7 +4,7 @@ import pytest
 
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 R, O, I = ParamTypes.Required, ParamTypes.Optional, ParamTypes.Inferred  # noqa: E741 - as short as the table

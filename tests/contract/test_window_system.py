@@ -13,9 +13,9 @@ import pytest
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import Event, Progressed, WorldChanged
-from skiros2_gui.core.inbox import Inbox
-from skiros2_gui.core.system import MANAGER, WORLD_MODEL, System, part_of
+from skiros2_gui.app.event_queue import EventQueue
+from skiros2_gui.app.events import Event, TaskProgress, WorldChanged
+from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.command_line.assignments import Step
 from skiros2_skill.command_line.tree import SUCCESS, has_ended
@@ -36,7 +36,7 @@ class Desk:
 
     def __init__(self) -> None:
         self._came = threading.Event()
-        self.inbox = Inbox(self._came.set)
+        self.event_queue = EventQueue(self._came.set)
         self.system: System = None  # type: ignore[assignment]
 
     def events(self) -> Iterator[Event]:
@@ -44,7 +44,7 @@ class Desk:
         end = time.monotonic() + PATIENCE
         while self._came.wait(max(0.0, end - time.monotonic())):
             self._came.clear()
-            yield from self.inbox.take()
+            yield from self.event_queue.take()
         pytest.fail("nothing more has come")
 
     def until(self, condition: Callable[[], Any]) -> None:
@@ -63,8 +63,8 @@ class Desk:
         params = [skill.parameters[key].wire([value]) for key, value in values.items()]
         return int(self.manager.command("start", -1, [Step(skill.type, label, {}, params)]))
 
-    def end_of(self, task: int) -> Progressed:
-        return self.heard(Progressed, lambda e: e.task == task and has_ended(e.nodes))
+    def end_of(self, task: int) -> TaskProgress:
+        return self.heard(TaskProgress, lambda e: e.task == task and has_ended(e.nodes))
 
 
 @pytest.fixture(scope="module", params=["in process", "over ROS"])
@@ -73,13 +73,13 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     workspace = tmp_path_factory.mktemp("workspace")
     if request.param == "in process":
         model = WorldModel(source_ontologies(), workspace)
-        system = LocalSystem(made.inbox, LocalWorldModel("window", model))
+        system = LocalSystem(made.event_queue, LocalWorldModel("window", model))
         system.add_manager(ROBOT, [getattr(hand_skills, name) for name in SKILLS])
         made.system = system
         yield made
         system.close()
         return
-    from skiros2_gui.ros.system import RosSystem
+    from skiros2_gui.app.ros.system import RosSystem
 
     ros = Ros(request.getfixturevalue("ros_master"))
     env = {**ros.master.env, "PYTHONPATH": f"{TESTS}:{ros.master.env['PYTHONPATH']}"}
@@ -88,7 +88,7 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             "skiros2", "skiros.launch", gui=False, task_mgr_on=False, libraries_list="[support.hand_skills]",
             primitive_list=f"[{', '.join(SKILLS)}]", workspace_dir=str(workspace), env=env,
         )  # fmt: skip
-        made.system = RosSystem(made.inbox)
+        made.system = RosSystem(made.event_queue)
         made.until(lambda: made.system.scene is not None and ROBOT in made.system.managers)
         yield made
         made.system.close()
@@ -123,7 +123,7 @@ def test_a_task_is_started_and_followed_to_its_end(desk: Desk) -> None:
 
 def test_a_task_is_paused_stepped_resumed_and_stopped(desk: Desk) -> None:
     task = desk.start("stay")
-    desk.heard(Progressed, lambda e: e.task == task)
+    desk.heard(TaskProgress, lambda e: e.task == task)
     desk.manager.command("pause", task)
     desk.manager.command("tick_once", task)
     assert [nodes[0].id for nodes in desk.manager.tasks(task)] == [task]
@@ -149,7 +149,7 @@ def test_breakpoints_are_set_listed_and_taken_away(desk: Desk) -> None:
     number, known = desk.manager.breakpoint("add", "node", "stay")
     assert [(b["number"], b["kind"], b["pattern"]) for b in known] == [(number, "node", "stay")]
     task = desk.start("stay")
-    desk.heard(Progressed, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
+    desk.heard(TaskProgress, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
     desk.manager.command("preempt", task)
     desk.end_of(task)
     assert desk.manager.breakpoint("remove", number=number)[1] == []
@@ -160,7 +160,7 @@ def test_a_change_of_the_scene_is_told_and_can_be_read_then(desk: Desk) -> None:
     element.addRelation(SCENE, "skiros:contain", "-1")
     eid = desk.system.world.add_element(element).id
     change = desk.heard(WorldChanged, lambda e: any(x.id == eid for c in e.changes for x in c.elements))
-    assert not change.is_new
+    assert not change.is_reset
     assert desk.system.scene.find(eid, "scene").label == "bolt"
     assert [r["src"] for r in desk.system.scene.related("", "skiros:contain", eid, "scene")] == [SCENE]
     assert eid in {e.id for e in desk.system.scene.matching(Element("skiros:Product"), "scene")}
@@ -169,7 +169,7 @@ def test_a_change_of_the_scene_is_told_and_can_be_read_then(desk: Desk) -> None:
 def test_a_scene_that_is_loaded_is_told_as_new(desk: Desk) -> None:
     desk.system.world.save("kept.ttl")
     desk.system.world.load("kept.ttl")
-    desk.heard(WorldChanged, lambda e: e.is_new)
+    desk.heard(WorldChanged, lambda e: e.is_reset)
     assert desk.system.scene.find(SCENE, "scene") is not None
 
 

@@ -569,34 +569,34 @@ def test_each_change_is_told_once_in_order_with_its_author(world, wm):
 
 def test_marks_of_the_present_tell_which_elements_are_the_same(world, wm):
     tray, part, other = (world.add("skiros:LargeBox"), world.add("skiros:Part"), world.add("skiros:Part"))
-    present = wm.present()
+    revisions = wm.revisions()
     if wm.version == -1:
-        assert present is None
+        assert revisions is None
         return
 
-    def marks():
-        element = wm.present().element
+    def record_lookup():
+        element = wm.revisions().element
         return [element(e.id) for e in (tray, part, other)]
 
-    before = marks()
+    before = record_lookup()
     assert [mark.version for mark in before] == [wm.get_element(e.id).version for e in (tray, part, other)]
-    assert all(a is b for a, b in zip(marks(), before, strict=True))
+    assert all(a is b for a, b in zip(record_lookup(), before, strict=True))
     wm.set_relation(tray, "skiros:contain", part, True)
-    related = marks()
+    related = record_lookup()
     assert [a is b for a, b in zip(related, before, strict=True)] == [False, False, True]
     part = wm.get_element(part.id)
     part.setProperty("skiros:Weight", 4.5)
     wm.update_element(part)
-    weighed = marks()
+    weighed = record_lookup()
     assert [a is b for a, b in zip(weighed, related, strict=True)] == [True, False, True]
     wm.remove_element(other)
-    assert marks()[2] is None
+    assert record_lookup()[2] is None
 
 
 def test_marks_of_the_present_change_with_the_ontologies(wm):
-    present = wm.present()
+    revisions = wm.revisions()
     wm.add_class("skiros:NewAtPresent", "skiros:Part")
-    assert present is None or wm.present().ontology is not present.ontology
+    assert revisions is None or wm.revisions().ontology is not revisions.ontology
 
 
 def test_the_version_changes_with_every_change_or_is_not_known(world, wm):

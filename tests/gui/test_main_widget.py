@@ -22,11 +22,11 @@ from python_qt_binding.QtWidgets import (
 )
 
 from skiros2_common.core.errors import Refused
-from skiros2_gui.core.events import ConnectionChanged
-from skiros2_gui.qt import main_widget
-from skiros2_gui.qt.error_bar import ErrorHistory
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.theme import palette_of
+from skiros2_gui.app.events import ConnectionChanged
+from skiros2_gui.app.widgets import main_widget
+from skiros2_gui.app.widgets.error_bar import ErrorHistory
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.widgets.theme import palette_of
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.command_line.assignments import Step
 from unit.skiros2_gui.lab_skills import break_down, fetch, furnish
@@ -62,7 +62,7 @@ def test_what_a_call_fails_with_is_shown_copied_put_away_and_kept(window: MainWi
 
     bar = window.error_bar
     assert not bar.isVisible()
-    window.shared.jobs.run(refuse, what="loading the scene")
+    window.shared.jobs.run(refuse, activity="loading the scene")
     qtbot.waitUntil(bar.isVisible)
     text = "loading the scene: there is no file pick.ttl in the workspace"
     assert bar.text.text() == text
@@ -77,7 +77,7 @@ def test_what_a_call_fails_with_is_shown_copied_put_away_and_kept(window: MainWi
 
 
 def test_error_bar_shows_the_first_line_and_keeps_the_rest(window: MainWidget) -> None:
-    window.shared.problems.tell("starting pick of /robot", "KeyError: 'To' (pick.py, line 7)\nTraceback:\n  ...")
+    window.shared.problems.report("starting pick of /robot", "KeyError: 'To' (pick.py, line 7)\nTraceback:\n  ...")
     bar = window.error_bar
     assert bar.text.text() == "starting pick of /robot: KeyError: 'To' (pick.py, line 7)"
     assert "Traceback" in bar.text.toolTip()
@@ -96,14 +96,14 @@ def test_a_listener_that_fails_does_not_keep_news_from_others(window: MainWidget
     heard = []
     window.shared.subscribe(ConnectionChanged, lambda event: event.missing)  # type: ignore[attr-defined]
     window.shared.subscribe(ConnectionChanged, heard.append)
-    window.shared.tell(ConnectionChanged())
+    window.shared.publish(ConnectionChanged())
     assert heard == [ConnectionChanged()]
     assert window.shared.problems.newest is not None
 
 
 def test_the_busy_sign_is_there_while_something_takes_time(window: MainWidget, qtbot: QtBot) -> None:
     gate = threading.Event()
-    window.shared.jobs.run(lambda: gate.wait(10), what="loading the scene")
+    window.shared.jobs.run(lambda: gate.wait(10), activity="loading the scene")
     qtbot.waitUntil(window.status.bar.isVisible)
     assert window.status.busy.text() == "loading the scene…"
     gate.set()
@@ -135,7 +135,7 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
     qtbot.waitUntil(is_asked.is_set, timeout=20_000)
     try:
         qtbot.mouseClick(window.findChild(QToolButton, "stopTask"), Qt.LeftButton)
-        qtbot.waitUntil(lambda: running.presenter.run.now.has_ended, timeout=9_000)
+        qtbot.waitUntil(lambda: running.presenter.run.latest.has_ended, timeout=9_000)
     finally:
         gate.set()
 
@@ -150,7 +150,7 @@ def test_what_a_skill_raised_is_shown_first_and_then_the_traceback(window: MainW
     assert said.endswith(", in execute)")
     window.tabs.setCurrentIndex(1)
     running = window.pages[1].tab
-    qtbot.waitUntil(lambda: running.presenter.run is not None and running.presenter.run.now.has_ended)
+    qtbot.waitUntil(lambda: running.presenter.run is not None and running.presenter.run.latest.has_ended)
     note = window.findChild(QLabel, "taskNote")
     qtbot.waitUntil(lambda: "KeyError: 'sloow' (" in note.text())
     assert "Traceback" not in note.text()

@@ -17,15 +17,15 @@ from python_qt_binding.QtWidgets import QAbstractButton, QAction, QLabel, QLineE
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ElementSelected, Progressed, TaskStarted
-from skiros2_gui.core.run_node import ConditionText, NodeText
-from skiros2_gui.core.window import Window
-from skiros2_gui.qt.run_details import NodeDetails
-from skiros2_gui.qt.run_tab import RunTab
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.events import ElementSelected, TaskProgress, TaskStarted
+from skiros2_gui.app.window import Window
+from skiros2_gui.run.node_text import ConditionText, NodeText
+from skiros2_gui.run.widgets.details import NodeDetails
+from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.testing.local_system import LocalManager, LocalSystem
+from skiros2_gui.testing.synchronous import make_window
 from skiros2_skill.command_line.assignments import Step
-from support.progress import FAILURE, RUNNING, SUCCESS, Told, pick_and_place, random_tree
+from support.progress import FAILURE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree
 from support.recorded_run import ROOT
 from unit.skiros2_skill.skills import describe
 
@@ -46,8 +46,8 @@ def tab(window: Window, qtbot: QtBot) -> RunTab:
     return made
 
 
-def tell(window: Window, nodes: list[Told], at: float = 1000.0, robot: str = "/robot") -> None:
-    window.tell(Progressed(robot, nodes, at))
+def tell(window: Window, nodes: list[ProgressNode], at: float = 1000.0, robot: str = "/robot") -> None:
+    window.publish(TaskProgress(robot, nodes, at))
 
 
 def drawn(tab: RunTab, qtbot: QtBot) -> None:
@@ -113,7 +113,7 @@ def test_arrow_keys_walk_through_the_tree(tab: RunTab, window: Window, qtbot: Qt
     seen = []
     for key in (Qt.Key_Right, Qt.Key_Right, Qt.Key_Up, Qt.Key_Right, Qt.Key_Up, Qt.Key_Left):
         qtbot.keyClick(tab.view, key)
-        place = tab.presenter.tree.place()
+        place = tab.presenter.tree.selected_index()
         seen.append(tab.presenter.frame.shape.name(place))
     assert seen == ["task 5", "place", "pick", "close_gripper", "move_arm", "pick"]
 
@@ -129,9 +129,9 @@ def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(
     qtbot.keyClicks(tab._bar.search, "skill_77")
     drawn(tab, qtbot)
     assert tab._bar.count.text() == "11 found"
-    shape, first = tab.presenter.frame.shape, tab.presenter.tree.place()
+    shape, first = tab.presenter.frame.shape, tab.presenter.tree.selected_index()
     qtbot.keyClick(tab._bar.search, Qt.Key_Return)
-    second = tab.presenter.tree.place()
+    second = tab.presenter.tree.selected_index()
     assert first != second
     assert all(shape.label(place).startswith("skill_77") for place in (first, second))
     assert tab.presenter.tree.drawing.is_drawn(second)
@@ -161,7 +161,7 @@ def test_the_slider_goes_back_in_time_and_the_button_to_the_present(tab: RunTab,
 def test_a_message_leads_to_its_node_at_that_time(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(RUNNING), 1000.0)
     tell(window, pick_and_place(SUCCESS, RUNNING), 1002.0)
-    tab._beside.setCurrentWidget(tab._messages)
+    tab._side_tabs.setCurrentWidget(tab._messages)
     rows = tab._messages.rows.rows
     line = next(line for text, _, line in rows if "pick running" in text)
     tab._messages.chosen.emit(line)
@@ -177,7 +177,7 @@ def test_another_task_is_shown_when_the_user_picks_it_or_starts_it(tab: RunTab, 
     tasks = tab.findChild(QListWidget, "taskChoice")
     tasks.setCurrentRow(0)
     assert tab.presenter.run.task_id == 2
-    window.tell(TaskStarted("/robot", 3))
+    window.publish(TaskStarted("/robot", 3))
     tell(window, pick_and_place(task_id=3))
     assert tab.presenter.run.task_id == 3
 
@@ -191,7 +191,7 @@ def test_a_recorded_run_is_walked_through_and_left_again(tab: RunTab, window: Wi
     slider = tab.findChild(QSlider, "historySlider")
     slider.setValue(slider.maximum())
     drawn(tab, qtbot)
-    assert presenter.run.now.has_ended
+    assert presenter.run.latest.has_ended
     assert {presenter.frame.state(place) for place in range(len(presenter.frame.shape))} == {SUCCESS}
     presenter.close_bag()
     drawn(tab, qtbot)
@@ -231,13 +231,13 @@ def test_it_is_not_drawn_while_it_is_not_seen(tab: RunTab, window: Window, qtbot
 
 def test_settings_come_back_and_nonsense_is_left(tab: RunTab) -> None:
     tab._bar.follow.setChecked(False)
-    tab._beside.setCurrentIndex(2)
+    tab._side_tabs.setCurrentIndex(2)
     kept = tab.settings()
     tab._bar.follow.setChecked(True)
     tab.restore({"sizes": 7, "follow": "no", "beside": None, "folder": []})
     assert tab._bar.follow.isChecked()
     tab.restore(kept)
-    assert not tab._bar.follow.isChecked() and tab._beside.currentIndex() == 2
+    assert not tab._bar.follow.isChecked() and tab._side_tabs.currentIndex() == 2
 
 
 def test_the_menu_of_a_node_folds_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
@@ -284,7 +284,7 @@ def waiting(tab: RunTab, window: Window, qtbot: QtBot) -> Iterator[LocalManager]
     window.system.world.add_element(box)
     robot = window.system.add_manager("/robot", [Waiting])
     news = QTimer()
-    news.timeout.connect(window.take_news)
+    news.timeout.connect(window.process_events)
     news.start(10)
     robot.command("start", -1, [Step("skiros:Wait", "waiting")])
     qtbot.waitUntil(lambda: tab.presenter.frame is not None and bool(tab.presenter.running()))
@@ -300,7 +300,7 @@ def button(tab: RunTab, name: str) -> QAbstractButton:
 
 def test_a_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
     qtbot.mouseClick(button(tab, "pauseTask"), Qt.LeftButton)
-    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Go on")
+    qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Resume")
     code = tab.presenter.frame.code(1)
     qtbot.mouseClick(button(tab, "stepTask"), Qt.LeftButton)
     qtbot.waitUntil(lambda: tab.presenter.frame.code(1) == code + 1)
@@ -308,7 +308,7 @@ def test_a_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: Lo
     qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Pause")
     qtbot.mouseClick(button(tab, "stopTask"), Qt.LeftButton)
     qtbot.waitUntil(lambda: not button(tab, "stopTask").isEnabled())
-    assert tab.presenter.run.now.has_ended
+    assert tab.presenter.run.latest.has_ended
 
 
 def test_an_element_in_the_details_is_selected_in_the_other_tabs_by_a_click(
@@ -324,7 +324,7 @@ def test_an_element_in_the_details_is_selected_in_the_other_tabs_by_a_click(
 
 def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
     panel = tab._breakpoints
-    tab._beside.setCurrentWidget(panel)
+    tab._side_tabs.setCurrentWidget(panel)
     pattern, listed = panel.findChild(QLineEdit, "breakpointPattern"), panel.findChild(QListWidget, "breakpoints")
     assert not button(tab, "breakpointAdd").isEnabled()
     qtbot.keyClicks(pattern, "wait*")
@@ -389,8 +389,8 @@ def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window
     """Trees change shape between any two steps of the user; ids, states, times and texts make no sense."""
     chance, texts = random.Random(1), ["", "<b>x</b>", "a\nb", "x" * 3000, "skiros:Pick", ":Skill", "%s{}"]
 
-    def node(number: int) -> Told:
-        return Told(
+    def node(number: int) -> ProgressNode:
+        return ProgressNode(
             chance.choice([0, 5, -1, 32767, number]), chance.randrange(-1, number + 2), chance.choice(texts),
             chance.choice(texts), chance.choice(["", "->*", "odd"]), chance.choice([0, 1, 2, 3, 4, 99, -7]),
             chance.choice([0, 0, 0, -1, 1, -404]), chance.choice([0.0, -1.0, math.nan, math.inf, 1e30]),
@@ -409,7 +409,7 @@ def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window
             partial(presenter.fold, place),
             lambda: presenter.pick(chance.choice(list(presenter.runs))),
             lambda: tab._bar.search.setText(chance.choice(["a", "x s", ""])),
-            lambda: tab._beside.setCurrentIndex(chance.randrange(4)),
+            lambda: tab._side_tabs.setCurrentIndex(chance.randrange(4)),
             lambda: qtbot.keyClick(tab.view, chance.choice([Qt.Key_Left, Qt.Key_Down, Qt.Key_Return, Qt.Key_F])),
             lambda: tab._draw(),
         ])  # fmt: skip

@@ -8,14 +8,14 @@ import pytest
 from pytestqt.qtbot import QtBot
 from python_qt_binding.QtWidgets import QLabel, QPushButton, QWidget
 
-from skiros2_gui.core.events import ConnectionChanged
-from skiros2_gui.core.system import MASTER, Part
-from skiros2_gui.core.window import Window
-from skiros2_gui.qt import rviz_panel
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.rviz_panel import RvizPanel, rviz_trouble
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.events import ConnectionChanged
+from skiros2_gui.app.system import MASTER, Part
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.window import Window
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import make_window
+from skiros2_gui.view3d.widgets import rviz_panel
+from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_trouble
 
 
 class WithMaster(LocalSystem):
@@ -58,7 +58,7 @@ def test_it_waits_for_the_master(qtbot: QtBot, window: Window, monkeypatch: pyte
     panel.open()
     assert not panel.is_open
     window.system.master_is_up = True
-    window.tell(ConnectionChanged())
+    window.publish(ConnectionChanged())
     assert button(panel).isEnabled()
 
 
@@ -84,7 +84,7 @@ def test_rviz_draws_while_it_is_seen_and_is_kept_for_the_next_window(
 ) -> None:
     frame = Frame()
     monkeypatch.setattr(rviz_panel, "rviz_trouble", lambda: "")
-    monkeypatch.setattr(rviz_panel, "_left_over", [frame])
+    monkeypatch.setattr(rviz_panel, "_reusable", [frame])
     panel = RvizPanel(window)
     qtbot.addWidget(panel)
     panel.show()
@@ -95,8 +95,8 @@ def test_rviz_draws_while_it_is_seen_and_is_kept_for_the_next_window(
     panel.show()
     assert frame.draws
     window.system.master_is_up = False
-    window.tell(ConnectionChanged())
+    window.publish(ConnectionChanged())
     assert "open it again" in panel.findChild(QLabel, "rvizSaid").text()
     panel.close_tab()
     panel.close_tab()
-    assert not frame.draws and frame.parent() is None and rviz_panel._left_over == [frame]
+    assert not frame.draws and frame.parent() is None and rviz_panel._reusable == [frame]

@@ -22,10 +22,10 @@ from python_qt_binding.QtWidgets import (
     QWidget,
 )
 
-from skiros2_gui.core.goal_course import Course
-from skiros2_gui.core.skills_fields import ElementChoice
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.skills_tab import SkillsTab
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.goal.execution import GoalExecution
+from skiros2_gui.skills.fields import ElementChoice
+from skiros2_gui.skills.widgets.tab import SkillsTab
 from skiros2_gui.testing.local_system import LocalSystem
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
@@ -56,7 +56,7 @@ def _click(qtbot: QtBot, tab: SkillsTab, name: str) -> None:
 
 
 def _states(tab: SkillsTab) -> list[str]:
-    return [row.state for row in tab.skills.running.rows]
+    return [row.state for row in tab.skills.tasks.rows]
 
 
 def test_a_skill_is_filled_in_started_and_stopped(tab: SkillsTab, qtbot: QtBot) -> None:
@@ -188,8 +188,8 @@ def test_settings_come_back_and_nonsense_does_no_harm(tab: SkillsTab) -> None:
 
 def test_words_are_completed_and_a_mistake_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
     line = _child(tab, QLineEdit, "goalLine")
-    tab.goals.look()
-    qtbot.waitUntil(lambda: bool(tab.goals.suggestions(0).words) and bool(tab.goals._vocabulary.elements))
+    tab.goals.refresh()
+    qtbot.waitUntil(lambda: bool(tab.goals.completions(0).items) and bool(tab.goals._vocabulary.elements))
     line.setFocus()
     qtbot.keyClicks(line, "(skiros:contain empty")
     popup = line._completer.popup()
@@ -206,7 +206,7 @@ def test_words_are_completed_and_a_mistake_is_shown(tab: SkillsTab, qtbot: QtBot
 def goal_line(tab: SkillsTab, qtbot: QtBot) -> Any:
     """The goal line with the words of the scene, in a window that is active."""
     qtbot.waitActive(tab.window())
-    tab.goals.look()
+    tab.goals.refresh()
     qtbot.waitUntil(lambda: bool(tab.goals._vocabulary.elements))
     line = _child(tab, QLineEdit, "goalLine")
     qtbot.mouseClick(line, Qt.LeftButton)
@@ -256,7 +256,7 @@ def test_enter_in_a_complete_goal_plans_and_inserts_nothing(
     with qtbot.waitSignal(goal_line.returnPressed):
         _press(qtbot, goal_line, Qt.Key_Return)
     assert goal_line.text() == "(skiros:contain box nut)"
-    assert tab.goals.remembered == ["(skiros:contain box nut)"]
+    assert tab.goals.history == ["(skiros:contain box nut)"]
 
 
 def test_enter_inserts_a_word_that_was_chosen_with_the_arrows(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
@@ -264,7 +264,7 @@ def test_enter_inserts_a_word_that_was_chosen_with_the_arrows(tab: SkillsTab, go
     goal_line.setCursorPosition(16)
     _type(qtbot, goal_line, "box")
     assert tab.goals.is_complete
-    words = [word.text for word in tab.goals.suggestions(19).words]
+    words = [word.text for word in tab.goals.completions(19).items]
     _press(qtbot, goal_line, Qt.Key_Down, Qt.Key_Return)
     assert goal_line.text() == f"(skiros:contain {words[1]} nut)"
 
@@ -328,17 +328,17 @@ def test_space_while_a_start_is_under_way_stops_the_task(tab: SkillsTab, qtbot: 
 def test_how_a_goal_goes_on_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
     step = {"number": 1, "skill": "skiros:Drive", "label": "drive", "robot": "/a", "start": 0.0, "end": 2.0}
     states = '[{"number": 1, "state": "running"}]'
-    course = Course("(a b)").after_feedback(
+    execution = GoalExecution("(a b)").after_feedback(
         SimpleNamespace(phase="running", message="", plan=json.dumps([step]), steps=states)
     )
-    tab.goals.course = course
+    tab.goals.execution = execution
     tab.goals.on_goal()
     steps = _child(tab, QTreeWidget, "planView")
     assert [steps.topLevelItem(0).text(i) for i in (0, 1, 5)] == ["1", "▶ running", "drive"]
-    done = json.dumps([{**step, "state": "failed", "message": "no way"}])
-    tab.goals.course = course.after_result(
+    done = json.dumps([{**step, "state": "failed", "message": "no mode"}])
+    tab.goals.execution = execution.after_result(
         SimpleNamespace(state="failed", message="given up", done=done, explanations="[]")
     )
     tab.goals.on_goal()
     assert _child(tab, QLabel, "planHead").text() == "✕ given up"
-    assert "1. drive: no way" in _child(tab, QPlainTextEdit, "planWhy").toPlainText()
+    assert "1. drive: no mode" in _child(tab, QPlainTextEdit, "planWhy").toPlainText()

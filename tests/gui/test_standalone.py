@@ -13,8 +13,8 @@ from python_qt_binding.QtCore import QSettings
 from python_qt_binding.QtWidgets import QApplication
 
 from skiros2_gui import standalone
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.theme import SYSTEM, apply_theme, is_dark
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.widgets.theme import SYSTEM, apply_theme, is_dark
 from skiros2_gui.standalone import EndBySignal, StandaloneWindow
 from skiros2_gui.testing.local_system import LocalSystem
 

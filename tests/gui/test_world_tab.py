@@ -11,10 +11,12 @@ from python_qt_binding.QtCore import QItemSelectionModel, QModelIndex, Qt
 from python_qt_binding.QtWidgets import QDialog, QLineEdit
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import WorldChanged
-from skiros2_gui.core.window import Window
-from skiros2_gui.core.world_scene import LOOSE
-from skiros2_gui.qt.world_dialogs import (
+from skiros2_gui.app.events import WorldChanged
+from skiros2_gui.app.window import Window
+from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import make_window
+from skiros2_gui.world.scene import UNPLACED
+from skiros2_gui.world.widgets.dialogs import (
     AddDialog,
     ClassDialog,
     PoseDialog,
@@ -23,9 +25,7 @@ from skiros2_gui.qt.world_dialogs import (
     RemoveDialog,
     ValuesDialog,
 )
-from skiros2_gui.qt.world_tab import WorldTab
-from skiros2_gui.testing.at_once import make_window
-from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.world.widgets.tab import WorldTab
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
 
@@ -39,7 +39,7 @@ class Desk:
         self.qtbot = qtbot
         self.wm = LocalWorldModel("window")
         self.other = LocalWorldModel("vision", self.wm.model)
-        self.window: Window = make_window(lambda inbox: LocalSystem(inbox, self.wm))
+        self.window: Window = make_window(lambda event_queue: LocalSystem(event_queue, self.wm))
         self.tab = WorldTab(self.window)
         qtbot.addWidget(self.tab, before_close_func=WorldTab.close_tab)
         self.tab.resize(1100, 700)
@@ -50,7 +50,7 @@ class Desk:
         element = Element(etype, label)
         element.addRelation(parent, "skiros:contain", "-1")
         self.other.add_element(element)
-        self.window.take_news()
+        self.window.process_events()
         return element.id
 
     def select(self, eid: str) -> None:
@@ -66,7 +66,7 @@ class Desk:
     def press(self, dialog: QDialog) -> None:
         """OK."""
         self.qtbot.mouseClick(dialog.ok, Qt.LeftButton)
-        self.window.take_news()
+        self.window.process_events()
 
     def rows(self, parent: QModelIndex | None = None) -> list[str]:
         """What the tree shows directly under a row."""
@@ -86,9 +86,9 @@ def test_the_tree_keeps_to_the_rules_of_models_while_the_scene_changes(desk: Des
     parts = [desk.add(parent=box, etype="skiros:Part") for _ in range(3)]
     desk.tab.tree.expandAll()
     desk.tab.presenter.change("move", lambda r: r.move(parts[1], ROOT))
-    desk.window.take_news()
+    desk.window.process_events()
     desk.other.remove_element(desk.other.get_element(box))
-    desk.window.take_news()
+    desk.window.process_events()
     assert desk.rows(desk.tab.model.index_of(ROOT)) == [parts[1].partition(":")[2]]
     tester._cleanup()
 
@@ -106,7 +106,7 @@ def test_elements_of_others_appear_marked_and_without_moving_the_selection(desk:
 def test_a_value_is_written_in_the_table(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
-    desk.window.take_news()
+    desk.window.process_events()
     desk.select(box)
     table = desk.tab.element.properties
     assert [table.model().index(0, column).data() for column in range(3)] == ["Weight", "1", "kg"]
@@ -116,7 +116,7 @@ def test_a_value_is_written_in_the_table(desk: Desk) -> None:
         editor.setText(text)
         desk.qtbot.keyClick(editor, Qt.Key_Return)
         desk.qtbot.waitUntil(lambda: not table.findChildren(QLineEdit))
-        desk.window.take_news()
+        desk.window.process_events()
         assert desk.wm.get_element(box).value_of("skiros:Weight") == weight
     assert "expected a number (in kg), got 'heavy'" in desk.window.problems.newest.line
 
@@ -124,7 +124,7 @@ def test_a_value_is_written_in_the_table(desk: Desk) -> None:
 def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
-    desk.window.take_news()
+    desk.window.process_events()
     desk.select(box)
     table = desk.tab.element.properties
     table.edit(table.model().index(0, 1))
@@ -132,7 +132,7 @@ def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk
     element = desk.other.get_element(box)
     element.label = "skiros:moved"
     desk.other.update_element(element)
-    desk.window.take_news()
+    desk.window.process_events()
     assert table.findChild(QLineEdit).text() == "2"
     assert desk.tab.element.label_edit.text() == "skiros:moved"
 
@@ -145,17 +145,17 @@ def test_a_label_that_was_written_follows_the_scene_again(desk: Desk) -> None:
     label.clear()
     desk.qtbot.keyClicks(label, "skiros:mine")
     desk.qtbot.keyClick(label, Qt.Key_Return)
-    desk.window.take_news()
+    desk.window.process_events()
     assert desk.wm.get_element(box).label == "skiros:mine"
     desk.tab.presenter.undo()
-    desk.window.take_news()
+    desk.window.process_events()
     assert label.text() == "skiros:first"
 
 
 def test_a_pose_is_written_and_what_was_not_touched_stays_as_it_was(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("pose", lambda r: r.set_pose(box, (1 / 3, 0.0, 0.0), (0.0, 0.0, 10.0)))
-    desk.window.take_news()
+    desk.window.process_events()
     desk.select(box)
     desk.tab.element.pose_button.click()
     dialog = desk.dialog(PoseDialog)
@@ -172,7 +172,7 @@ def test_several_values_and_tables_are_written_in_a_dialog(desk: Desk) -> None:
     element.setProperty("skiros:CadModel", ["a.stl", "b.stl"])
     element.setProperty("skiros:Value", {"grip": [1, 2]})
     desk.other.update_element(element)
-    desk.window.take_news()
+    desk.window.process_events()
     desk.select(box)
     table = desk.tab.element.properties
     writes = (("CadModel", "a.stl\nb.stl", "c.stl\nd.stl"), ("Value", '{"grip": [1, 2]}', '{"x": 1}'))
@@ -226,7 +226,7 @@ def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
     desk.press(dialog)
     assert desk.wm.find_element(part) is None
     desk.tab.undo_button.click()
-    desk.window.take_news()
+    desk.window.process_events()
     assert desk.wm.get_relations(box, "skiros:contain", part)
     assert desk.tab.redo_button.isEnabled()
 
@@ -264,10 +264,10 @@ def test_dropping_an_element_on_another_moves_it_there(desk: Desk) -> None:
     model = desk.tab.model
     data = model.mimeData([model.index_of(part)])
     model.dropMimeData(data, Qt.MoveAction, -1, -1, model.index_of(box))
-    desk.window.take_news()
+    desk.window.process_events()
     assert model.parent(model.index_of(part)) == model.index_of(box)
     assert not model.flags(model.index_of(ROOT)) & Qt.ItemIsDragEnabled
-    assert not model.flags(model.index_of(LOOSE)) & Qt.ItemIsDropEnabled
+    assert not model.flags(model.index_of(UNPLACED)) & Qt.ItemIsDropEnabled
 
 
 def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
@@ -301,7 +301,7 @@ def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
 def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("free it", lambda r: r.unrelate(ROOT, "skiros:contain", box))
-    desk.window.take_news()
+    desk.window.process_events()
     desk.tab.validate()
     table = desk.tab.report.table
     texts = [table.model().index(row, 1).data() for row in range(table.model().rowCount())]
@@ -312,7 +312,7 @@ def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
 def test_a_world_model_without_a_journal_says_so_in_the_history(desk: Desk) -> None:
     desk.select(desk.add())
     desk.tab.pages.setCurrentWidget(desk.tab.history)
-    assert desk.tab.history.said.text() == "The world model keeps no journal: its past is not known"
+    assert desk.tab.history.said.text() == "The world model has no journal, so its history is unknown"
 
 
 def test_several_are_selected_and_removed_together(desk: Desk) -> None:
@@ -347,6 +347,6 @@ def test_branches_stay_open_when_the_scene_is_read_anew(desk: Desk) -> None:
     element = Element("cora:Robot")  # it comes above the box
     element.addRelation(ROOT, "skiros:contain", "-1")
     desk.other.add_element(element)
-    desk.window.tell(WorldChanged((), True, True))
+    desk.window.publish(WorldChanged((), True, True))
     assert tree.isExpanded(model.index_of(ROOT)) and tree.isExpanded(model.index_of(box))
     assert model.element(tree.currentIndex()) == desk.tab.presenter.selected == part

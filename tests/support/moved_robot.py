@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.base_motion import BaseMotion
 from skiros2_sim.core.cartesian_motion import CartesianGoal, CartesianMotion
-from skiros2_sim.core.drive_path import Place
+from skiros2_sim.core.drive_path import Pose2D
 from skiros2_sim.core.gripper_motion import GripperMotion
 from skiros2_sim.core.joint_motion import JointMotion
 from skiros2_sim.core.joint_path import JointGoal, JointPoint
@@ -60,7 +60,7 @@ class MovedRobot:
         return GripperMotion(self.world, self.gripper, width, effort)
 
     def drive(self, x: float, y: float, yaw: float = 0.0) -> BaseMotion:
-        return BaseMotion(self.world, self.robot, Place(x, y, yaw))
+        return BaseMotion(self.world, self.robot, Pose2D(x, y, yaw))
 
 
 def succeeded(outcome: Outcome) -> None:

@@ -9,7 +9,7 @@ SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
 
 
 @dataclass
-class Told:
+class ProgressNode:
     """A node, with the fields of `SkillProgress` that matter for a tree."""
 
     id: int
@@ -25,34 +25,34 @@ class Told:
     task_id: int = 5
 
 
-def root(task_id: int = 5, state: int = RUNNING, code: int = 0, message: str = "") -> Told:
-    return Told(task_id, -1, "root", ":Root", "->*", state, code, 0.0, message, task_id=task_id)
+def root(task_id: int = 5, state: int = RUNNING, code: int = 0, message: str = "") -> ProgressNode:
+    return ProgressNode(task_id, -1, "root", ":Root", "->*", state, code, 0.0, message, task_id=task_id)
 
 
-def pick_and_place(pick: int = RUNNING, place: int = IDLE, task_id: int = 5, **of_root: object) -> list[Told]:
+def pick_and_place(pick: int = RUNNING, place: int = IDLE, task_id: int = 5, **of_root: object) -> list[ProgressNode]:
     """A task of two skills, one of which is made of two others."""
     nodes = [
         root(task_id, **of_root),  # type: ignore[arg-type]
-        Told(100, task_id, "pick", "skiros:Pick", "->*", pick),
-        Told(101, 100, "move_arm", "skiros:MoveArm", state=pick),
-        Told(102, 100, "close_gripper", "skiros:CloseGripper"),
-        Told(200, task_id, "place", "skiros:Place", state=place),
+        ProgressNode(100, task_id, "pick", "skiros:Pick", "->*", pick),
+        ProgressNode(101, 100, "move_arm", "skiros:MoveArm", state=pick),
+        ProgressNode(102, 100, "close_gripper", "skiros:CloseGripper"),
+        ProgressNode(200, task_id, "place", "skiros:Place", state=place),
     ]
     for node in nodes:
         node.task_id = task_id
     return nodes
 
 
-def fresh(nodes: list[Told]) -> list[Told]:
+def fresh(nodes: list[ProgressNode]) -> list[ProgressNode]:
     """The same once more: what is told again is told of as other objects."""
     return [replace(node) for node in nodes]
 
 
-def random_tree(count: int, seed: int = 1) -> list[Told]:
+def random_tree(count: int, seed: int = 1) -> list[ProgressNode]:
     """A tree of so many nodes, wide and deep."""
     chance = random.Random(seed)
     nodes = [root()]
     for number in range(1, count):
         above = nodes[chance.randrange(max(0, number - 40), number)]
-        nodes.append(Told(1000 + number, above.id, f"skill_{number}"))
+        nodes.append(ProgressNode(1000 + number, above.id, f"skill_{number}"))
     return nodes

@@ -1,4 +1,5 @@
-"""The window by itself with rviz in it: selects an element, saves a picture of the window, and ends as a user ends it.
+"""The window by itself with rviz in it: selects an element, saves a screenshot of the window, and ends as a user ends
+it.
 
 Arguments: the label of the element, and the file of the picture.
 """
@@ -10,11 +11,11 @@ import sys
 from python_qt_binding.QtCore import QSettings
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.testing.driver import Driver
-from skiros2_gui.testing.rviz_picture import rviz_picture
+from skiros2_gui.testing.rviz_screenshot import rviz_screenshot
 
 
 def main(label: str, picture: str) -> int:
@@ -26,7 +27,7 @@ def main(label: str, picture: str) -> int:
     driver.wait_until(lambda: window.content.system.scene is not None, "the scene")
     driver.open_tab("World model")
     driver.choose("sceneTree", label)
-    is_saved = rviz_picture(driver).save(picture)
+    is_saved = rviz_screenshot(driver).save(picture)
     window.close()
     application.processEvents()
     return 0 if is_saved else 1

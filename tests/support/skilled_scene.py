@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits

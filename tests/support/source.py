@@ -24,6 +24,9 @@ PACKAGES = {
     "skiros2_sim_skills": "skiros2_std_lib/skiros2_sim_skills",
     "skiros2_gui": "skiros2_gui",
 }
+#: The window is divided by subject instead of by layer: the folder `widgets` of a subject holds its Qt widgets, the
+#: folder `ros` its ROS adapters, and every other module of a subject is a core.
+WINDOW_SUBJECTS = ("app", "skills", "run", "world", "goal", "view3d")
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class SourceFile:
     """A Python file of a package.
 
     :param path: relative to the repository.
-    :param part: `core`, `tools` or `ros`; `nodes` for executables; otherwise "".
+    :param part: `core`, `tools`, `ros` or `widgets`; `nodes` for executables; otherwise "".
     """
 
     path: Path
@@ -78,9 +81,15 @@ def source_files() -> list[SourceFile]:
     for package, folder in PACKAGES.items():
         source = ROOT / folder / "src" / package
         for path in sorted(source.rglob("*.py")):
-            part = path.relative_to(source).parts[0]
-            files.append(SourceFile(path.relative_to(ROOT), package, part if part in ("core", "tools", "ros") else ""))
+            files.append(SourceFile(path.relative_to(ROOT), package, _part(path.relative_to(source).parts)))
         for path in sorted((ROOT / folder / "nodes").glob("*")):
             if path.is_file():
                 files.append(SourceFile(path.relative_to(ROOT), package, "nodes"))
     return files
+
+
+def _part(parts: tuple[str, ...]) -> str:
+    folder = parts[0]
+    if folder in WINDOW_SUBJECTS:
+        return parts[1] if parts[1] in ("widgets", "ros") else "core"
+    return folder if folder in ("core", "tools", "ros") else ""

@@ -169,13 +169,13 @@ class _Watch:
     def is_connected(self) -> bool:
         return True
 
-    def silence(self) -> float:
+    def time_since_status(self) -> float:
         return 0.0
 
-    def late_result(self, handle: Any) -> float:
+    def time_without_result(self, handle: Any) -> float:
         return 0.0
 
-    untaken = late_result
+    time_without_ack = time_without_result
 
 
 def install(monkeypatch: pytest.MonkeyPatch, drivers: StandInDrivers) -> None:

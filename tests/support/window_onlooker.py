@@ -11,8 +11,8 @@ import sys
 from python_qt_binding.QtCore import QTimer
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
 
 _PERIOD = 20  # ms
 

@@ -12,7 +12,7 @@ from support.ros import ROOT, Ros
 HELD_UP = """
 import threading, time
 import rospy
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_common.ros.node import run_node
 
 lock = threading.Lock()

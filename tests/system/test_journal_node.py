@@ -56,7 +56,7 @@ def test_a_node_that_was_killed_comes_back_with_its_scene_and_clients_go_on(
     before = client._fetch_scene().snapshot_id
     kill(ros, node)
     again = start()
-    again.wait_for_line(r"goes on from its journal .*/wm\.journal: 2 elements in scene; .* by tester")
+    again.wait_for_line(r"has recovered from its journal .*/wm\.journal: 2 elements in scene; .* by tester")
     assert client._fetch_scene().snapshot_id == before
     assert client.get_element(part.id).label == "first life"
     assert client.get_relations(SCENE, "skiros:contain", part.id)
@@ -109,7 +109,7 @@ def test_a_parameter_of_no_use_is_named(start: Callable[..., Program], name: str
 
 def test_without_a_journal_the_past_is_not_known(ros: Ros, start: Callable[..., Program]) -> None:
     start(journal=False)
-    with pytest.raises(WmException, match="keeps no journal"):
+    with pytest.raises(WmException, match="has no journal"):
         WorldModelInterface("tester").history()
 
 

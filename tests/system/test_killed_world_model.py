@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Add, Operation, Patch, Relate, Remove

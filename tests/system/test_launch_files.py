@@ -123,7 +123,7 @@ def test_a_launch_that_names_what_is_not_there_says_so_and_starts_nothing(
     lines = program.output.splitlines()
     assert culprit in lines[-1]
     assert lines.count(lines[-1]) == 2
-    wait_until(lambda: not processes("launch_refusal.py", lines[-1]), what="the end of what printed the last line")
+    wait_until(lambda: not processes("launch_error.py", lines[-1]), what="the end of what printed the last line")
 
 
 @pytest.mark.parametrize(

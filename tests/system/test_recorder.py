@@ -68,7 +68,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     try:
         options = ("-o", str(whole), "--robots", ROBOT, "--compression", "lz4")
         recorder = system.run("skiros2_bags", "record", *options, name="from_the_start")
-        recorder.wait_for_line("waits for the master")
+        recorder.wait_for_line("waiting for the master")
         system.master.start()
         recorder.wait_for_line("recording to")
         launch = system.launch_robot(launched)
@@ -125,7 +125,7 @@ def test_the_run_is_in_the_bag(recorded: Recorded) -> None:
     (goal,) = run.goals()
     assert (goal.goals, goal.state) == (GOAL, "succeeded")
     (task,) = run.tasks()
-    assert (task.robot, task.message, task.is_whole) == (ROBOT, "End", True)
+    assert (task.robot, task.message, task.is_complete) == (ROBOT, "End", True)
     assert [(s.label, s.state_name) for s in run.skills() if s.depth == 1] == [("drive", "Success")]
     assert run.world(goal.time).related(ROBOT_ID, "skiros:at", STATION)
     assert run.world().related(ROBOT_ID, "skiros:at", WORKSTATION)

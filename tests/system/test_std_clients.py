@@ -16,10 +16,10 @@ from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskGoal, AssignTaskResult
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_std_skills import action_client_primitive
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
@@ -250,25 +250,25 @@ def test_a_goal_that_does_not_reach_its_server_is_noticed(server: Server, monkey
 
 
 @pytest.fixture
-def slow_ticker() -> Iterator[Ticker]:
+def slow_ticker() -> Iterator[Scheduler]:
     """Ticks a task once in the time of these tests, unless it is woken."""
-    ticker = Ticker(rate=0.01)
-    yield ticker
-    ticker.stop()
+    scheduler = Scheduler(rate=0.01)
+    yield scheduler
+    scheduler.stop()
 
 
-def started(ticker: Ticker, skill: type) -> Task:
+def started(scheduler: Scheduler, skill: type) -> Task:
     """A task of a skill."""
     wmi = LocalWorldModel("tests")
     library = SkillLibrary(wmi)
     library.add(skill)
-    task = ticker.new_task(wmi, "tests")
+    task = scheduler.new_task(wmi, "tests")
     task.root(SkillWrapper("Job", "", library))
-    ticker.start(task.id)
+    scheduler.start(task.id)
     return task
 
 
-def test_the_result_of_an_action_wakes_the_tree(server: Server, slow_ticker: Ticker) -> None:
+def test_the_result_of_an_action_wakes_the_tree(server: Server, slow_ticker: Scheduler) -> None:
     class connected(job_action):
         build_client_onstart = False
         wish = "long"
@@ -331,7 +331,7 @@ def test_the_answer_of_a_service_decides(switch: dict[str, Any], on_start: bool)
     assert (skill.progress_msg, skill.progress_code) == ("stuck", -3)
 
 
-def test_the_answer_of_a_service_wakes_the_tree(switch: dict[str, Any], slow_ticker: Ticker) -> None:
+def test_the_answer_of_a_service_wakes_the_tree(switch: dict[str, Any], slow_ticker: Scheduler) -> None:
     task = started(slow_ticker, job_service)
     assert task.ended.wait(15)
     assert task.root.children[0].progress_msg == "on"

@@ -12,10 +12,10 @@ import pytest
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_gui.core.health import sentence
-from skiros2_gui.core.system import Part
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.app.health import sentence
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.system import Part
+from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.testing.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
@@ -150,7 +150,7 @@ def test_a_master_that_is_killed_is_missed_and_its_successor_found(tmp_path: Pat
             onlooker.wait_for_line("^✕ ROS master.*has not been there since")
             master.start()
             again = re.compile(r"^✕ ROS master.*^● ROS master[^\n]*● world model", re.DOTALL | re.MULTILINE)
-            wait_until(lambda: again.search(onlooker.output), what="the new master in the window")
+            wait_until(lambda: again.search(onlooker.output), activity="the new master in the window")
         finally:
             ros.stop()
 

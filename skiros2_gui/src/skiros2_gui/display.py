@@ -1,4 +1,4 @@
-"""Whether a window can be drawn here; and a screen that nobody sees, for programs that need one where it cannot."""
+"""Checks for a display, and virtual displays for programs that need one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skiros2_common.core.errors import Refused
 
 
 def display_trouble() -> str:
-    """Why no window can be drawn here, in words; "" where one can. Qt itself ends the program with a crash."""
+    """Returns why no window can be shown here; "" if one can. Qt would abort the process."""
     platform = os.environ.get("QT_QPA_PLATFORM", "")
     if platform.partition(":")[0] not in ("", "xcb") or os.environ.get("WAYLAND_DISPLAY"):
         return ""
@@ -24,7 +24,7 @@ def display_trouble() -> str:
         return "there is no display to open the window on: DISPLAY is not set"
     try:
         x11 = ctypes.CDLL("libX11.so.6")
-    except OSError:  # Qt may do without it
+    except OSError:  # another platform plugin may work
         return ""
     x11.XOpenDisplay.restype = ctypes.c_void_p
     x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
@@ -36,7 +36,7 @@ def display_trouble() -> str:
 
 
 class VirtualDisplay:
-    """Xvfb on a free screen; a context manager.
+    """Runs Xvfb on a free display number; a context manager.
 
     :param size: width and height (pixels).
     """
@@ -44,13 +44,13 @@ class VirtualDisplay:
     def __init__(self, size: tuple[int, int] = (1600, 1000)) -> None:
         self._size = size
         self._server: subprocess.Popen[bytes] | None = None
-        #: Its name, such as `:101`.
+        #: The value of `DISPLAY`, such as `:101`.
         self.name = ""
 
     def __enter__(self) -> Self:
         """:raises Refused: Xvfb is not installed, or does not start."""
         if shutil.which("Xvfb") is None:
-            raise Refused("there is no display, and no Xvfb to stand in for one; install the package xvfb")
+            raise Refused("there is no display, and Xvfb is not installed; install the package xvfb")
         width, height = self._size
         read, write = os.pipe()
         command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{width}x{height}x24"]
@@ -59,8 +59,8 @@ class VirtualDisplay:
             pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(write)
-        with os.fdopen(read) as told:  # the number of a free screen, once it is ready; nothing when it ends
-            number = told.readline().strip()
+        with os.fdopen(read) as pipe:  # Xvfb writes its display number when it is ready
+            number = pipe.readline().strip()
         if not number:
             raise Refused(f"Xvfb does not start: it ended with {self._server.wait()}")
         self.name = f":{number}"
@@ -74,7 +74,7 @@ class VirtualDisplay:
 
 @contextlib.contextmanager
 def virtual_display() -> Iterator[None]:
-    """A virtual display that `DISPLAY` of this process and of its children names meanwhile.
+    """Sets `DISPLAY` of this process and its children to a virtual display.
 
     :raises Refused: Xvfb is not installed, or does not start.
     """

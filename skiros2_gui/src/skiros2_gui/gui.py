@@ -1,7 +1,6 @@
 """The window as an rqt plugin: `rqt_gui -s gui.skiros`.
 
-rqt (with its node, which it has started) makes one `Skiros` for each instance that is opened, and calls its methods in
-the Qt thread. Everything to see is in the one widget that the standalone window shows too.
+rqt, which has started its node, makes one `Skiros` for each instance and calls its methods in the Qt thread.
 """
 
 from __future__ import annotations
@@ -18,18 +17,17 @@ except ImportError as error:
         name=error.name,
     ) from error
 
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.ros.system import RosSystem
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
 
-#: Where the instance's settings keep the window's, as one JSON text: rqt's files keep texts as they are, but turn other
-#: values into texts or lists.
+#: The key of the instance settings, whose value is a JSON text: rqt's files keep texts only.
 _KEY = "window"
 
 
 class Skiros(Plugin):  # type: ignore[misc]
-    """One window inside rqt.
+    """One instance of the window in rqt.
 
-    :param context: rqt's `PluginContext`: takes the widget, and counts the instances from 1.
+    :param context: rqt's `PluginContext`.
     """
 
     def __init__(self, context: Any) -> None:
@@ -43,7 +41,7 @@ class Skiros(Plugin):  # type: ignore[misc]
         context.add_widget(self._window)
 
     def shutdown_plugin(self) -> None:
-        """Called once, when the instance or rqt is closed; not when rqt is killed."""
+        """Called once, when the instance or rqt is closed."""
         self._window.shut_down()
 
     def save_settings(self, plugin_settings: Any, instance_settings: Any) -> None:
@@ -51,7 +49,7 @@ class Skiros(Plugin):  # type: ignore[misc]
         instance_settings.set_value(_KEY, json.dumps(self._window.settings()))
 
     def restore_settings(self, plugin_settings: Any, instance_settings: Any) -> None:
-        """Called after the start, and when another perspective is chosen; what cannot be read is left out."""
+        """Called after the start, and when the perspective changes; unreadable settings are skipped."""
         text = instance_settings.value(_KEY)
         if text is None:
             return
@@ -60,6 +58,6 @@ class Skiros(Plugin):  # type: ignore[misc]
             if not isinstance(settings, dict):
                 raise ValueError(f"expected a JSON object, there is {text!r}")
         except (TypeError, ValueError) as error:
-            self._window.shared.problems.tell("restoring the settings that rqt keeps", error)
+            self._window.shared.problems.report("restoring the settings that rqt keeps", error)
             return
         self._window.restore(settings)

@@ -1,4 +1,4 @@
-"""Which window there is to open, and how it behaves in a launch file."""
+"""Selects the window for launch files, and keeps its node alive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skiros2_gui.display import display_trouble
 
 
 def rqt_command() -> list[str] | None:
-    """The command that opens the window as an rqt plugin; None where rqt is not installed."""
+    """Returns the command that opens the window in rqt; None if rqt is not installed."""
     if find_spec("rqt_gui_py") is None:
         return None
     try:
@@ -24,16 +24,16 @@ def rqt_command() -> list[str] | None:
 
 
 def launch(standalone: list[str]) -> int:
-    """Opens the window for a launch file: as an rqt plugin where rqt is installed, else by the command given.
+    """Opens the window for a launch file: in rqt if it is installed, else with the given command.
 
-    Returns what the launch file's node is to end with, after the window has failed (then it is started anew). Where
-    there is no display, and once the window has been closed, it does not return: a line says so, and it waits for the
-    end of the launch, because roslaunch would open the window again at once.
+    Returns the exit status if the window has failed, so that roslaunch restarts it. Without a display, and after the
+    user has closed the window, it logs one line and sleeps until the end of the launch: roslaunch would open the window
+    again otherwise.
     """
     if why := display_trouble():
         _wait(f"{why}; everything else runs without the window")
     interrupts: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))  # the window gets it too, and ends
+    signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))  # the window receives it too
     status = subprocess.call(rqt_command() or standalone)
     if status == 0 and not interrupts:
         _wait("the window was closed; to open it again: rosrun skiros2_gui skiros_gui")

@@ -1,7 +1,7 @@
-"""Pictures of the window during a real run: `rosrun skiros2_gui screenshots [FOLDER]`.
+"""Takes screenshots of the window during a run: `rosrun skiros2_gui screenshots [FOLDER]`.
 
-Starts the demo whose motions only take time, on a master of its own, opens the window beside it, uses it as a person
-does, and saves what is to be seen of each tab. Where there is no display it takes one that nobody sees (Xvfb).
+Starts the demo with timed motions on its own master, operates the window as a user does, and saves a screenshot of each
+tab. Without a display it uses a virtual one (Xvfb).
 """
 
 from __future__ import annotations
@@ -16,47 +16,47 @@ from python_qt_binding.QtCore import QSettings, Qt
 from python_qt_binding.QtGui import QImage
 from python_qt_binding.QtWidgets import QApplication
 
-from skiros2_common.core.end_signals import EndedBySignal
 from skiros2_common.core.errors import SkirosError
-from skiros2_common.ros.own_system import START_SECONDS, OwnSystem
+from skiros2_common.core.termination import Terminated
+from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.widgets.theme import DARK, LIGHT
 from skiros2_gui.display import display_trouble, virtual_display
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.rviz_panel import rviz_trouble
-from skiros2_gui.qt.theme import DARK, LIGHT
-from skiros2_gui.ros.system import RosSystem
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.testing.driver import Driver
-from skiros2_gui.testing.rviz_picture import rviz_picture
+from skiros2_gui.testing.rviz_screenshot import rviz_screenshot
+from skiros2_gui.view3d.widgets.rviz_panel import rviz_trouble
 
-#: Of the window (pixels).
+#: The window's size (pixels).
 WIDTH, HEIGHT = 1280, 800
 
-#: What is new is drawn within this time (s).
+#: The time to draw pending changes (s).
 SETTLING_SECONDS = 0.6
-#: The most that PNG can compress (Qt's quality).
+#: Qt's quality value for the highest PNG compression.
 SMALLEST = 0
 
 _GOAL = "(skiros:contain demo:Tray-12 skiros:Product-14)"
 
 
 def main(arguments: list[str]) -> int:
-    """The program. Returns the exit status: 0 all pictures are saved, 1 not, 128 + n ended by signal n."""
-    parser = argparse.ArgumentParser(prog="screenshots", description="Pictures of the window during a real run.")
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs"), help="where they go (%(default)s)")
+    """Runs the program. Returns the exit status: 0 on success, 1 on failure, 128 + n after signal n."""
+    parser = argparse.ArgumentParser(prog="screenshots", description="Takes screenshots of the window during a run.")
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs"), help="output folder (%(default)s)")
     folder = parser.parse_args(arguments).folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
         display = virtual_display() if display_trouble() else contextlib.nullcontext()
-        with display, OwnSystem("screenshots", has_own_home=True) as system:
+        with display, PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
             system.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
-            for name, image in _pictures():
+            for name, image in _screenshots():
                 path = folder / f"window_{name}.png"
                 if not image.save(str(path), "PNG", SMALLEST):
-                    raise OSError(f"{path}: the picture cannot be written")
+                    raise OSError(f"{path}: the screenshot cannot be written")
                 sys.stdout.write(f"{path}\n")
-    except EndedBySignal as signal:
-        sys.stderr.write("screenshots: stopped; everything that it started has ended\n")
+    except Terminated as signal:
+        sys.stderr.write("screenshots: stopped; all processes it started have ended\n")
         return 128 + signal.number
     except (SkirosError, OSError) as error:
         sys.stderr.write(f"screenshots: {error}\n")
@@ -64,10 +64,10 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _pictures() -> Iterator[tuple[str, QImage]]:
-    """What is to be seen, by the picture's name, as the demo goes on."""
+def _screenshots() -> Iterator[tuple[str, QImage]]:
+    """Operates the window; yields names and screenshots."""
     application = QApplication(["skiros_gui"])
-    settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # the system's own home
+    settings = QSettings(str(Path.home() / "window.ini"), QSettings.IniFormat)  # of the temporary system
     window = StandaloneWindow(MainWidget(RosSystem), settings)
     driver = Driver(window)
     window.set_theme(LIGHT)
@@ -75,18 +75,18 @@ def _pictures() -> Iterator[tuple[str, QImage]]:
     window.show()
     try:
         system = window.content.system
-        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_SECONDS)
+        driver.wait_until(lambda: system.planner and system.scene, "the demo's nodes", START_TIMEOUT)
         driver.choose("skillTree", "drive")
         driver.choose("param_TargetLocation", "Workstation 1")
         driver.click("startButton")
         driver.wait_for_row("taskList", "drive", "succeeded")
         driver.choose("skillTree", "pick")
         driver.choose("param_Object", "Product A")
-        driver.wait_until(lambda: driver.widget("whyNot").text().startswith("Ready"), "a skill that may be started")
+        driver.wait_until(lambda: driver.widget("whyNot").text().startswith("Ready"), "a startable skill")
         driver.write("goalLine", _GOAL)
         driver.click("planButton")
         driver.wait_for_row("planView", "place")
-        yield "skills", _picture(driver)
+        yield "skills", _screenshot(driver)
         driver.click("achieveButton")
         driver.open_tab("Running")
         driver.choose("taskChoice", "pick")
@@ -94,27 +94,27 @@ def _pictures() -> Iterator[tuple[str, QImage]]:
         driver.wait_for_row("messages", "close_gripper")
         driver.write("nodeSearch", "pick", Qt.Key_Return)
         driver.open_tab("Node")
-        yield "running", _picture(driver)
+        yield "running", _screenshot(driver)
         window.set_theme(DARK)
         driver.write("nodeSearch", "")
         driver.wait_for_row("taskChoice", "drive", "running")
-        driver.choose("taskChoice", "drive")  # the newest of that name
+        driver.choose("taskChoice", "drive")  # the newest one
         driver.open_tab("Messages")
         driver.wait_for_row("messages", "Driving to Workstation 2")
-        yield "dark", _picture(driver)
+        yield "dark", _screenshot(driver)
         window.set_theme(LIGHT)
         driver.open_tab("Skills")
         driver.wait_for_row("planView", "place", "succeeded")
         driver.open_tab("World model")
         driver.choose("sceneTree", "Product A")
-        yield "world", _picture(driver)
+        yield "world", _screenshot(driver)
         if not rviz_trouble():
-            yield "rviz", rviz_picture(driver)
+            yield "rviz", rviz_screenshot(driver)
     finally:
         window.close()
         application.processEvents()
 
 
-def _picture(driver: Driver) -> QImage:
-    driver.go_on(SETTLING_SECONDS)
+def _screenshot(driver: Driver) -> QImage:
+    driver.process_for(SETTLING_SECONDS)
     return driver.window.grab().toImage()

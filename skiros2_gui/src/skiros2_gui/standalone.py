@@ -1,4 +1,4 @@
-"""The window by itself, for machines without rqt."""
+"""The standalone window, for machines without rqt."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from python_qt_binding.QtGui import QCloseEvent, QKeySequence
 from python_qt_binding.QtWidgets import QAction, QActionGroup, QApplication, QMainWindow, QMessageBox
 
 from skiros2_common.core.errors import FOREIGN_ERRORS
-from skiros2_gui.core.events import NodeEnded
+from skiros2_gui.app.events import NodeShutdown
+from skiros2_gui.app.ros.system import RosSystem
+from skiros2_gui.app.widgets.main_widget import MainWidget
+from skiros2_gui.app.widgets.theme import CHOICES, SYSTEM, apply_theme
 from skiros2_gui.display import display_trouble
-from skiros2_gui.qt.main_widget import MainWidget
-from skiros2_gui.qt.theme import CHOICES, SYSTEM, apply_theme
-from skiros2_gui.ros.system import RosSystem
 
 log = logging.getLogger(__name__)
 
 #: The exit status without a display.
 NO_DISPLAY = 2
 
-#: How long the end waits for a master to take the registrations back (s).
-_PATIENCE = 2.0
+#: The time to unregister from the master (s).
+_SHUTDOWN_TIMEOUT = 2.0
 
 _THEMES = {"system": "As the desktop", "light": "Light", "dark": "Dark"}
 
@@ -43,9 +43,9 @@ Ctrl+Q\tclose the window"""
 
 
 class StandaloneWindow(QMainWindow):
-    """The main widget with a menu. What the user has set is kept.
+    """The main widget with a menu. Stores the user's settings.
 
-    :param settings: where it is kept.
+    :param settings: the settings store.
     """
 
     def __init__(self, content: MainWidget, settings: QSettings) -> None:
@@ -58,26 +58,26 @@ class StandaloneWindow(QMainWindow):
         self.setCentralWidget(content)
         self._fill_menu()
         self._restore()
-        content.shared.subscribe(NodeEnded, self._on_node_end)
+        content.shared.subscribe(NodeShutdown, self._on_node_end)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Keeps what is to be the same the next time, and ends all that goes on."""
+        """Stores the settings and shuts down the content."""
         try:
             self._settings.setValue("geometry", self.saveGeometry())
             self._settings.setValue("content", json.dumps(self.content.settings()))
             self._settings.sync()
-        except FOREIGN_ERRORS:  # it has to end all the same
-            log.exception("what was set in the window cannot be kept")
+        except FOREIGN_ERRORS:  # the window closes nevertheless
+            log.exception("storing the settings of the window failed")
         self.content.shut_down()
         super().closeEvent(event)
 
-    def _on_node_end(self, event: NodeEnded) -> None:
-        """`rosnode kill`, or another node of the same name, ends the window as it ends other nodes."""
-        log.warning("the window is closed: ROS has ended its node: %s", event.reason)
+    def _on_node_end(self, event: NodeShutdown) -> None:
+        """Closes the window when ROS shuts down its node, as for any node."""
+        log.warning("closing the window: ROS has shut down its node: %s", event.reason)
         self.close()
 
     def set_theme(self, choice: str) -> None:
-        """Draws the window so, and keeps that.
+        """Applies a theme and stores it.
 
         :param choice: one of `theme.CHOICES`.
         """
@@ -85,7 +85,7 @@ class StandaloneWindow(QMainWindow):
         self._settings.setValue("theme", choice)
 
     def zoom(self, steps: int) -> None:
-        """Makes the text larger, or smaller; 0: as large as usual."""
+        """Enlarges the text by some points; 0 restores the default size."""
         font = QApplication.font()
         size = font.pointSizeF() + steps if steps else self._usual_size
         font.setPointSizeF(min(max(size, 6.0), 32.0))
@@ -140,7 +140,7 @@ class StandaloneWindow(QMainWindow):
 
 
 def main(argv: Sequence[str]) -> int:
-    """Opens the window and returns when it was closed.
+    """Opens the window; returns when it was closed.
 
     :param argv: the program's name and arguments for Qt.
     :returns: the exit status.
@@ -161,10 +161,10 @@ def main(argv: Sequence[str]) -> int:
 
 
 def make_application(argv: Sequence[str]) -> QApplication:
-    """Qt's application, set up for screens of any resolution. Once in a process."""
+    """Returns Qt's application, set up for high-DPI screens. Once per process."""
     for attribute in (Qt.AA_EnableHighDpiScaling, Qt.AA_UseHighDpiPixmaps):
         QApplication.setAttribute(attribute)
-    # Text follows the screen in any case; a factor of 1.04, as of screens with 100 dpi, would cut borders off.
+    # Text follows the screen in any case; a factor of 1.04, as for 100 dpi, would clip borders.
     QApplication.setHighDpiScaleFactorRoundingPolicy(Qt.HighDpiScaleFactorRoundingPolicy.RoundPreferFloor)
     application = QApplication(list(argv))
     application.setApplicationName("skiros_gui")
@@ -173,7 +173,7 @@ def make_application(argv: Sequence[str]) -> QApplication:
 
 
 class EndBySignal:
-    """SIGINT and SIGTERM close the windows as the user does; Python alone would look when Qt has something to do."""
+    """Closes the windows on SIGINT and SIGTERM. Python alone handles signals only when Qt has an event."""
 
     def __init__(self) -> None:
         self._reader, self._writer = socket.socketpair()
@@ -185,7 +185,7 @@ class EndBySignal:
         self._handlers = {number: signal.signal(number, _ignored) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def close(self) -> None:
-        """The signals do what they did before."""
+        """Restores the previous handlers."""
         self._notifier.setEnabled(False)
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
@@ -199,17 +199,17 @@ class EndBySignal:
 
 
 def _leave_ros() -> None:
-    """Takes this node's registrations back, if it has become one; a master that does not answer is not waited for."""
+    """Shuts the node down, if there is one. Does not wait for a master that does not answer."""
     rospy = sys.modules.get("rospy")
     if rospy is None or not rospy.core.is_initialized():
         return
     end = threading.Thread(target=rospy.signal_shutdown, args=("the window was closed",), daemon=True)
     end.start()
-    end.join(_PATIENCE)
+    end.join(_SHUTDOWN_TIMEOUT)
 
 
 def _ignored(number: int, frame: Any) -> None:
-    """The signal has been written to the wake-up socket."""
+    """Does nothing: the signal was written to the wake-up socket."""
 
 
 def _number(value: Any) -> float | None:
@@ -224,6 +224,6 @@ def _content(text: Any) -> dict[str, Any]:
     try:
         content = json.loads(text or "{}")
     except (TypeError, ValueError) as error:
-        log.warning("the kept settings of the window cannot be read: %s", error)
+        log.warning("the stored settings of the window cannot be read: %s", error)
         return {}
     return content if isinstance(content, dict) else {}

@@ -1,4 +1,4 @@
-"""Bags that are no bags, cut off, or of other types: what could be read, and what is said."""
+"""Invalid and truncated bags, and bags with other message types: readable part and error."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from support.recorded_run import good_run, write_bag
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "error"),
     [
         (b"", "does not begin as a bag"),
         (b"hello\nworld", "does not begin as a bag"),
         (b"#ROSBAG V1.2\n", "version 2.0"),
     ],
 )
-def test_a_file_that_is_no_bag(tmp_path: Path, content: bytes, said: str) -> None:
+def test_file_that_is_not_a_bag_is_rejected(tmp_path: Path, content: bytes, error: str) -> None:
     file = tmp_path / "x.bag"
     file.write_bytes(content)
-    with pytest.raises(BagError, match=rf"x\.bag: the bag cannot be read: .*{said}"):
+    with pytest.raises(BagError, match=rf"x\.bag: the bag cannot be read: .*{error}"):
         Run.open(file)
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_file_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r"none\.bag: there is no such file"):
         Run.open(tmp_path / "none.bag")
 
 
-def test_an_empty_bag(tmp_path: Path) -> None:
+def test_empty_bag_has_no_messages(tmp_path: Path) -> None:
     with Writer(tmp_path / "run.bag"):
         pass
     run = Run.open(tmp_path / "run.bag")
     assert (run.start, run.end, run.topics, list(run.messages())) == (0.0, 0.0, {}, [])
 
 
-def test_a_bag_whose_recorder_was_killed_is_read_to_its_end(tmp_path: Path) -> None:
+def test_bag_of_killed_recorder_is_read_completely(tmp_path: Path) -> None:
     whole = Run.open(write_bag(tmp_path / "whole.bag", good_run()))
     writer = Writer(tmp_path / "run.bag")
     writer.open()
@@ -59,20 +59,20 @@ def test_a_bag_whose_recorder_was_killed_is_read_to_its_end(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("part", [0.99, 0.8, 0.6])
-def test_a_bag_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path: Path, part: float) -> None:
+def test_truncated_bag_is_read_up_to_the_last_complete_record(tmp_path: Path, part: float) -> None:
     content = write_bag(tmp_path / "whole.bag", good_run()).read_bytes()
     file = tmp_path / "run.bag"
-    begin = content.index(b"op=\x05")  # what is before the first chunk is of a fixed size
+    begin = content.index(b"op=\x05")  # the part before the first chunk has a fixed size
     file.write_bytes(content[: begin + int((len(content) - begin) * part)])
     run = Run.open(file)
     assert "run.bag: the bag is cut off after" in run.damage
-    told = [(m.topic, m.data) for m in run.messages()]
+    found = [(m.topic, m.data) for m in run.messages()]
     everything = [(m.topic, m.data) for m in Run.open(tmp_path / "whole.bag").messages()]
-    assert told == everything[: len(told)]
-    assert told
+    assert found == everything[: len(found)]
+    assert found
 
 
-def test_an_unknown_compression(tmp_path: Path) -> None:
+def test_unknown_compression_ends_the_readable_part(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "run.bag", good_run())
     file.write_bytes(file.read_bytes().replace(b"compression=none", b"compression=zstd"))
     run = Run.open(file)
@@ -80,7 +80,7 @@ def test_an_unknown_compression(tmp_path: Path) -> None:
     assert list(run.messages()) == []
 
 
-def test_types_with_another_md5_sum(tmp_path: Path) -> None:
+def test_changes_with_other_md5_sum_are_rejected(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "run.bag", good_run())
     known = b"ecc40ec88cb57baaf7cf8c07fd40a3c7"
     file.write_bytes(file.read_bytes().replace(known, b"0" * 32))
@@ -92,14 +92,14 @@ def test_types_with_another_md5_sum(tmp_path: Path) -> None:
     assert run.tasks()
 
 
-def test_a_definition_that_does_not_fit_its_md5_sum(tmp_path: Path) -> None:
+def test_definition_with_wrong_md5_sum_is_rejected(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "run.bag", good_run())
     file.write_bytes(file.read_bytes().replace(b"string snapshot_id", b"string snapshot_iq"))
     with pytest.raises(BagError, match="its definition in the bag has the md5 sum"):
         print(next(Run.open(file).messages("/wm/monitor")).content)
 
 
-def test_data_that_is_not_of_its_type(tmp_path: Path) -> None:
+def test_data_of_another_type_is_rejected(tmp_path: Path) -> None:
     whole = Run.open(write_bag(tmp_path / "whole.bag", good_run()))
     (monitor,) = [c for c in whole.bag.connections if c.topic == "/wm/monitor"]
     with Writer(tmp_path / "run.bag") as writer:
@@ -109,8 +109,8 @@ def test_data_that_is_not_of_its_type(tmp_path: Path) -> None:
         Run.open(tmp_path / "run.bag").changes()
 
 
-def test_types_are_as_the_bag_defines_them(tmp_path: Path) -> None:
-    """Also those that everybody knows otherwise."""
+def test_message_definitions_come_from_the_bag(tmp_path: Path) -> None:
+    """Also for types that exist on this system with another definition."""
     definition = "std_msgs/Header header\nint32 value\n"
     header = "MSG: std_msgs/Header\nstring frame\n"
     text = f"{definition}{'=' * 80}\n{header}"

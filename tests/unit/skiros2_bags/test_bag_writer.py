@@ -1,4 +1,4 @@
-"""Writing bags while messages come."""
+"""The bag writer."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ TEXT = {
 STATUS = {"type": "actionlib_msgs/GoalStatusArray", "md5sum": "8b2b82f13216d0a8ea88bd3af735e619"}
 
 
-def said(text: str) -> bytes:
+def string_data(text: str) -> bytes:
     return len(text).to_bytes(4, "little") + text.encode()
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_what_was_written_can_be_read(tmp_path: Path, compression: str) -> None:
+def test_written_messages_can_be_read(tmp_path: Path, compression: str) -> None:
     writer = BagWriter(tmp_path / "run.bag", compression)
     for number in range(3):
-        writer.write("/said", TEXT, 10**9 * number, said(str(number)))
+        writer.write("/said", TEXT, 10**9 * number, string_data(str(number)))
     writer.close()
     messages = list(BagFile(tmp_path / "run.bag").messages())
     assert [(m.time, m.topic, m.caller, m.content.data) for m in messages] == [
@@ -40,25 +40,25 @@ def test_what_was_written_can_be_read(tmp_path: Path, compression: str) -> None:
         assert reader.connections[0].ext.latching == 1
 
 
-def test_until_its_end_the_file_has_another_name(tmp_path: Path) -> None:
+def test_file_has_its_final_name_after_close(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "run.bag")
     assert [f.name for f in tmp_path.iterdir()] == ["run.bag.active"]
     writer.close()
     assert [f.name for f in tmp_path.iterdir()] == ["run.bag"]
 
 
-def test_what_was_flushed_is_there_when_the_process_is_killed(tmp_path: Path) -> None:
+def test_flushed_messages_survive_a_kill(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "run.bag", "lz4")
-    writer.write("/said", TEXT, 1, said("kept"))
+    writer.write("/said", TEXT, 1, string_data("kept"))
     writer.flush()
-    writer.write("/said", TEXT, 2, said("lost"))
+    writer.write("/said", TEXT, 2, string_data("lost"))
     (tmp_path / "left.bag").write_bytes(writer.active.read_bytes())
     assert [m.content.data for m in BagFile(tmp_path / "left.bag").messages()] == ["kept"]
     writer.close()
     assert [m.content.data for m in BagFile(tmp_path / "run.bag").messages()] == ["kept", "lost"]
 
 
-def test_a_file_that_is_there_is_replaced_only_when_that_is_wanted(tmp_path: Path) -> None:
+def test_existing_file_is_replaced_on_request_only(tmp_path: Path) -> None:
     file = tmp_path / "run.bag"
     file.write_text("old")
     with pytest.raises(BagError, match=r"run\.bag: there is such a file already"):
@@ -69,7 +69,7 @@ def test_a_file_that_is_there_is_replaced_only_when_that_is_wanted(tmp_path: Pat
     assert file.read_bytes().startswith(b"#ROSBAG")
 
 
-def test_an_unknown_compression_and_a_folder_that_cannot_be(tmp_path: Path) -> None:
+def test_unknown_compression_and_invalid_folder_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(WrongValue, match="'zip', expected one of none, bz2, lz4"):
         BagWriter(tmp_path / "run.bag", "zip")
     (tmp_path / "file").touch()
@@ -77,7 +77,7 @@ def test_an_unknown_compression_and_a_folder_that_cannot_be(tmp_path: Path) -> N
         BagWriter(tmp_path / "file" / "run.bag")
 
 
-def test_a_status_that_stays_the_same_is_written_once(tmp_path: Path) -> None:
+def test_unchanged_status_is_written_once(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "run.bag")
     header = {**STATUS, "message_definition": "bool x\n", "callerid": "/server"}
     for number, state in enumerate(b"aabba"):

@@ -1,4 +1,4 @@
-"""Whether a bag has all of its run."""
+"""Checks that a bag is complete."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def findings(tmp_path: Path, messages: list[tuple[str, Any]], **how: Any) -> lis
     return [(f.holds, f.text) for f in check(Run.open(file))]
 
 
-def test_a_whole_run(tmp_path: Path) -> None:
+def test_complete_run_passes_all_checks(tmp_path: Path) -> None:
     assert findings(tmp_path, good_run()) == [
         (True, "the file is whole"),
         (True, "2 changes follow one another without a gap, from a scene of 3 elements"),
-        (True, "2 tasks are there from their start"),
-        (True, "1 goals of actions are there, each with an answer"),
+        (True, "2 tasks are complete from their start"),
+        (True, "1 goals of actions are complete, each with an answer"),
     ]
 
 
-def test_a_gap(tmp_path: Path) -> None:
+def test_gap_in_the_changes_is_reported(tmp_path: Path) -> None:
     monitor = Monitor()
     first = monitor("reset", *scene())
     monitor("update")
@@ -34,20 +34,20 @@ def test_a_gap(tmp_path: Path) -> None:
     ]
 
 
-def test_a_task_that_was_running_before(tmp_path: Path) -> None:
+def test_task_started_before_the_recording_is_reported(tmp_path: Path) -> None:
     nodes = tree("pick", 3, ended=False)
     nodes[1].progress_time = 4.0
     found = findings(tmp_path, [("change", Monitor()("reset")), ("progress", nodes)])
     assert (False, "/robot, task 7: it was running before 0.000 s") in found
 
 
-def test_goals_that_were_lost_or_are_unanswered(tmp_path: Path) -> None:
+def test_lost_and_unanswered_goals_are_reported(tmp_path: Path) -> None:
     lost = [entry for entry in good_run() if entry[0] != "goal"]
-    assert (False, "/tm/achieve: the goal 'goal-1' was sent before it was listened to") in findings(tmp_path, lost)
+    assert (False, "/tm/achieve: the goal 'goal-1' was sent before the recorder subscribed") in findings(tmp_path, lost)
     unanswered = findings(tmp_path, [("goal", ("g", GOAL))])
-    assert (False, "/tm/achieve: nothing was heard of the goal sent at 0.000 s") in unanswered
+    assert (False, "/tm/achieve: no answer to the goal sent at 0.000 s") in unanswered
 
 
-def test_a_bag_of_something_else(tmp_path: Path) -> None:
+def test_bag_without_changes_is_reported(tmp_path: Path) -> None:
     found = findings(tmp_path, [], without=("change", "progress", "goal", "feedback", "result"))
     assert (False, "no change of a world model was recorded") in found

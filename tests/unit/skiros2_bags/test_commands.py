@@ -1,4 +1,4 @@
-"""The commands on bags: what they print, and how they end."""
+"""Output and exit status of the bag commands."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def call(capsys: pytest.CaptureFixture[str]) -> Call:
     return called
 
 
-def test_show(call: Call) -> None:
+def test_show_prints_a_summary(call: Call) -> None:
     status, out, _ = call("show", BAG, "--topics")
     assert status == 0
     for text in ("goals:", "/tm/achieve", "succeeded", "tasks:", "drive", "world model:", "44 changes", "WmMonitor"):
         assert text in out
 
 
-def test_tasks_and_skills(call: Call) -> None:
+def test_tasks_and_skills_are_filtered(call: Call) -> None:
     _, out, _ = call("tasks", BAG, "--robot", "mobile_manipulator", "--task", 1)
     assert "└── pick" in out and "drive" not in out
     _, out, _ = call("skills", BAG, "--depth", 1)
@@ -46,7 +46,7 @@ def test_tasks_and_skills(call: Call) -> None:
     assert call("skills", BAG, "--robot", "nobody")[1] == "no skills\n"
 
 
-def test_the_world_at_a_time_and_one_element(call: Call) -> None:
+def test_world_prints_scene_and_element_at_a_time(call: Call) -> None:
     _, out, _ = call("world", BAG, "--at", 5)
     lines = out.splitlines()
     assert "Tray A" in lines[next(n for n, line in enumerate(lines) if PRODUCT in line) - 1]
@@ -57,14 +57,14 @@ def test_the_world_at_a_time_and_one_element(call: Call) -> None:
     assert "there was no element 'no:Thing-1' at 12." in err
 
 
-def test_changes_are_told_with_what_came_and_went(call: Call) -> None:
+def test_changes_print_added_and_removed_relations(call: Call) -> None:
     _, out, _ = call("changes", BAG, PRODUCT, "--since", 5, "--until", 5.65)
     assert f"    - {TRAY_A} skiros:contain {PRODUCT}\n" in out
     assert f"    + rparts:GripperEffector-4 skiros:contain {PRODUCT}\n" in out
     assert call("changes", BAG, "--author", "nobody")[1] == "no changes\n"
 
 
-def test_diff(call: Call, tmp_path: Path) -> None:
+def test_diff_prints_the_first_divergence(call: Call, tmp_path: Path) -> None:
     good = write_bag(tmp_path / "good.bag", good_run())
     bad = write_bag(tmp_path / "bad.bag", [*good_run()[:4], ("progress", tree("pick", FAILURE))])
     status, out, _ = call("diff", good, good)
@@ -80,7 +80,7 @@ def test_diff(call: Call, tmp_path: Path) -> None:
     assert call("diff", good, bad, "--tolerance", "nan")[0] == 2
 
 
-def test_a_plot_is_a_picture_with_something_in_it(call: Call, tmp_path: Path) -> None:
+def test_plot_writes_a_picture_with_bars(call: Call, tmp_path: Path) -> None:
     assert call("plot", BAG, "-o", tmp_path / "run.png")[0] == 0
     with Image.open(tmp_path / "run.png") as image:
         assert image.width > 1000
@@ -89,20 +89,20 @@ def test_a_plot_is_a_picture_with_something_in_it(call: Call, tmp_path: Path) ->
     assert call("plot", BAG, "-o", tmp_path / "no" / "folder.png")[0] == 2
 
 
-def test_check(call: Call, tmp_path: Path) -> None:
+def test_check_fails_on_a_lost_goal(call: Call, tmp_path: Path) -> None:
     assert call("check", BAG)[0] == 0
     lost = write_bag(tmp_path / "lost.bag", [entry for entry in good_run() if entry[0] != "goal"])
     status, out, _ = call("check", lost)
-    assert status == 1 and "was sent before it was listened to" in out
+    assert status == 1 and "was sent before the recorder subscribed" in out
 
 
 @pytest.mark.parametrize("name", [name for name in _COMMANDS if name not in ("restore", "plot", "diff")])
-def test_as_json(call: Call, name: str) -> None:
+def test_json_output_is_valid(call: Call, name: str) -> None:
     assert json.loads(call(name, BAG, "--json")[1])
 
 
 @pytest.mark.parametrize("name", list(_COMMANDS))
-def test_a_file_that_is_no_bag_is_one_line(call: Call, name: str, tmp_path: Path) -> None:
+def test_invalid_bag_is_a_one_line_error(call: Call, name: str, tmp_path: Path) -> None:
     (tmp_path / "x.bag").write_text("x")
     more = [tmp_path / "x.bag"] if name == "diff" else []
     status, out, err = call(name, tmp_path / "x.bag", *more)
@@ -120,6 +120,6 @@ def test_tables_fit_on_100_columns(call: Call, monkeypatch: pytest.MonkeyPatch) 
         assert max(map(len, out.splitlines())) <= 100, name
 
 
-def test_a_time_that_is_none(call: Call) -> None:
+def test_invalid_time_is_a_usage_error(call: Call) -> None:
     status, _, err = call("world", BAG, "--at", "tomorrow")
     assert status == 2 and "'tomorrow' is no time" in err

@@ -1,14 +1,14 @@
-"""What counts as the same in two runs, and how differences are told."""
+"""Comparison of runs within a tolerance, and the text of a divergence."""
 
 from __future__ import annotations
 
-from skiros2_bags.core.normal import NARROW, Tolerance, same_text
+from skiros2_bags.core.tolerance import NARROW, Tolerance, same_text
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.recording import Events, Seen, Told
+from skiros2_bags.testing.recording import Events, NodeProgress, TaskProgress
 from skiros2_bags.testing.run_comparison import compare_runs
 
 
-def test_measured_numbers_have_a_tolerance_and_names_none() -> None:
+def test_tolerance_applies_to_measured_numbers_only() -> None:
     loose = Tolerance(0.02, 0.02)
     assert same_text("at 1.00 m", "at 1.01 m", loose)
     assert same_text("50% done", "51% done", NARROW)
@@ -17,7 +17,7 @@ def test_measured_numbers_have_a_tolerance_and_names_none() -> None:
     assert not same_text("at 1.00 m", "near 1.00 m", loose)
 
 
-def test_of_a_traceback_the_last_line_counts() -> None:
+def test_tracebacks_are_compared_by_their_last_line() -> None:
     trace = 'Traceback (most recent call last):\n  File "a.py", line {}, in f\nValueError: {}'
     assert same_text(trace.format(1, "no"), trace.format(7, "no"), NARROW)
     assert not same_text(trace.format(1, "no"), trace.format(1, "yes"), NARROW)
@@ -26,20 +26,20 @@ def test_of_a_traceback_the_last_line_counts() -> None:
 
 
 def run(processor: str, *ticks: str) -> Events:
-    """A task with a root and two children below one node; of each tick the states of these four."""
-    places = [(), (0,), (0, 0), (0, 1)]
-    told = []
+    """A task with a root, one child and two grandchildren; one text with their four states per tick."""
+    paths = [(), (0,), (0, 0), (0, 1)]
+    progress = []
     for number, states in enumerate(ticks):
         code = {"S": 1, "F": -1}.get(states[0], 0)
         nodes = tuple(
-            Seen(place, f":{name}", name, processor if place == (0,) else "", state, code if not place else 0, "", 0.0)
-            for place, name, state in zip(places, ("root", "both", "left", "right"), states, strict=True)
+            NodeProgress(p, f":{name}", name, processor if p == (0,) else "", state, 0 if p else code, "", 0.0)
+            for p, name, state in zip(paths, ("root", "both", "left", "right"), states, strict=True)
         )
-        told.append(Told(number, float(number), "/robot", 0, nodes))
-    return Events(told)
+        progress.append(TaskProgress(number, float(number), "/robot", 0, nodes))
+    return Events(progress)
 
 
-def test_side_by_side_any_child_may_end_first_and_one_after_the_other_not() -> None:
+def test_order_of_children_is_compared_in_sequences_only() -> None:
     left_first, right_first = ("RRRR", "RRSR", "SSSS"), ("RRRR", "RRRS", "SSSS")
     assert compare_runs(run("|ff|", *left_first), run("|ff|", *right_first), NARROW, ["/robot"]) is None
     found = compare_runs(run("->", *left_first), run("->", *right_first), NARROW, ["/robot"])
@@ -48,13 +48,13 @@ def test_side_by_side_any_child_may_end_first_and_one_after_the_other_not() -> N
     assert "root / both / right succeeds" in found.got
 
 
-def test_a_task_that_is_missing_is_told() -> None:
+def test_missing_task_is_a_divergence() -> None:
     found = compare_runs(run("->", "RRRR", "SSSS"), Events([]), NARROW, ["/robot"])
     assert found is not None
     assert found.got == "no such task"
 
 
-def test_a_divergence_is_told_with_all_its_lines() -> None:
+def test_divergence_prints_context_and_all_lines() -> None:
     text = str(Divergence("1.0 s, tick 2", "root / pick", "success", "failure\nbecause", ("tick 1: runs",)))
     assert text.splitlines() == [
         "first divergence: 1.0 s, tick 2",

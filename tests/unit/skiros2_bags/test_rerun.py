@@ -1,4 +1,4 @@
-"""Recorded trees, ticked again in this process."""
+"""Re-runs of recorded trees."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.normal import Tolerance
-from skiros2_bags.testing.kinds import Settings
+from skiros2_bags.core.tolerance import Tolerance
+from skiros2_bags.testing.recorded_task import recorded_tasks
 from skiros2_bags.testing.recording import Recording
+from skiros2_bags.testing.replay import Settings
 from skiros2_bags.testing.rerun import rerun
-from skiros2_bags.testing.task_runs import task_runs
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_demo_skills import timed_motions, transport_skills
@@ -32,27 +32,27 @@ def pick_place() -> Recording:
 
 @pytest.fixture(scope="module")
 def gripper() -> Recording:
-    """A tree with parallel branches and an action, one that fails, and one that is cancelled, side by side."""
+    """A tree with parallel branches and an action, a failing action and a cancelled one, in parallel."""
     sys.path.append(str(ROOT / "tests" / "libraries"))
     return Recording(BAGS / "gripper.bag")
 
 
 @pytest.mark.parametrize("bag", ["timed_pick_place.bag", "timed_drive.bag", "timed_unmet.bag"])
-def test_unchanged_code_goes_as_recorded(bag: str) -> None:
+def test_rerun_of_unchanged_code_has_no_divergence(bag: str) -> None:
     assert rerun(Recording(BAGS / bag), SETTINGS) is None
 
 
-def test_actions_answer_as_recorded(gripper: Recording) -> None:
+def test_rerun_delivers_recorded_action_results(gripper: Recording) -> None:
     assert rerun(gripper, Settings()) is None
 
 
-def test_a_run_in_physics_with_its_disturbances_goes_as_recorded() -> None:
+def test_rerun_of_a_simulated_run_has_no_divergence() -> None:
     recording = Recording(BAGS / "simulated_disturbed.bag")
-    assert sum(run.told[-1].nodes[0].state == "F" for run in task_runs(recording)) > 0
+    assert sum(run.progress[-1].nodes[0].state == "F" for run in recorded_tasks(recording)) > 0
     assert rerun(recording, SIMULATED) is None
 
 
-def test_another_goal_for_a_driver_is_told_with_the_field(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_driver_goal_names_the_field(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     from replay_skills import skills
 
     genuine = skills.grasp.buildGoal
@@ -69,7 +69,7 @@ def test_another_goal_for_a_driver_is_told_with_the_field(gripper: Recording, mo
     assert (found.expected, found.got[:5]) == ("0.05", "0.060")
 
 
-def test_a_branch_that_ends_the_others_is_told(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_processor_is_found(gripper: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     from replay_skills import skills
 
     monkeypatch.setattr(skills, "ParallelFf", ParallelFs)
@@ -78,14 +78,14 @@ def test_a_branch_that_ends_the_others_is_told(gripper: Recording, monkeypatch: 
     assert found.what == "root / grasp_and_wait"
 
 
-def test_a_missing_condition_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_condition_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(transport_skills.Manipulation, "add_common", _only_parameters)
     found = rerun(Recording(BAGS / "timed_unmet.bag"), SETTINGS)
     assert found is not None
     assert "RobotAtWorkstation" in found.expected
 
 
-def test_a_changed_tree_is_told_with_the_first_node_that_is_otherwise(
+def test_changed_tree_names_the_first_different_node(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     genuine = transport_skills.pick.expand
@@ -102,7 +102,7 @@ def test_a_changed_tree_is_told_with_the_first_node_that_is_otherwise(
     assert (found.expected, found.got) == ("CloseGripper: idle, code 0", "wm_move_object: idle, code 0")
 
 
-def test_a_changed_condition_is_told_with_the_skill_that_it_stops(
+def test_changed_condition_names_the_failing_skill(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     genuine = transport_skills.Pick.createDescription
@@ -119,7 +119,7 @@ def test_a_changed_condition_is_told_with_the_skill_that_it_stops(
     assert "GripperFullBefore" in found.got
 
 
-def test_a_skill_that_leaves_something_else_in_the_world_is_told_with_the_change(
+def test_changed_effect_names_the_property(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(transport_skills, "at_height", lambda height: {"skiros:PositionZ": height + 0.5})
@@ -128,7 +128,7 @@ def test_a_skill_that_leaves_something_else_in_the_world_is_told_with_the_change
     assert "skiros:PositionZ is 0.5, expected 0" in found.got
 
 
-def test_a_motion_that_ends_too_early_is_told_with_its_tick(
+def test_shorter_motion_names_its_tick(
     pick_place: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(timed_motions.close_gripper_timed, "execute", lambda self: self.success("done"))
@@ -139,7 +139,7 @@ def test_a_motion_that_ends_too_early_is_told_with_its_tick(
     assert any("move_arm_timed" in line for line in found.context)
 
 
-def test_a_bag_without_what_is_needed_is_refused(tmp_path: Path) -> None:
+def test_bag_without_requests_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="parameters"):
         rerun(Recording(BAGS / "pick_place.bag"), SETTINGS)
     (tmp_path / "no.bag").write_bytes(b"#ROSBAG V2.0\n")

@@ -1,4 +1,4 @@
-"""Reading a recorded run: the world, the tasks, the skills, the actions, the goals."""
+"""Reading a recorded run."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def tree(*states: int, root: int = SUCCESS, ended: bool = True) -> Any:
     return [node(7, 7, -1, ":Root", "root", root, code, "Success"), *skills]
 
 
-NS = 1e-9  #: the messages of `write_bag` are so many seconds apart
+NS = 1e-9  #: time between messages of `write_bag` (s)
 
 
 @pytest.fixture
@@ -49,31 +49,31 @@ def run(tmp_path: Path) -> Run:
     return Run.open(write_bag(tmp_path / "run.bag", good_run()))
 
 
-def test_the_world_at_the_end_is_what_all_changes_made(run: Run) -> None:
+def test_final_world_includes_all_changes(run: Run) -> None:
     world = run.world()
     assert world.related(TRAY_B, "skiros:contain", PRODUCT)
     assert not world.related(TRAY_A, "skiros:contain", PRODUCT)
     assert world.element(PRODUCT).getProperty("skiros:PositionX").value == 0.5
 
 
-def test_the_world_at_a_time_is_what_changes_up_to_then_made(run: Run) -> None:
+def test_world_at_a_time_includes_earlier_changes_only(run: Run) -> None:
     change = run.changes()[-1]
     before, after = run.world(change.time - NS), run.world(change.time)
     assert before.related(TRAY_A, "skiros:contain", PRODUCT)
     assert after.related(TRAY_B, "skiros:contain", PRODUCT)
 
 
-def test_each_world_is_the_callers_own(run: Run) -> None:
+def test_each_world_is_a_copy(run: Run) -> None:
     run.world().drop(PRODUCT)
     assert PRODUCT in run.world()
 
 
-def test_before_the_first_change_no_world_is_known(run: Run) -> None:
+def test_world_before_the_first_change_is_unknown(run: Run) -> None:
     with pytest.raises(BagError, match="no change of the world model until -1"):
         run.world(-1.0)
 
 
-def test_removed_elements_and_relations_are_gone(tmp_path: Path) -> None:
+def test_removed_elements_and_relations_are_missing(tmp_path: Path) -> None:
     monitor = Monitor()
     tray = element(TRAY_A, "Tray A")
     contains = relation(TRAY_A, "skiros:contain", PRODUCT)
@@ -88,7 +88,7 @@ def test_removed_elements_and_relations_are_gone(tmp_path: Path) -> None:
     assert TRAY_A not in run.world()
 
 
-def test_changes_out_of_order_are_put_in_their_order(tmp_path: Path) -> None:
+def test_changes_are_sorted_by_snapshot_id(tmp_path: Path) -> None:
     monitor = Monitor()
     first, second, third = (monitor("reset", *scene()), monitor("update", *moved()), monitor("update", *scene()[2:]))
     run = Run.open(write_bag(tmp_path / "run.bag", [("change", m) for m in (first, third, second)]))
@@ -97,7 +97,7 @@ def test_changes_out_of_order_are_put_in_their_order(tmp_path: Path) -> None:
     assert run.world().related(TRAY_A, "skiros:contain", PRODUCT)
 
 
-def test_behind_a_gap_the_world_is_not_known(tmp_path: Path) -> None:
+def test_world_after_a_gap_is_unknown(tmp_path: Path) -> None:
     monitor = Monitor()
     whole = monitor("reset", *scene())
     monitor("update")  # is lost
@@ -108,7 +108,7 @@ def test_behind_a_gap_the_world_is_not_known(tmp_path: Path) -> None:
     assert run.world(partial=True).related(TRAY_B, "skiros:contain", PRODUCT)
 
 
-def test_a_reset_behind_a_gap_makes_the_world_known_again(tmp_path: Path) -> None:
+def test_reset_after_a_gap_restores_the_world(tmp_path: Path) -> None:
     monitor = Monitor()
     whole = monitor("reset", *scene())
     monitor("update")
@@ -116,7 +116,7 @@ def test_a_reset_behind_a_gap_makes_the_world_known_again(tmp_path: Path) -> Non
     assert Run.open(write_bag(tmp_path / "run.bag", messages)).world().related(TRAY_A, "skiros:contain", PRODUCT)
 
 
-def test_a_bag_that_begins_without_the_whole_scene_says_so(tmp_path: Path) -> None:
+def test_bag_without_initial_scene_is_rejected(tmp_path: Path) -> None:
     monitor = Monitor()
     monitor("reset", *scene())  # before the recorder was there
     run = Run.open(write_bag(tmp_path / "run.bag", [("change", monitor("update", *moved()))]))
@@ -125,7 +125,7 @@ def test_a_bag_that_begins_without_the_whole_scene_says_so(tmp_path: Path) -> No
     assert PRODUCT in run.world(partial=True)
 
 
-def test_a_property_that_is_no_json_is_named(tmp_path: Path) -> None:
+def test_invalid_property_is_named(tmp_path: Path) -> None:
     broken = element(PRODUCT, "Product A", Size=[1])
     broken.properties[0].dataValue = "[1"
     run = Run.open(write_bag(tmp_path / "run.bag", [("change", Monitor()("reset", broken))]))
@@ -135,7 +135,7 @@ def test_a_property_that_is_no_json_is_named(tmp_path: Path) -> None:
         run.changes()
 
 
-def test_tasks_have_the_states_of_each_node(tmp_path: Path) -> None:
+def test_task_run_contains_states_of_each_node(tmp_path: Path) -> None:
     progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)]
     (task,) = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress])).tasks()
     assert (task.robot, task.id, task.has_ended, task.message) == ("/robot", 7, True, "Success")
@@ -147,13 +147,13 @@ def test_tasks_have_the_states_of_each_node(tmp_path: Path) -> None:
     assert [node.depth for node in task.nodes.values()] == [0, 1, 1]
 
 
-def test_a_number_that_comes_again_after_the_end_is_another_task(tmp_path: Path) -> None:
+def test_reused_task_number_is_a_new_task(tmp_path: Path) -> None:
     progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False), tree(SUCCESS, SUCCESS)] * 2
     run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
     assert [task.has_ended for task in run.tasks()] == [True, True]
 
 
-def test_skills_have_their_times(tmp_path: Path) -> None:
+def test_skill_runs_have_start_and_end(tmp_path: Path) -> None:
     progress = [
         tree(RUNNING, IDLE, root=RUNNING, ended=False),
         tree(SUCCESS, RUNNING, root=RUNNING, ended=False),
@@ -166,21 +166,21 @@ def test_skills_have_their_times(tmp_path: Path) -> None:
     ]
 
 
-def test_a_skill_that_is_repeated_has_several_times(tmp_path: Path) -> None:
+def test_repeated_skill_has_several_runs(tmp_path: Path) -> None:
     states = [RUNNING, FAILURE, RUNNING, SUCCESS]
     progress = [tree(state, IDLE, root=RUNNING, ended=False) for state in states]
     run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
     assert [(s.label, s.state) for s in run.skills()] == [("pick", FAILURE), ("pick", SUCCESS)]
 
 
-def test_a_skill_that_did_not_end_runs_until_the_last_word(tmp_path: Path) -> None:
+def test_unfinished_skill_ends_with_the_last_message(tmp_path: Path) -> None:
     progress = [tree(RUNNING, IDLE, root=RUNNING, ended=False)] * 3
     run = Run.open(write_bag(tmp_path / "run.bag", [("progress", nodes) for nodes in progress]))
     (skill,) = run.skills()
     assert (skill.state, round(skill.end / NS)) == (RUNNING, 2)
 
 
-def test_actions_and_goals_have_their_answers(run: Run) -> None:
+def test_actions_and_goals_have_results(run: Run) -> None:
     (call,) = run.actions()
     assert (call.name, call.type, call.goal_id, call.status_name) == (
         "/tm/achieve", "skiros2_msgs/Achieve", "goal-1", "succeeded",
@@ -190,12 +190,12 @@ def test_actions_and_goals_have_their_answers(run: Run) -> None:
     assert goal.end == call.end == call.result.time
 
 
-def test_a_goal_without_answer_is_unanswered(tmp_path: Path) -> None:
+def test_goal_without_result_is_unanswered(tmp_path: Path) -> None:
     (goal,) = Run.open(write_bag(tmp_path / "run.bag", [("goal", ("goal-1", GOAL))])).goals()
     assert (goal.state, goal.end, goal.call.status_name) == ("", None, "unanswered")
 
 
-def test_what_a_bag_does_not_have_is_said(tmp_path: Path) -> None:
+def test_missing_topics_are_reported(tmp_path: Path) -> None:
     run = Run.open(write_bag(tmp_path / "run.bag", [], without=("change", "progress")))
     with pytest.raises(
         BagError, match=r"run.bag: the bag holds no changes of the world model: .* skiros2_msgs/WmMonitor"

@@ -1,4 +1,4 @@
-"""Which topics a run is recorded from."""
+"""Selection of topics to record."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ SYSTEM = [
 ]
 
 
-def test_what_a_run_needs_is_chosen_and_no_pictures() -> None:
-    assert Selection().chosen(SYSTEM) == [
+def test_pictures_are_not_selected() -> None:
+    assert Selection().select(SYSTEM) == [
         "/wm/monitor", "/r2/monitor", "/r2/arm/joint_states", "/r2/move_base/goal", "/r2/move_base/cancel",
         "/r2/move_base/status",
     ]  # fmt: skip
 
 
-def test_further_topics_and_those_left_out() -> None:
+def test_patterns_add_and_exclude_topics() -> None:
     selection = Selection(pattern("/r2/camera/.*"), pattern("/r2/arm/.*|/tf"))
-    chosen = selection.chosen(SYSTEM)
-    assert "/r2/camera/image_raw" in chosen and "/r2/arm/joint_states" not in chosen
-    assert "/tf" not in selection.named([]) and "/tf_static" in selection.named([])
+    select = selection.select(SYSTEM)
+    assert "/r2/camera/image_raw" in select and "/r2/arm/joint_states" not in select
+    assert "/tf" not in selection.initial_topics([]) and "/tf_static" in selection.initial_topics([])
 
 
-def test_what_is_listened_to_from_the_start() -> None:
-    named = Selection().named(["/r1", "r2"])
+def test_initial_topics_include_those_of_named_robots() -> None:
+    initial_topics = Selection().initial_topics(["/r1", "r2"])
     assert {
         "/wm/monitor",
         "/clock",
@@ -45,15 +45,15 @@ def test_what_is_listened_to_from_the_start() -> None:
         "/tm/task_plan/result",
         "/r1/monitor",
         "/r2/execute/cancel",
-    } <= {*named}
+    } <= {*initial_topics}
 
 
-def test_a_pattern_that_is_none() -> None:
+def test_invalid_pattern_is_rejected() -> None:
     with pytest.raises(WrongValue, match=r"'\(' is no regular expression"):
         pattern("(")
 
 
 @pytest.mark.parametrize("name", ["", "/", "a b", "/a//b", "1a", 7, None, "/a/" + "é"])
-def test_what_is_no_name_of_an_action(name: object) -> None:
+def test_invalid_graph_names(name: object) -> None:
     assert not is_graph_name(name)
     assert is_graph_name("/robot/move_base") and is_graph_name("move_base")

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.explanation import (
     STAGES,
-    Candidates,
     Change,
     Explanation,
+    FilterStep,
     Finding,
-    Left,
-    Near,
-    Origin,
+    InferenceFailure,
+    NearMatch,
+    Provenance,
 )
 
 EXAMPLE = Explanation(
@@ -33,13 +33,15 @@ EXAMPLE = Explanation(
             values={"Object": "skiros:Part-12-PartA"},
             expected="skiros:Part-12-PartA skiros:at skiros:Table-5",
             found="skiros:Part-12-PartA skiros:at skiros:Table-3",
-            nearest=[Near("skiros:Part-9", "skiros:at skiros:Table-5")],
+            nearest=[NearMatch("skiros:Part-9", "skiros:at skiros:Table-5")],
             changes=[Change("skiros:Part-12", "skiros:at", 40, 1000.0, "/robot_2")],
             parts=[Finding("ConditionProperty", "Idle", {}, "idle", "busy")],
         )
     ],
-    candidates=[Candidates("Gripper", "skiros:Gripper", 2, [Left("with skiros:State = 'Idle'", 0, "Free")])],
-    params=[Origin("Object", "skiros:Part-12-PartA", "above", ["look"]), Origin("Gripper", "", "unset")],
+    candidates=[
+        InferenceFailure("Gripper", "skiros:Gripper", 2, [FilterStep("with skiros:State = 'Idle'", 0, "Free")])
+    ],
+    params=[Provenance("Object", "skiros:Part-12-PartA", "above", ["look"]), Provenance("Gripper", "", "unset")],
     tried=[Explanation("start", "skiros:Pick", "pick_slow", -1, -1, "busy")],
     stamp=1001.5,
     times=4,
@@ -48,14 +50,14 @@ EXAMPLE = Explanation(
 names = st.text(max_size=8)
 numbers = st.integers(-(2**31), 2**31)
 stamps = st.floats(0, 1e10)
-nears = st.lists(st.builds(Near, names, names), max_size=2)
+nears = st.lists(st.builds(NearMatch, names, names), max_size=2)
 changes = st.lists(st.builds(Change, names, names, numbers, stamps, names), max_size=2)
 findings = st.recursive(
     st.builds(Finding, names, names, st.dictionaries(names, names, max_size=2), names, names, nears, changes),
     lambda parts: st.builds(Finding, names, names, st.just({}), names, names, parts=st.lists(parts, max_size=2)),
     max_leaves=3,
 )
-left = st.lists(st.builds(Left, names, numbers, names), max_size=2)
+left = st.lists(st.builds(FilterStep, names, numbers, names), max_size=2)
 explanations = st.builds(
     Explanation,
     stage=st.sampled_from(STAGES),
@@ -66,8 +68,8 @@ explanations = st.builds(
     message=names,
     path=st.lists(names, max_size=2),
     findings=st.lists(findings, max_size=2),
-    candidates=st.lists(st.builds(Candidates, names, names, numbers, left, nears), max_size=2),
-    params=st.lists(st.builds(Origin, names, names, names, st.lists(names, max_size=2)), max_size=2),
+    candidates=st.lists(st.builds(InferenceFailure, names, names, numbers, left, nears), max_size=2),
+    params=st.lists(st.builds(Provenance, names, names, names, st.lists(names, max_size=2)), max_size=2),
     stamp=stamps,
     times=numbers,
 )
@@ -112,7 +114,7 @@ def test_all_changes_are_found_also_in_what_was_tried():
         ("{}", WrongValue, "missing"),
         ('{"stage": 5}', WrongType, "explanation.stage: expected a str, got int"),
         ('{"node": true}', WrongType, "explanation.node: expected a int, got bool"),
-        ('{"spam": 5}', WrongValue, "spam is no part of Explanation"),
+        ('{"spam": 5}', WrongValue, "spam is no field of Explanation"),
         (json.dumps({"findings": [{"values": {"A": 1}}]}), WrongType, r"explanation.findings\[0\].values.A"),
     ],
 )

@@ -110,5 +110,5 @@ def test_it_does_not_start_while_its_thread_still_runs(skill):
     skill.start()
     assert skill.preempt() is State.Failure
     assert skill.start() is State.Failure
-    assert skill.progress_msg == "the thread of an earlier start has not ended"
+    assert skill.progress_msg == "the thread of an earlier start is still running"
     assert not hasattr(skill, "answer")

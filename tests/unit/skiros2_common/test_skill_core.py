@@ -147,7 +147,7 @@ def test_a_primitive_that_does_not_want_to_start_has_failed(skill):
 
 def test_a_primitive_that_runs_is_not_started_again(skill):
     skill.start()
-    with pytest.raises(Refused, match="skiros:Say-say runs already"):
+    with pytest.raises(Refused, match="skiros:Say-say is already running"):
         skill.start()
 
 

@@ -129,7 +129,7 @@ def test_what_was_given_out_is_never_changed_through_the_element():
 
 def test_changes_are_exactly_what_differs():
     element = given_out(Weight=1.0, Size=2.0, Name="a")
-    assert not element.touched
+    assert not element.may_be_changed
     assert not element.changes()
     element.getProperty("skiros:Weight").value = 1.0  # the same again
     assert not element.changes()
@@ -138,7 +138,7 @@ def test_changes_are_exactly_what_differs():
     element.setRelation("skiros:Tray-9", "skiros:contain", "-1")
     element.label = "other"
     changes = element.changes()
-    assert element.touched
+    assert element.may_be_changed
     assert list(changes.properties) == ["skiros:Weight"]
     assert changes.removed_properties == ["skiros:Name"]
     assert [r["src"] for r in changes.added_relations] == ["skiros:Tray-9"]
@@ -154,14 +154,14 @@ def test_a_view_counts_changes_from_the_view_on():
     element = Element("skiros:Product", "l")
     element.setProperty("skiros:Weight", 1.0)
     view = element.view()
-    assert not view.touched
+    assert not view.may_be_changed
     view.setProperty("skiros:Weight", 2.0)
     assert list(view.changes().properties) == ["skiros:Weight"]
     assert element.getProperty("skiros:Weight").value == 1.0
 
 
 def test_data_of_a_code_that_no_reasoner_has_is_an_error():
-    with pytest.raises(KeyError, match="no reasoner is called or owns ':Colour'"):
+    with pytest.raises(KeyError, match="no reasoner has the name or owns ':Colour'"):
         Element("skiros:Product").getData(":Colour")
 
 

@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_gui.core.dragging import PERIOD, Dragging, Target
+from skiros2_gui.view3d.dragging import PERIOD, Dragging, Target
 from skiros2_std_reasoners.core.geometry import Pose
 
 
@@ -50,7 +50,7 @@ def test_what_is_written_already_is_not_written_again() -> None:
 
 
 def test_a_view_that_went_away_does_not_hold_an_element_for_ever() -> None:
-    dragging = Dragging(silence=2.0)
+    dragging = Dragging(timeout=2.0)
     dragging.hold("a", 0.0)
     assert dragging.is_held("a", 1.9) and not dragging.is_held("b", 1.9)
     assert not dragging.is_held("a", 2.1)

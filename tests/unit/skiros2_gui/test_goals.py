@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_gui.core.events import AchieveTold
-from skiros2_gui.core.goal_course import Course
-from skiros2_gui.core.goal_plan import GoalPlanner, syntax_mistake
-from skiros2_gui.core.goal_presenter import GoalPresenter
-from skiros2_gui.core.goal_words import Vocabulary, Word, suggest
-from skiros2_gui.core.window import Window
-from skiros2_gui.testing.at_once import AtOnce, make_window
+from skiros2_gui.app.events import GoalFeedback
+from skiros2_gui.app.window import Window
+from skiros2_gui.goal.completion import Completion, Vocabulary, complete
+from skiros2_gui.goal.execution import GoalExecution
+from skiros2_gui.goal.plan import GoalPlanner, check_syntax
+from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
 from support.planning_world import DRIVE, PlanningWorld
 
 
@@ -77,19 +77,19 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
     robot = world.robot("alpha", DRIVE)
     ids = {name: world.thing("skiros:Location", name) for name in ("dock", "bench 1", "shelf")}
     world.relate(robot, "skiros:at", ids["dock"])
-    window = make_window(lambda inbox: LocalSystem(inbox, world.wm))
+    window = make_window(lambda event_queue: LocalSystem(event_queue, world.wm))
     system: Any = window.system
     system.planner = tasks = TaskManager()
     planner = GoalPlanner(tmp_path)
     goals = GoalPresenter(window, planner)
-    goals.look()
+    goals.refresh()
     yield Lab(window, goals, tasks, {"alpha": robot, **ids})
     planner.close()
 
 
 def _suggested(lab: Lab, text: str) -> list[str]:
     lab.goals.write(text)
-    return [word.text for word in lab.goals.suggestions(len(text)).words]
+    return [word.text for word in lab.goals.completions(len(text)).items]
 
 
 # -- completion ----------------------------------------------------------------------------------------------------
@@ -102,12 +102,12 @@ def test_what_skills_bring_about_is_suggested_first(lab: Lab) -> None:
 
 def test_words_are_found_by_their_end_and_in_any_case(lab: Lab) -> None:
     assert "skiros:contain" in _suggested(lab, "(CONT")
-    assert lab.goals.suggestions(5).start == 1
+    assert lab.goals.completions(5).start == 1
 
 
 def test_elements_are_found_by_label_and_written_as_ids(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at alpha ben") == [lab.ids["bench 1"]]
-    assert lab.goals.suggestions(20).words[0].shown == "bench 1"
+    assert lab.goals.completions(20).items[0].label == "bench 1"
 
 
 def test_quantifiers_ask_for_variables_classes_and_know_them(lab: Lab) -> None:
@@ -120,7 +120,7 @@ def test_quantifiers_ask_for_variables_classes_and_know_them(lab: Lab) -> None:
 def test_nothing_is_suggested_for_nonsense(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at zzzzzz") == []
     assert _suggested(lab, ")))") == ["("]
-    assert lab.goals.suggestions(9_999).words
+    assert lab.goals.completions(9_999).items
 
 
 _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', ";", ",", "a:b", "and", "é"])
@@ -129,10 +129,10 @@ _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', "
 @given(st.lists(_PIECES, max_size=12).map("".join), st.integers(-3, 40))
 @settings(max_examples=40, deadline=None)
 def test_any_text_may_stand_in_the_line(text: str, cursor: int) -> None:
-    word = Word("skiros:at", "at", "relation")
-    found = suggest(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))
+    word = Completion("skiros:at", "at", "relation")
+    found = complete(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))
     assert 0 <= found.start <= len(text)
-    mistake = syntax_mistake(text)
+    mistake = check_syntax(text)
     assert mistake is None or 0 <= mistake.position(text) <= len(text)
 
 
@@ -141,7 +141,7 @@ def test_any_text_may_stand_in_the_line(text: str, cursor: int) -> None:
 
 def test_a_mistake_is_told_with_its_place(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha\n  (x))")
-    mistake = lab.goals.mistake
+    mistake = lab.goals.diagnostic
     assert mistake is not None
     assert (mistake.line, mistake.column) == (2, 3)
     assert lab.goals.text[mistake.position(lab.goals.text) :] == "(x))"
@@ -150,18 +150,18 @@ def test_a_mistake_is_told_with_its_place(lab: Lab) -> None:
 
 def test_a_name_that_nobody_knows_is_a_mistake(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha shlef)")
-    assert lab.goals.mistake is not None
-    assert "shelf" in lab.goals.mistake.reason
+    assert lab.goals.diagnostic is not None
+    assert "shelf" in lab.goals.diagnostic.reason
     lab.goals.write("(skiros:at alpha shelf)")
-    assert lab.goals.mistake is None
+    assert lab.goals.diagnostic is None
     assert lab.goals.can_achieve
 
 
 def test_an_empty_goal_is_no_mistake(lab: Lab) -> None:
     lab.goals.write("(")
     lab.goals.write(" ")
-    assert (lab.goals.mistake, lab.goals.can_plan) == (None, False)
-    assert syntax_mistake("(a b)") is None
+    assert (lab.goals.diagnostic, lab.goals.can_plan) == (None, False)
+    assert check_syntax("(a b)") is None
 
 
 # -- planning ------------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_a_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
     assert (plan.verdict, plan.works, [row.skill for row in plan.rows]) == ("planned", True, ["drive"])
     assert any("+ " in line and "skiros:at" in line for line in plan.changes)
     assert "makes" in plan.why[1]
-    assert lab.goals.remembered == [lab.goals.text]
+    assert lab.goals.history == [lab.goals.text]
     lab.goals.write("(skiros:at alpha dock)")
     lab.goals.make_plan()
     assert lab.goals.plan is not None
@@ -195,28 +195,28 @@ def test_a_goal_is_followed_to_its_end(lab: Lab) -> None:
     states = [{"number": 1, "state": "succeeded", "message": ""}, {"number": 2, "state": "running", "message": "on"}]
     lab.tasks.feedback = [Feedback("planning", "planning"), Feedback("running", "", plan, json.dumps(states))]
     jobs: Any = lab.window.jobs
-    assert isinstance(jobs, AtOnce)
+    assert isinstance(jobs, SynchronousJobs)
     lab.goals.write("(skiros:at alpha shelf)")
-    jobs.held = True
+    jobs.deferred = True
     lab.goals.achieve()
     assert (lab.goals.is_busy, lab.goals.can_achieve) == (True, False)
-    course = lab.goals.course
-    assert course is not None
+    execution = lab.goals.execution
+    assert execution is not None
     for feedback in lab.tasks.feedback:
-        lab.window.tell(AchieveTold(course.goal, feedback))
-    assert lab.goals.course is not None
-    assert [(row.skill, row.state, row.parameters) for row in lab.goals.course.rows] == [
+        lab.window.publish(GoalFeedback(execution.goal, feedback))
+    assert lab.goals.execution is not None
+    assert [(row.skill, row.state, row.parameters) for row in lab.goals.execution.rows] == [
         ("drive", "succeeded", "To=skiros:Nowhere-3"),
         ("drive", "running", "To=skiros:Nowhere-3"),
     ]
-    assert lab.goals.course.words == "1 of 2 steps are done; now step 2 drive of alpha"
+    assert lab.goals.execution.progress_text == "1 of 2 steps are done; now step 2 drive of alpha"
     lab.goals.cancel()
     lab.tasks.result = Result(done=json.dumps([{**_step(1), **states[0]}, {**_step(2), "state": "succeeded"}]))
     jobs.release()
-    lab.window.take_news()
-    course = lab.goals.course
-    assert (course.is_over, course.reached, course.text) == (True, True, "The goal is reached.")
-    assert [row.state for row in course.rows] == ["succeeded", "succeeded"]
+    lab.window.process_events()
+    execution = lab.goals.execution
+    assert (execution.is_finished, execution.reached, execution.text) == (True, True, "The goal is reached.")
+    assert [row.state for row in execution.rows] == ["succeeded", "succeeded"]
     assert (lab.tasks.cancelled, lab.goals.is_busy) == (1, False)
 
 
@@ -224,16 +224,16 @@ def test_a_goal_that_is_not_reached_says_why(lab: Lab) -> None:
     lab.tasks.result = Result("impossible", "there is no plan\n  (skiros:at a b) cannot be reached")
     lab.goals.write("(skiros:at alpha shelf)")
     lab.goals.achieve()
-    course = lab.goals.course
-    assert course is not None
-    assert (course.reached, course.text) == (False, "there is no plan")
-    assert course.why == ("  (skiros:at a b) cannot be reached",)
+    execution = lab.goals.execution
+    assert execution is not None
+    assert (execution.reached, execution.text) == (False, "there is no plan")
+    assert execution.why == ("  (skiros:at a b) cannot be reached",)
 
 
 @pytest.mark.parametrize("nonsense", [Feedback(plan="{"), Feedback(plan='[{"number": "x"}]'), Feedback(steps="[3]")])
 def test_feedback_that_cannot_be_read_is_said(lab: Lab, nonsense: Feedback) -> None:
-    lab.goals.course = Course("goal")
-    lab.window.tell(AchieveTold("goal", nonsense))
+    lab.goals.execution = GoalExecution("goal")
+    lab.window.publish(GoalFeedback("goal", nonsense))
     assert "cannot be read" in lab.window.problems.history[0].text
 
 
@@ -241,8 +241,8 @@ def test_a_task_manager_that_goes_is_said(lab: Lab) -> None:
     lab.tasks.result = TimeoutError("silent for 5 s")
     lab.goals.write("(skiros:at alpha shelf)")
     lab.goals.achieve()
-    assert lab.goals.course is not None
-    assert "silent for 5 s" in lab.goals.course.text
+    assert lab.goals.execution is not None
+    assert "silent for 5 s" in lab.goals.execution.text
     assert not lab.goals.is_busy
     assert lab.window.problems.history
 

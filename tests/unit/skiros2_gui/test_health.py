@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from skiros2_gui.core.health import clock, missing, sentence, short, sign
-from skiros2_gui.core.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Part
+from skiros2_gui.app.health import clock, missing, sentence, short, sign
+from skiros2_gui.app.system import MANAGER, MASTER, TASK_MANAGER, WORLD_MODEL, Part
 
 NOW = 1795291003.5  # s since the epoch
 AT = clock(NOW)

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from skiros2_common.core.errors import Refused
-from skiros2_gui.core.jobs import MOST_AT_ONCE, Jobs
-from skiros2_gui.core.problems import Problems
+from skiros2_gui.app.jobs import MAX_AT_ONCE, Jobs
+from skiros2_gui.app.problems import Problems
 
 
 class Desk:
@@ -48,10 +48,10 @@ def test_an_error_goes_to_the_one_who_takes_it_else_to_the_error_bar(desk: Desk)
     def refuse() -> None:
         raise Refused("task 3 runs already")
 
-    desk.jobs.run(refuse, failed=desk.seen.append, what="starting")
+    desk.jobs.run(refuse, failed=desk.seen.append, activity="starting")
     desk.until(lambda: bool(desk.seen))
     assert desk.problems.newest is None
-    desk.jobs.run(refuse, what="starting")
+    desk.jobs.run(refuse, activity="starting")
     desk.until(lambda: desk.problems.newest is not None)
     assert desk.problems.history[0].line == "starting: task 3 runs already"
 
@@ -59,15 +59,15 @@ def test_an_error_goes_to_the_one_who_takes_it_else_to_the_error_bar(desk: Desk)
 def test_code_that_wants_to_end_the_program_does_not(desk: Desk) -> None:
     desk.jobs.run(lambda: exit(3), failed=desk.seen.append)
     desk.until(lambda: bool(desk.seen))
-    assert "wanted to end the program" in str(desk.seen[0])
+    assert "tried to exit the program" in str(desk.seen[0])
 
 
 def test_what_shows_a_result_may_fail_and_others_are_shown(desk: Desk) -> None:
-    desk.jobs.run(lambda: 1, lambda number: number.missing, what="counting")  # type: ignore[attr-defined]
+    desk.jobs.run(lambda: 1, lambda number: number.missing, activity="counting")  # type: ignore[attr-defined]
     desk.until(lambda: desk.problems.newest is not None)
     desk.jobs.run(lambda: 2, desk.seen.append)
     desk.until(lambda: desk.seen == [2])
-    assert desk.problems.history[0].what == "showing what came of counting"
+    assert desk.problems.history[0].activity == "showing the result of counting"
 
 
 def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk: Desk) -> None:
@@ -79,8 +79,8 @@ def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk
         assert gate.wait(10)
         return "slow"
 
-    desk.jobs.run(slow, desk.seen.append, lane="world")
-    desk.jobs.run(lambda: running.append("next") or "next", desk.seen.append, lane="world")
+    desk.jobs.run(slow, desk.seen.append, queue="world")
+    desk.jobs.run(lambda: running.append("next") or "next", desk.seen.append, queue="world")
     desk.jobs.run(lambda: "beside", desk.seen.append)
     desk.until(lambda: desk.seen == ["beside"])
     assert running == ["slow"]
@@ -91,30 +91,30 @@ def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk
 
 
 def test_more_calls_than_threads_all_end(desk: Desk) -> None:
-    for number in range(3 * MOST_AT_ONCE):
+    for number in range(3 * MAX_AT_ONCE):
         desk.jobs.run(lambda n=number: n, desk.seen.append)
-    desk.until(lambda: len(desk.seen) == 3 * MOST_AT_ONCE)
-    assert sorted(desk.seen) == list(range(3 * MOST_AT_ONCE))
+    desk.until(lambda: len(desk.seen) == 3 * MAX_AT_ONCE)
+    assert sorted(desk.seen) == list(range(3 * MAX_AT_ONCE))
 
 
 def test_urgent_call_waits_for_no_lane_and_no_free_thread(desk: Desk) -> None:
     gate = threading.Event()
-    for _ in range(2 * MOST_AT_ONCE):
+    for _ in range(2 * MAX_AT_ONCE):
         desk.jobs.run(lambda: gate.wait(10), desk.seen.append)
-    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, lane="/robot")
-    desk.jobs.run(lambda: "stopped", desk.seen.append, lane="/robot", urgent=True)
+    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, queue="/robot")
+    desk.jobs.run(lambda: "stopped", desk.seen.append, queue="/robot", urgent=True)
     desk.until(lambda: bool(desk.seen))
     assert desk.seen == ["stopped"]
     gate.set()
-    desk.until(lambda: len(desk.seen) == 2 * MOST_AT_ONCE + 2)
+    desk.until(lambda: len(desk.seen) == 2 * MAX_AT_ONCE + 2)
 
 
 def test_what_is_under_way_is_told_while_it_is(desk: Desk) -> None:
     gate = threading.Event()
     told: list[list[str]] = []
-    desk.jobs.on_busy(lambda: told.append(desk.jobs.busy_with))
-    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, what="loading the scene")
-    assert desk.jobs.busy_with == ["loading the scene"]
+    desk.jobs.on_busy(lambda: told.append(desk.jobs.activities))
+    desk.jobs.run(lambda: gate.wait(10), desk.seen.append, activity="loading the scene")
+    assert desk.jobs.activities == ["loading the scene"]
     gate.set()
     desk.until(lambda: bool(desk.seen))
     assert told == [["loading the scene"], []]
@@ -148,4 +148,4 @@ def test_after_the_end_nothing_is_delivered_and_nothing_begins(desk: Desk) -> No
     desk.jobs.post(lambda: desk.seen.append(2))
     desk.jobs.deliver()
     assert desk.seen == []
-    assert desk.jobs.busy_with == []
+    assert desk.jobs.activities == []

@@ -8,53 +8,55 @@ from typing import Any
 import pytest
 from visualization_msgs.msg import InteractiveMarkerControl, Marker, MarkerArray
 
-from skiros2_gui.core.markers import AXES, BOX, MESH, Look, Shown
-from skiros2_gui.ros.marker_messages import TEXTS, PackedMarkers, interactive_marker, pose_message, shape_marker
+from skiros2_gui.view3d.markers import AXES, BOX, MESH, ElementMarker, Visual
+from skiros2_gui.view3d.ros.marker_messages import TEXTS, PackedMarkers, interactive_marker, pose_message, shape_marker
 from skiros2_std_reasoners.core.geometry import Pose
 
 TURNED = (0.5, 0.5, 0.5, 0.5)
 
 
-def look(shape: str = BOX, text: str = "Größe", follows: str = "", mesh: str = "") -> Look:
+def visual(shape: str = BOX, text: str = "Größe", follows: str = "", mesh: str = "") -> Visual:
     size = (0.1, 0.2, 0.3) if shape == BOX else (0.0, 0.0, 0.0)
-    return Look("skiros:Teil-ä", 7, text, shape, size, mesh, (0.1, 0.2, 0.3, 0.4), follows)
+    return Visual("skiros:Teil-ä", 7, text, shape, size, mesh, (0.1, 0.2, 0.3, 0.4), follows)
 
 
-def shown(x: float = 1.0, frame: str = "größe", its_look: Look | None = None) -> Shown:
-    return Shown("skiros:Teil-ä-7", frame, Pose((x, 2.0, 3.0), TURNED), its_look or look())
+def marker(x: float = 1.0, frame: str = "größe", its_visual: Visual | None = None) -> ElementMarker:
+    return ElementMarker("skiros:Teil-ä-7", frame, Pose((x, 2.0, 3.0), TURNED), its_visual or visual())
 
 
-def sent(packed: PackedMarkers, put: list[Shown], gone: list[Shown] | None = None) -> list[Any]:
+def sent(packed: PackedMarkers, put: list[ElementMarker], gone: list[ElementMarker] | None = None) -> list[Any]:
     buffer = io.BytesIO()
     packed.message(put, gone or []).serialize(buffer)
     return list(MarkerArray().deserialize(buffer.getvalue()).markers)
 
 
-@pytest.mark.parametrize("its_look", [look(), look(AXES), look(MESH, mesh="file:///a.stl"), look(text="")], ids=str)
-def test_what_is_sent_is_what_is_shown(its_look: Look) -> None:
+@pytest.mark.parametrize(
+    "its_visual", [visual(), visual(AXES), visual(MESH, mesh="file:///a.stl"), visual(text="")], ids=str
+)
+def test_what_is_sent_is_what_is_shown(its_visual: Visual) -> None:
     packed = PackedMarkers()
     for x in (1.0, 5.0):  # made, then moved
-        shape, text = sent(packed, [shown(x, its_look=its_look)])
-        wanted = shape_marker(its_look)
+        shape, text = sent(packed, [marker(x, its_visual=its_visual)])
+        wanted = shape_marker(its_visual)
         wanted.header.frame_id, wanted.pose = "größe", pose_message(Pose((x, 2.0, 3.0), TURNED))
         buffer = io.BytesIO()
         wanted.serialize(buffer)
         assert shape == Marker().deserialize(buffer.getvalue())
-        assert (text.ns, text.id, text.text) == ("skiros:Teil-ä" + TEXTS, 7, its_look.text)
+        assert (text.ns, text.id, text.text) == ("skiros:Teil-ä" + TEXTS, 7, its_visual.text)
         assert text.pose.position.x == x and text.pose.position.z > 3.0 and text.header.frame_id == "größe"
 
 
 def test_another_frame_or_look_is_sent_too() -> None:
     packed = PackedMarkers()
-    sent(packed, [shown()])
-    assert {m.header.frame_id for m in sent(packed, [shown(frame="map")])} == {"map"}
-    assert sent(packed, [shown(frame="map", its_look=look(text="other"))])[1].text == "other"
+    sent(packed, [marker()])
+    assert {m.header.frame_id for m in sent(packed, [marker(frame="map")])} == {"map"}
+    assert sent(packed, [marker(frame="map", its_visual=visual(text="other"))])[1].text == "other"
 
 
 def test_what_is_gone_is_ended() -> None:
     packed = PackedMarkers()
-    sent(packed, [shown()])
-    ended = sent(packed, [], [shown()])
+    sent(packed, [marker()])
+    ended = sent(packed, [], [marker()])
     assert [(m.ns, m.id, m.action) for m in ended] == [
         ("skiros:Teil-ä", 7, Marker.DELETE),
         ("skiros:Teil-ä" + TEXTS, 7, Marker.DELETE),
@@ -62,7 +64,7 @@ def test_what_is_gone_is_ended() -> None:
 
 
 def test_the_selected_element_has_six_degrees_of_freedom() -> None:
-    message = interactive_marker("name", shown())
+    message = interactive_marker("name", marker())
     modes = [control.interaction_mode for control in message.controls]
     assert modes.count(InteractiveMarkerControl.MOVE_AXIS) == modes.count(InteractiveMarkerControl.ROTATE_AXIS) == 3
     directions = {(q.x, q.y, q.z) for q in (c.orientation for c in message.controls[1:])}
@@ -72,6 +74,6 @@ def test_the_selected_element_has_six_degrees_of_freedom() -> None:
 
 
 def test_one_that_follows_a_frame_has_nothing_to_take_hold_of() -> None:
-    message = interactive_marker("name", shown(its_look=look(follows="base_link")))
+    message = interactive_marker("name", marker(its_visual=visual(follows="base_link")))
     assert [c.interaction_mode for c in message.controls] == [InteractiveMarkerControl.NONE]
     assert "base_link" in message.description

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.marker_board import ChangedElements, MarkerBoard
-from skiros2_gui.core.markers import AXES, BOX, MESH, Showing, view_number
+from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet
+from skiros2_gui.view3d.markers import AXES, BOX, MESH, MarkerFactory, view_number
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.core.changes import ADD, REMOVE, RESET, UPDATE, Change
@@ -35,38 +35,38 @@ def sized(x: float, y: float, z: float, **more: object) -> Element:
 
 
 @pytest.fixture
-def showing(tmp_path: Path) -> Showing:
+def factory(tmp_path: Path) -> MarkerFactory:
     (tmp_path / "bolt.stl").touch()
-    return Showing(is_subclass, [tmp_path])
+    return MarkerFactory(is_subclass, [tmp_path])
 
 
 # -- shapes ------------------------------------------------------------------------------------------------------
 
 
-def test_a_box_where_there_is_a_size(showing: Showing) -> None:
-    shown = showing.of(sized(0.2, 0.4, 0.6))
-    assert shown is not None and shown.look.shape == BOX and shown.look.size == (0.2, 0.4, 0.6)
-    assert (shown.frame, shown.pose.position, shown.look.text) == ("map", (1.0, 2.0, 3.0), "Bolt")
-    assert shown.text_position == pytest.approx((1.0, 2.0, 3.0 + 0.3 + 0.08))
+def test_a_box_where_there_is_a_size(factory: MarkerFactory) -> None:
+    marker = factory.make(sized(0.2, 0.4, 0.6))
+    assert marker is not None and marker.visual.shape == BOX and marker.visual.size == (0.2, 0.4, 0.6)
+    assert (marker.frame, marker.pose.position, marker.visual.text) == ("map", (1.0, 2.0, 3.0), "Bolt")
+    assert marker.text_position == pytest.approx((1.0, 2.0, 3.0 + 0.3 + 0.08))
 
 
-def test_the_mesh_where_the_model_is_one(showing: Showing, tmp_path: Path) -> None:
-    shown = showing.of(sized(1.0, 1.0, 1.0, CadModel="bolt.stl"))
-    assert shown is not None and (shown.look.shape, shown.look.mesh) == (MESH, f"file://{tmp_path}/bolt.stl")
-    package = showing.of(placed(CadModel="package://parts/bolt.dae"))
-    assert package is not None and package.look.mesh == "package://parts/bolt.dae"
+def test_the_mesh_where_the_model_is_one(factory: MarkerFactory, tmp_path: Path) -> None:
+    marker = factory.make(sized(1.0, 1.0, 1.0, CadModel="bolt.stl"))
+    assert marker is not None and (marker.visual.shape, marker.visual.mesh) == (MESH, f"file://{tmp_path}/bolt.stl")
+    package = factory.make(placed(CadModel="package://parts/bolt.dae"))
+    assert package is not None and package.visual.mesh == "package://parts/bolt.dae"
 
 
 @pytest.mark.parametrize("model", ["arm.urdf", "nowhere.stl", "\0.stl", "x" * 5000 + ".stl", ".", "", "../.stl"])
-def test_the_box_where_the_model_is_no_mesh(showing: Showing, model: str) -> None:
-    shown = showing.of(sized(1.0, 1.0, 1.0, CadModel=model))
-    assert shown is not None and shown.look.shape == BOX
+def test_the_box_where_the_model_is_no_mesh(factory: MarkerFactory, model: str) -> None:
+    marker = factory.make(sized(1.0, 1.0, 1.0, CadModel=model))
+    assert marker is not None and marker.visual.shape == BOX
 
 
 @pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (float("nan"), 1.0, 1.0), (1e30, 1.0, 1.0)])
-def test_axes_where_there_is_no_size_that_can_be_shown(showing: Showing, size: tuple[float, float, float]) -> None:
-    shown = showing.of(sized(*size))
-    assert shown is not None and (shown.look.shape, shown.look.size) == (AXES, (0.0, 0.0, 0.0))
+def test_element_without_valid_size_is_drawn_as_axes(factory: MarkerFactory, size: tuple[float, float, float]) -> None:
+    marker = factory.make(sized(*size))
+    assert marker is not None and (marker.visual.shape, marker.visual.size) == (AXES, (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -80,22 +80,22 @@ def test_axes_where_there_is_no_size_that_can_be_shown(showing: Showing, size: t
         lambda e: space.set_text(e, space.FRAME, "map"),
     ],
 )
-def test_nothing_where_there_is_no_place(showing: Showing, spoil: Callable[[Element], None]) -> None:
+def test_nothing_where_there_is_no_place(factory: MarkerFactory, spoil: Callable[[Element], None]) -> None:
     element = placed()
     spoil(element)
-    assert showing.of(element) is None
+    assert factory.make(element) is None
 
 
-def test_a_text_for_everything(showing: Showing) -> None:
-    texts = [showing.of(placed(label=label)) for label in ("", "demo:left_arm", "a" * 500)]
-    assert [shown.look.text for shown in texts if shown] == ["Product-7", "left_arm", "a" * 59 + "…"]
+def test_a_text_for_everything(factory: MarkerFactory) -> None:
+    texts = [factory.make(placed(label=label)) for label in ("", "demo:left_arm", "a" * 500)]
+    assert [marker.visual.text for marker in texts if marker] == ["Product-7", "left_arm", "a" * 59 + "…"]
 
 
-def test_colours_tell_classes_apart_and_stay(showing: Showing) -> None:
+def test_colours_tell_classes_apart_and_stay(factory: MarkerFactory) -> None:
     elements = [placed(f"{etype}-1") for etype in (*PARENTS, "odd:Thing")]
-    colours = [shown.look.colour for element in elements if (shown := showing.of(element))]
+    colours = [marker.visual.colour for element in elements if (marker := factory.make(element))]
     assert len(set(colours)) == 4 and all(0.0 <= part <= 1.0 for colour in colours for part in colour)
-    again = [shown.look.colour for element in elements if (shown := Showing(is_subclass).of(element))]
+    again = [marker.visual.colour for element in elements if (marker := MarkerFactory(is_subclass).make(element))]
     assert again == colours
 
 
@@ -117,8 +117,8 @@ def test_changes_are_gathered_by_element() -> None:
     changed = ChangedElements()
     assert changed.take() is None, "at first, everything is new"
     for number, action in enumerate((ADD, UPDATE, REMOVE), 1):
-        changed.note(change(number, action, placed(f"skiros:Product-{number % 2}")))
-    changed.note(change(4, UPDATE, placed("skiros:Product-9"), context="other"))
+        changed.add(change(number, action, placed(f"skiros:Product-{number % 2}")))
+    changed.add(change(4, UPDATE, placed("skiros:Product-9"), context="other"))
     assert changed.waiting.is_set() and changed.take() == {"skiros:Product-0", "skiros:Product-1"}
     assert not changed.waiting.is_set() and changed.take() == set()
 
@@ -129,31 +129,31 @@ def test_changes_are_gathered_by_element() -> None:
 def test_what_cannot_be_told_by_element_counts_as_everything(then: Change) -> None:
     changed = ChangedElements()
     changed.take()
-    changed.note(change(1, ADD, placed()))
-    changed.note(then)
+    changed.add(change(1, ADD, placed()))
+    changed.add(then)
     taken = changed.take()
     assert taken is None
-    changed.give_back(taken)
+    changed.restore(taken)
     assert changed.take() is None
 
 
-def test_only_what_looks_otherwise_is_told(showing: Showing) -> None:
-    board = MarkerBoard(showing.of)
+def test_only_what_looks_otherwise_is_told(factory: MarkerFactory) -> None:
+    markers = MarkerSet(factory.make)
     one, two = placed("skiros:Product-1"), placed("skiros:Product-2")
-    assert [s.id for s in board.replace_all([one, two]).put] == [one.id, two.id]
+    assert [s.id for s in markers.replace_all([one, two]).changed] == [one.id, two.id]
     two.setProperty("skiros:Weight", 3.0)
-    assert not board.replace({one.id: one, two.id: two})
-    moved = board.replace({two.id: placed(two.id, x=5.0), "skiros:Product-3": None})
-    assert [s.pose.position[0] for s in moved.put] == [5.0] and not moved.gone
-    assert [s.id for s in board.replace({one.id: None}).gone] == [one.id]
+    assert not markers.replace({one.id: one, two.id: two})
+    moved = markers.replace({two.id: placed(two.id, x=5.0), "skiros:Product-3": None})
+    assert [s.pose.position[0] for s in moved.changed] == [5.0] and not moved.removed
+    assert [s.id for s in markers.replace({one.id: None}).removed] == [one.id]
     two.removeProperty(space.BASE_FRAME)
-    assert [s.id for s in board.replace({two.id: two}).gone] == [two.id]
-    assert board.get(two.id) is None
+    assert [s.id for s in markers.replace({two.id: two}).removed] == [two.id]
+    assert markers.get(two.id) is None
 
 
-def test_a_new_scene_ends_what_the_old_one_had(showing: Showing) -> None:
-    board = MarkerBoard(showing.of)
-    board.replace_all([placed("skiros:Product-1"), placed("skiros:Product-2")])
-    difference = board.replace_all([placed("skiros:Product-2"), placed("skiros:Product-3")])
-    assert [s.id for s in difference.put] == ["skiros:Product-3"]
-    assert [s.id for s in difference.gone] == ["skiros:Product-1"]
+def test_a_new_scene_ends_what_the_old_one_had(factory: MarkerFactory) -> None:
+    markers = MarkerSet(factory.make)
+    markers.replace_all([placed("skiros:Product-1"), placed("skiros:Product-2")])
+    update = markers.replace_all([placed("skiros:Product-2"), placed("skiros:Product-3")])
+    assert [s.id for s in update.changed] == ["skiros:Product-3"]
+    assert [s.id for s in update.removed] == ["skiros:Product-1"]

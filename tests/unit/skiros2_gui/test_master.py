@@ -9,8 +9,9 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from skiros2_common.command_line.master import NotThere, ask_master
-from skiros2_gui.ros import master
+from skiros2_common.command_line.command import Unavailable
+from skiros2_common.command_line.master import ask_master
+from skiros2_gui.app.ros import master
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def address(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """A socket at the master's address, which nobody serves."""
     with socket.create_server(("localhost", 0)) as listening:
         monkeypatch.setenv("ROS_MASTER_URI", f"http://localhost:{listening.getsockname()[1]}")
-        monkeypatch.setattr(master, "PATIENCE", 0.1)
+        monkeypatch.setattr(master, "TIMEOUT", 0.1)
         yield listening
 
 
@@ -41,7 +42,7 @@ def test_somebody_else_listens_there(address: socket.socket) -> None:
     threading.Thread(target=answer, daemon=True).start()
     assert not master.master_answers()
     threading.Thread(target=answer, daemon=True).start()
-    with pytest.raises(NotThere, match="no ROS master answers"):
+    with pytest.raises(Unavailable, match="no ROS master answers"):
         ask_master("getPid")
 
 

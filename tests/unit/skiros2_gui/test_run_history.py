@@ -6,11 +6,11 @@ import random
 
 import pytest
 
-from skiros2_gui.core.run_frame import Frame
-from skiros2_gui.core.run_history import TaskRun
-from skiros2_gui.core.run_log import MOST_LINES
-from skiros2_gui.core.runs import Runs
-from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, fresh, pick_and_place, random_tree
+from skiros2_gui.run.frame import Frame
+from skiros2_gui.run.message_log import MAX_LINES
+from skiros2_gui.run.runs import Runs
+from skiros2_gui.run.task_run import TaskRun
+from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, ProgressNode, fresh, pick_and_place, random_tree
 
 
 def seen(frame: Frame) -> list[tuple[int, int, int, str]]:
@@ -24,11 +24,11 @@ def test_every_tick_can_be_gone_back_to() -> None:
     nodes = random_tree(12)
     for number in range(300):
         if number % 90 == 89:
-            nodes.append(Told(5000 + number, nodes[chance.randrange(len(nodes))].id, "new"))
+            nodes.append(ProgressNode(5000 + number, nodes[chance.randrange(len(nodes))].id, "new"))
         for node in chance.sample(nodes, 3):
             node.state, node.progress_code = chance.choice([1, 2, 3, 4]), chance.randrange(2, 9)
             node.progress_message = chance.choice(["", f"at {number}"])
-        if run.enter(fresh(nodes), 1000.0 + number) or len(run) > len(told):
+        if run.record(fresh(nodes), 1000.0 + number) or len(run) > len(told):
             told.append((1000.0 + number, [(n.id, n.state, n.progress_code, n.progress_message) for n in nodes]))
     assert len(run) == len(told) > 250
     for tick in (0, 1, 62, 63, 64, 65, 88, 89, 90, len(told) - 1, *chance.sample(range(len(told)), 30)):
@@ -41,44 +41,44 @@ def test_every_tick_can_be_gone_back_to() -> None:
 def test_ticks_in_which_nothing_changes_take_no_room() -> None:
     run = TaskRun("/robot", 5)
     for number in range(50):
-        run.enter(pick_and_place(), 1000.0 + number)
+        run.record(pick_and_place(), 1000.0 + number)
     assert len(run) == 1
-    assert run.now.time == 1049.0
+    assert run.latest.time == 1049.0
 
 
 def test_nodes_that_are_the_same_objects_are_not_read_again() -> None:
     """As `QuickTreeProgress` tells those of which nothing is new."""
     run, nodes = TaskRun("/robot", 5), pick_and_place()
-    run.enter(nodes, 1000.0)
+    run.record(nodes, 1000.0)
     other = fresh(nodes)[4]
     other.state, other.progress_message = RUNNING, "placing"
-    assert not run.enter([*nodes[:4], other], 1001.0)
-    assert [run.now.state(place) for place in range(5)] == [RUNNING, RUNNING, RUNNING, IDLE, RUNNING]
-    assert (run.now.message(4), run.now.duration(4), run.now.duration(1)) == ("placing", 0.0, 1.0)
+    assert not run.record([*nodes[:4], other], 1001.0)
+    assert [run.latest.state(place) for place in range(5)] == [RUNNING, RUNNING, RUNNING, IDLE, RUNNING]
+    assert (run.latest.message(4), run.latest.duration(4), run.latest.duration(1)) == ("placing", 0.0, 1.0)
     assert run.frame(0).messages == {}
-    assert run.enter([*nodes[:4], Told(300, 5, "other")], 1002.0)
+    assert run.record([*nodes[:4], ProgressNode(300, 5, "other")], 1002.0)
 
 
 def test_how_long_a_node_ran_is_known_live_and_back_in_time() -> None:
     run = TaskRun("/robot", 5)
-    run.enter(pick_and_place(IDLE), 1000.0)
-    run.enter(pick_and_place(RUNNING), 1001.0)
-    run.enter(pick_and_place(RUNNING, RUNNING), 1003.0)
-    run.enter(pick_and_place(SUCCESS, RUNNING), 1004.0)
-    run.enter(pick_and_place(SUCCESS, FAILURE), 1006.5)
-    pick, place = run.now.shape.places[100], run.now.shape.places[200]
-    assert (run.now.duration(pick), run.now.duration(place)) == (3.0, 3.5)
-    assert [run.now.durations()[p] for p in (pick, place)] == [3.0, 3.5]
+    run.record(pick_and_place(IDLE), 1000.0)
+    run.record(pick_and_place(RUNNING), 1001.0)
+    run.record(pick_and_place(RUNNING, RUNNING), 1003.0)
+    run.record(pick_and_place(SUCCESS, RUNNING), 1004.0)
+    run.record(pick_and_place(SUCCESS, FAILURE), 1006.5)
+    pick, place = run.latest.shape.index_by_id[100], run.latest.shape.index_by_id[200]
+    assert (run.latest.duration(pick), run.latest.duration(place)) == (3.0, 3.5)
+    assert [run.latest.durations()[p] for p in (pick, place)] == [3.0, 3.5]
     assert run.frame(2).duration(pick) == 2.0
     assert run.frame(0).duration(pick) is None
-    assert run.now.began(pick) == 1001.0
+    assert run.latest.began(pick) == 1001.0
 
 
 def test_a_node_that_starts_again_is_timed_anew() -> None:
     run = TaskRun("/robot", 5)
     for second, state in enumerate([RUNNING, SUCCESS, IDLE, RUNNING, RUNNING]):
-        run.enter(pick_and_place(state), 1000.0 + second)
-    assert run.now.duration(1) == 1.0
+        run.record(pick_and_place(state), 1000.0 + second)
+    assert run.latest.duration(1) == 1.0
 
 
 def test_a_task_that_ran_before_the_window_opened_has_its_managers_times() -> None:
@@ -86,37 +86,37 @@ def test_a_task_that_ran_before_the_window_opened_has_its_managers_times() -> No
     nodes[2].progress_time = 30.0
     nodes[1].progress_time = float("nan")
     run = TaskRun("/robot", 5)
-    run.enter(fresh(nodes), 1000.0)
-    assert run.now.duration(2) == 30.0
-    assert run.now.duration(1) == 0.0
+    run.record(fresh(nodes), 1000.0)
+    assert run.latest.duration(2) == 30.0
+    assert run.latest.duration(1) == 0.0
 
 
 def test_what_runs_is_what_is_lowest() -> None:
     run = TaskRun("/robot", 5)
-    run.enter(pick_and_place(), 1000.0)
-    assert [run.now.shape.name(p) for p in run.now.running()] == ["move_arm"]
+    run.record(pick_and_place(), 1000.0)
+    assert [run.latest.shape.name(p) for p in run.latest.running()] == ["move_arm"]
 
 
 def test_a_number_that_is_used_again_is_another_task() -> None:
     runs = Runs()
-    runs.enter("/robot", pick_and_place(), 1.0)
-    runs.enter("/robot", pick_and_place(SUCCESS, SUCCESS, state=SUCCESS, code=1), 2.0)
-    runs.enter("/robot", pick_and_place(SUCCESS, SUCCESS, state=SUCCESS, code=1), 3.0)  # told again at the end
-    runs.enter("/robot", pick_and_place(), 4.0)
-    runs.enter("/other", pick_and_place(), 5.0)
+    runs.record("/robot", pick_and_place(), 1.0)
+    runs.record("/robot", pick_and_place(SUCCESS, SUCCESS, state=SUCCESS, code=1), 2.0)
+    runs.record("/robot", pick_and_place(SUCCESS, SUCCESS, state=SUCCESS, code=1), 3.0)  # told again at the end
+    runs.record("/robot", pick_and_place(), 4.0)
+    runs.record("/other", pick_and_place(), 5.0)
     assert [(run.robot, run.start) for run in runs] == [("/robot", 1.0), ("/robot", 4.0), ("/other", 5.0)]
-    assert runs.enter("/robot", [], 6.0) is None
+    assert runs.record("/robot", [], 6.0) is None
 
 
 def test_a_manager_that_was_started_anew_counts_anew_and_its_old_tasks_stay_lost() -> None:
     runs = Runs()
-    runs.enter("/robot", pick_and_place(), 1.0)
-    runs.enter("/other", pick_and_place(), 1.0)
-    runs.lose("/robot")
+    runs.record("/robot", pick_and_place(), 1.0)
+    runs.record("/other", pick_and_place(), 1.0)
+    runs.mark_lost("/robot")
     assert [run.is_lost for run in runs] == [True, False]
-    runs.enter("/robot", pick_and_place(), 2.0)  # the same skill again, with the same number
+    runs.record("/robot", pick_and_place(), 2.0)  # the same skill again, with the same number
     assert [(run.start, run.is_lost) for run in runs] == [(1.0, True), (1.0, False), (2.0, False)]
-    runs.forget_ended()
+    runs.clear_ended()
     assert [run.start for run in runs] == [1.0, 2.0]
 
 
@@ -125,9 +125,9 @@ def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:
     for number in range(2000):
         for node in nodes[1:20]:
             node.progress_code += 1
-        entered = runs.enter("/robot", fresh(nodes), 1000.0 + number)
-    assert entered is not None
-    run = entered[0]
+        recorded = runs.record("/robot", fresh(nodes), 1000.0 + number)
+    assert recorded is not None
+    run = recorded[0]
     assert run.size <= 200_000
     assert run.dropped > 0 and run.dropped + len(run) == 2000
     assert run.frame(0).code(1) == run.dropped + 1
@@ -137,18 +137,18 @@ def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:
 def test_of_tasks_that_have_ended_the_oldest_go_first() -> None:
     runs = Runs(most_tasks=3)
     for number in range(6):
-        runs.enter("/robot", pick_and_place(task_id=number, state=SUCCESS, code=1), float(number))
+        runs.record("/robot", pick_and_place(task_id=number, state=SUCCESS, code=1), float(number))
     assert [run.task_id for run in runs] == [2, 3, 4, 5]
-    assert runs.gone == 2
+    assert runs.evicted == 2
 
 
 def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     for number in range(50):
         nodes[2].progress_message = f"{number} mm"
-        run.enter(fresh(nodes), 1000.0 + number * 0.04)
+        run.record(fresh(nodes), 1000.0 + number * 0.04)
     nodes[2].state, nodes[2].progress_message = FAILURE, "it slipped"
-    run.enter(fresh(nodes), 1002.0)
+    run.record(fresh(nodes), 1002.0)
     of_arm = [(line.state, line.message) for line in run.log.lines if line.name == "move_arm"]
     assert of_arm == [(RUNNING, "0 mm"), (RUNNING, "25 mm"), (FAILURE, "it slipped")]
     assert [line.name for line in run.log.lines if line.message == ""] == ["task 5", "pick"]
@@ -156,9 +156,9 @@ def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
 
 def test_the_messages_of_a_node_that_fails_and_starts_all_the_time_are_bounded() -> None:
     run, nodes = TaskRun("/robot", 5), pick_and_place()
-    for number in range(MOST_LINES):
+    for number in range(MAX_LINES):
         nodes[2].state, nodes[2].progress_message = (FAILURE, "x" * 5000) if number % 2 else (RUNNING, "")
-        run.enter(fresh(nodes), 1000.0 + number)
-    assert len(run.log) == MOST_LINES
-    assert run.log.dropped == run.log.count - MOST_LINES
+        run.record(fresh(nodes), 1000.0 + number)
+    assert len(run.log) == MAX_LINES
+    assert run.log.dropped == run.log.count - MAX_LINES
     assert max(len(line.message) for line in run.log.lines) == 500

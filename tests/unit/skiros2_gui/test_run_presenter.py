@@ -11,15 +11,15 @@ import pytest
 
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ManagersChanged, Progressed, TaskStarted
-from skiros2_gui.core.live_runs import state_text
-from skiros2_gui.core.run_presenter import PAUSE, RESUME, STEP, STOP, RunPresenter
-from skiros2_gui.core.run_tree import RunTree
-from skiros2_gui.core.window import Window
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.events import ManagersChanged, TaskProgress, TaskStarted
+from skiros2_gui.app.window import Window
+from skiros2_gui.run.live_runs import state_text
+from skiros2_gui.run.presenter import PAUSE, RESUME, STEP, STOP, RunPresenter
+from skiros2_gui.run.tree import RunTree
 from skiros2_gui.testing.local_system import LocalManager, LocalSystem
+from skiros2_gui.testing.synchronous import make_window
 from skiros2_skill.command_line.assignments import Step
-from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, Told, pick_and_place, random_tree, root
+from support.progress import FAILURE, IDLE, RUNNING, SUCCESS, ProgressNode, pick_and_place, random_tree, root
 from support.recorded_run import ROOT
 from support.ros import wait_until
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe
@@ -68,13 +68,13 @@ def robot(window: Window, presenter: RunPresenter) -> LocalManager:
         world.add_element(element)
         holder = element.id
     made = window.system.add_manager("/robot", [Held])
-    window.take_news()
+    window.process_events()
     return made
 
 
 def until(window: Window, condition: Callable[[], object]) -> None:
     def is_so() -> object:
-        window.take_news()
+        window.process_events()
         return condition()
 
     wait_until(is_so, 10.0)
@@ -94,39 +94,39 @@ def test_a_task_that_is_started_is_shown_and_commanded(window: Window, presenter
     presenter.toggle()
     until(window, lambda: presenter.is_paused)
     assert state_text(presenter.run) == ("‖", "paused")
-    ticks = presenter.run.now.code(1)
+    ticks = presenter.run.latest.code(1)
     presenter.command(STEP)
-    until(window, lambda: presenter.run.now.code(1) == ticks + 1 and presenter.is_paused)
+    until(window, lambda: presenter.run.latest.code(1) == ticks + 1 and presenter.is_paused)
     presenter.toggle()
     until(window, lambda: not presenter.is_paused)
     presenter.command(STOP)
-    until(window, lambda: presenter.run.now.has_ended)
+    until(window, lambda: presenter.run.latest.has_ended)
     assert not presenter.is_live
-    assert presenter.run.now.state(0) == FAILURE
+    assert presenter.run.latest.state(0) == FAILURE
     presenter.command(STOP)  # of a task that has ended: nothing
     assert window.problems.newest is None
 
 
 def test_a_command_that_is_refused_is_shown(window: Window, presenter: RunPresenter, robot: LocalManager):
-    window.tell(Progressed("/robot", pick_and_place(task_id=77), 1.0))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=77), 1.0))
     presenter.command(PAUSE)
     assert window.problems.newest.line.startswith("pausing task 77 of /robot: ")
-    window.tell(Progressed("/nobody", pick_and_place(task_id=3), 1.0))
+    window.publish(TaskProgress("/nobody", pick_and_place(task_id=3), 1.0))
     presenter.pick(list(presenter.runs)[-1])
     presenter.command(STOP)
-    assert window.problems.newest.line == "stopping task 3 of /nobody: /nobody is not there"
+    assert window.problems.newest.line == "stopping task 3 of /nobody: /nobody is not running"
 
 
 def test_conditions_of_the_selected_node_are_told_with_their_values(window, presenter, robot):
     started(window, presenter, robot)
     text = presenter.node.text(presenter.frame, 1)
-    marks = [(told.stage, told.mark) for told in text.conditions]
+    marks = [(told.stage, told.symbol) for told in text.conditions]
     assert marks == [("before the start (it has started; this is how it is now)", "✓"), ("while it runs", "✓")]
     assert "box" in text.conditions[0].text and "thing" in text.conditions[0].text
     assert {key: origin for key, _, origin in text.params}["Object"].startswith("inferred")
     thing = window.system.world.resolve_elements(Element("skiros:Product", "thing"))[0].id
     window.system.world.remove_element(thing)
-    until(window, lambda: presenter.run.now.has_ended)
+    until(window, lambda: presenter.run.latest.has_ended)
     presenter.ask_node()
     text = presenter.node.text(presenter.frame, 1)
     assert f"element {thing} " in text.why[0]
@@ -137,33 +137,33 @@ def test_why_a_node_failed_is_asked_of_its_manager(window, presenter, robot):
     started(window, presenter, robot)
     Held.ending = "failure"
     Held.ended.set()
-    until(window, lambda: presenter.run.now.has_ended)
+    until(window, lambda: presenter.run.latest.has_ended)
     presenter.ask_node()
     assert presenter.node.text(presenter.frame, 1).why[0].strip() == "it has gone"
 
 
 def test_a_breakpoint_at_a_node_is_set_marked_met_and_taken_away(window, presenter, robot):
-    window.tell(Progressed("/robot", [root(), Told(9, 5, "guard", "skiros:Guard")], 1.0))
+    window.publish(TaskProgress("/robot", [root(), ProgressNode(9, 5, "guard", "skiros:Guard")], 1.0))
     shape = presenter.frame.shape
     presenter.breakpoints.toggle("/robot", shape, 1)
-    assert presenter.breakpoints.marks("/robot", shape) == {1: "start"}
+    assert presenter.breakpoints.by_node("/robot", shape) == {1: "start"}
     (known,) = presenter.breakpoints.of("/robot")
     assert str(known) == "before the start of node skiros:Guard-guard"
     task = robot.command("start", -1, [Step("skiros:Guard", "guard")])
-    window.tell(TaskStarted("/robot", task))
+    window.publish(TaskStarted("/robot", task))
     until(window, lambda: presenter.run.task_id == task and presenter.is_paused)
-    assert presenter.run.now.message(0).startswith("paused at breakpoint 1")
+    assert presenter.run.latest.message(0).startswith("paused at breakpoint 1")
     presenter.breakpoints.toggle("/robot", shape, 1)
-    assert presenter.breakpoints.marks("/robot", shape) == {}
+    assert presenter.breakpoints.by_node("/robot", shape) == {}
     presenter.command(RESUME)
-    until(window, lambda: presenter.run.now.state(1) == RUNNING)
+    until(window, lambda: presenter.run.latest.state(1) == RUNNING)
 
 
 def test_a_breakpoint_that_makes_no_sense_is_refused_in_words(window, presenter, robot):
     presenter.breakpoints.add("/robot", "node", "x", "sometimes")
     assert "sometimes" in window.problems.newest.line
     presenter.breakpoints.add("/gone", "node", "x", "start")
-    assert "/gone is not there" in window.problems.newest.line
+    assert "/gone is not running" in window.problems.newest.line
 
 
 def test_a_manager_that_answers_nonsense_is_said(window, presenter, robot, monkeypatch):
@@ -180,13 +180,13 @@ def test_a_manager_that_answers_nonsense_is_said(window, presenter, robot, monke
 def test_when_a_robot_goes_its_tasks_are_lost_and_can_still_be_looked_at(window, presenter, robot):
     started(window, presenter, robot)
     run = presenter.run
-    robot._told = lambda event: None  # it is killed
+    robot._report = lambda event: None  # it is killed
     window.system.remove_manager("/robot")
-    window.take_news()
-    assert state_text(run) == ("?", "lost: its end was not heard of")
+    window.process_events()
+    assert state_text(run) == ("?", "lost: its end was not reported")
     assert not presenter.is_live
     assert presenter.frame.state(1) == RUNNING
-    presenter.forget_ended()
+    presenter.clear_ended()
     assert presenter.run is None and presenter.frame is None
 
 
@@ -194,32 +194,32 @@ def test_a_task_whose_end_was_not_heard_of_is_lost_and_one_that_is_paused_is_not
     task = started(window, presenter, robot)
     presenter.toggle()
     until(window, lambda: presenter.is_paused)
-    window.tell(Progressed("/robot", pick_and_place(task_id=task + 1), time.time() - 100))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=task + 1), time.time() - 100))
     presenter.check(time.time())
     presenter.check(time.time() + 100)
     assert {run.task_id: run.is_lost for run in presenter.runs} == {task: False, task + 1: True}
-    window.tell(Progressed("/robot", pick_and_place(task_id=task + 1), time.time()))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=task + 1), time.time()))
     assert not any(run.is_lost for run in presenter.runs)  # it has told of itself again
 
 
 def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_picked_it(window, presenter):
     over = {"state": SUCCESS, "code": 1}
-    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=1, **over), 1.0))
-    window.tell(Progressed("/robot", pick_and_place(task_id=2), 2.0))
+    window.publish(TaskProgress("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=1, **over), 1.0))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=2), 2.0))
     assert presenter.run.task_id == 2
-    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=2, **over), 3.0))
+    window.publish(TaskProgress("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=2, **over), 3.0))
     presenter.pick(presenter.run)
-    window.tell(Progressed("/robot", pick_and_place(task_id=3), 4.0))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=3), 4.0))
     assert presenter.run.task_id == 2
-    window.tell(TaskStarted("/robot", 3))
-    window.tell(Progressed("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=3, **over), 5.0))
-    window.tell(Progressed("/robot", pick_and_place(task_id=4), 6.0))
+    window.publish(TaskStarted("/robot", 3))
+    window.publish(TaskProgress("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=3, **over), 5.0))
+    window.publish(TaskProgress("/robot", pick_and_place(task_id=4), 6.0))
     assert presenter.run.task_id == 4
 
 
 def test_stepping_through_ticks_ends_at_the_present(window, presenter):
     for second, (pick, place) in enumerate([(IDLE, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING)]):
-        window.tell(Progressed("/robot", pick_and_place(pick, place), 1000.0 + second))
+        window.publish(TaskProgress("/robot", pick_and_place(pick, place), 1000.0 + second))
     presenter.step(-1)
     assert (presenter.tick, presenter.frame.state(1)) == (1, RUNNING)
     presenter.step(-5)
@@ -236,10 +236,10 @@ def test_what_is_quiet_is_folded_and_what_runs_is_jumped_to(window, presenter):
         node.state = SUCCESS
     busy = nodes[200]
     busy.state = RUNNING
-    window.tell(Progressed("/robot", nodes, 1.0))
+    window.publish(TaskProgress("/robot", nodes, 1.0))
     presenter.change_folds(RunTree.fold_quiet)
     shape, drawing = presenter.frame.shape, presenter.tree.drawing
-    place = shape.places[busy.id]
+    place = shape.index_by_id[busy.id]
     assert all(drawing.is_drawn(above) for above in shape.path(place))
     assert len(drawing.drawn) < 100
     assert presenter.running() == [place]
@@ -250,12 +250,13 @@ def test_what_is_quiet_is_folded_and_what_runs_is_jumped_to(window, presenter):
 
 def test_selection_and_folds_stay_when_the_tree_grows(window, presenter):
     nodes = pick_and_place()
-    window.tell(Progressed("/robot", nodes, 1.0))
+    window.publish(TaskProgress("/robot", nodes, 1.0))
     presenter.select(4)
     presenter.fold(1)
-    window.tell(Progressed("/robot", [nodes[0], nodes[1], nodes[2], Told(300, 100, "new"), *nodes[3:]], 2.0))
+    grown = [*nodes[:3], ProgressNode(300, 100, "new"), *nodes[3:]]
+    window.publish(TaskProgress("/robot", grown, 2.0))
     presenter.tree.show(presenter.frame.shape)
-    assert presenter.frame.shape.name(presenter.tree.place()) == "place"
+    assert presenter.frame.shape.name(presenter.tree.selected_index()) == "place"
     assert presenter.tree.drawing.hidden == {1: 3}
 
 
@@ -267,13 +268,13 @@ def test_a_bag_that_was_cut_off_is_read_as_far_as_it_goes_and_it_is_said(window,
     assert "the bag is not whole" in window.problems.newest.line
     presenter.select(1)
     assert "not recorded" in presenter.node.text(presenter.frame, 1).note
-    window.tell(ManagersChanged())
+    window.publish(ManagersChanged())
     assert presenter.bag is not None
 
 
 def test_the_skills_that_took_longest_come_first(window, presenter):
     for second, (pick, place) in enumerate([(RUNNING, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING), (SUCCESS, SUCCESS)]):
-        window.tell(Progressed("/robot", pick_and_place(pick, place), 1000.0 + second))
+        window.publish(TaskProgress("/robot", pick_and_place(pick, place), 1000.0 + second))
     shape = presenter.frame.shape
     assert [(shape.name(p), s) for p, s in presenter.by_time()] == [("pick", 2.0), ("move_arm", 2.0), ("place", 1.0)]
     assert len(presenter.by_time(1)) == 1

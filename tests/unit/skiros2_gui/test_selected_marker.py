@@ -10,9 +10,9 @@ import pytest
 from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.markers import Showing, Shown
-from skiros2_gui.ros import selected_marker
-from skiros2_gui.ros.selected_marker import SelectedMarker
+from skiros2_gui.view3d.markers import ElementMarker, MarkerFactory
+from skiros2_gui.view3d.ros import selected_marker
+from skiros2_gui.view3d.ros.selected_marker import SelectedMarker
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -87,11 +87,11 @@ class Setting:
         self.problems.append((what, str(error)))
         self.told.set()
 
-    def shown(self) -> Shown | None:
-        return Showing(self.world.is_subclass).of(self.world.get_element(self.element.id))
+    def marker(self) -> ElementMarker | None:
+        return MarkerFactory(self.world.is_subclass).make(self.world.get_element(self.element.id))
 
     def show(self) -> None:
-        self.selected.show(self.shown())
+        self.selected.show(self.marker())
 
     @property
     def marker_x(self) -> float:

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 from skiros2_common.core.explanation import INFERENCE, PRE
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import Progressed
-from skiros2_gui.core.skills_catalogue import rows_of
-from skiros2_gui.core.skills_fields import Editor, Field, Way
-from skiros2_gui.core.skills_presenter import Refused, SkillsPresenter
-from skiros2_gui.core.skills_tasks import TaskRow
-from skiros2_gui.core.skills_words import verdict
-from skiros2_gui.core.window import Window
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.events import TaskProgress
+from skiros2_gui.app.window import Window
+from skiros2_gui.skills.catalogue import rows_of
+from skiros2_gui.skills.fields import Editor, Field, ValueMode
+from skiros2_gui.skills.presenter import Refused, SkillsPresenter
+from skiros2_gui.skills.start_status import start_status
+from skiros2_gui.skills.task_rows import TaskRow
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import make_window
 from skiros2_skill.command_line.description import Parameter
 from unit.skiros2_gui.lab_skills import fetch, fetch_gently, furnish, note
 
@@ -45,17 +45,17 @@ class Lab:
     def until(self, state: str) -> None:
         """Takes news until the task that was started last is so."""
         while True:
-            last = self.skills.running.last_of(ROBOT)
+            last = self.skills.tasks.last_of(ROBOT)
             if last is not None and last.state == state:
                 return
             assert self.heard.wait(5.0), f"no {state} was told"
             self.heard.clear()
-            self.window.take_news()
+            self.window.process_events()
 
     def __post_init__(self) -> None:
         self.heard = threading.Event()
-        self.window._inbox._wake = self.heard.set
-        self.window.take_news()
+        self.window._event_queue._wake = self.heard.set
+        self.window.process_events()
 
 
 @pytest.fixture
@@ -106,11 +106,11 @@ def test_a_robot_that_goes_takes_its_skills_along(lab: Lab) -> None:
     lab.skills.write("Text", "kept")
     assert lab.skills.can_start
     lab.system.remove_manager(ROBOT)
-    lab.window.take_news()
+    lab.window.process_events()
     assert rows_of({}, {}) == lab.skills.rows == ()
     assert not lab.skills.can_start
     lab.system.add_manager(ROBOT, [note])
-    lab.window.take_news()
+    lab.window.process_events()
     assert lab.skills.can_start
     assert lab.field("Text").text == "kept"
 
@@ -196,11 +196,11 @@ def test_several_defaults_are_a_list() -> None:
 
 def test_an_optional_value_without_default_may_be_unset() -> None:
     field = _field("int", kind="optional")
-    assert (field.way, field.values()) == (Way.UNSET, [])
+    assert (field.mode, field.values()) == (ValueMode.UNSET, [])
     field.write("3")
     assert field.values() == [3]
     field.write("")
-    assert (field.way, field.error) == (Way.UNSET, "")
+    assert (field.mode, field.error) == (ValueMode.UNSET, "")
 
 
 _KINDS = st.sampled_from(["str", "int", "float", "bool", "list", "dict", "geometry::Thing", "skiros_wm::Element"])
@@ -223,27 +223,27 @@ def test_what_is_typed_is_a_value_or_told_to_be_none(wire_type: str, text: str, 
 def test_the_elements_that_would_be_inferred_are_shown(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     assert [f.key for f in lab.skills.form.fields.values()][:2] == ["Thing", "Times"]
-    trial = lab.skills.trial
-    assert trial.works
-    assert {key: choice.label for key, choice in trial.values.items()} == {
+    preview = lab.skills.preview
+    assert preview.works
+    assert {key: choice.label for key, choice in preview.values.items()} == {
         "Box": "box",
         "Thing": "bolt",
         "Robot": "skiros:test_robot",
     }
-    assert [c.label for c in trial.choices["skiros:Product"]] == ["bolt", "nut"]
+    assert [c.label for c in preview.choices["skiros:Product"]] == ["bolt", "nut"]
 
 
 def test_a_start_that_would_be_refused_is_explained(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", lab.ids["nut"])
-    refusal = lab.skills.trial.refusal
+    refusal = lab.skills.preview.refusal
     assert [tried.label for tried in refusal.tried] == ["fetch", "fetch_gently"]
     assert refusal.tried[0].stage == INFERENCE
     assert "none skiros:contain" in refusal.tried[0].message
     lab.skills.choose((ROBOT, "skiros:Fetch", "fetch"))
     lab.skills.choose_value("Thing", lab.ids["nut"])
     lab.skills.choose_value("Box", lab.ids["box"])
-    refusal = lab.skills.trial.refusal
+    refusal = lab.skills.preview.refusal
     assert (refusal.stage, [f.label for f in refusal.findings]) == (PRE, ["BoxHasThing", "Weighed"])
 
 
@@ -254,7 +254,7 @@ def test_robot_is_found_by_its_managers_name_with_and_without_slash(lab: Lab, na
     robot.setProperty("skiros:SkillMgr", name)
     world.update_element(robot)
     lab.skills.choose(FETCH)
-    assert lab.skills.trial.values["Robot"].id == robot.id
+    assert lab.skills.preview.values["Robot"].id == robot.id
 
 
 def test_element_of_a_class_that_a_parameter_does_not_declare_is_not_refused_for_it(lab: Lab) -> None:
@@ -265,22 +265,22 @@ def test_element_of_a_class_that_a_parameter_does_not_declare_is_not_refused_for
     world.add_element(bag)
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Box", bag.id)
-    assert lab.skills.trial.works
+    assert lab.skills.preview.works
 
 
 def test_an_element_that_is_gone_is_said(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", "skiros:Product-99")
-    assert "skiros:Product-99" in lab.skills.trial.problem
+    assert "skiros:Product-99" in lab.skills.preview.problem
 
 
 def test_a_change_of_the_scene_is_seen_at_the_next_look(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     world = lab.system.world
     world.remove_element(world.get_element(lab.ids["bolt"]))
-    lab.window.take_news()
-    lab.skills.look()
-    assert not lab.skills.trial.works
+    lab.window.process_events()
+    lab.skills.refresh()
+    assert not lab.skills.preview.works
 
 
 # -- starting ------------------------------------------------------------------------------------------------------
@@ -293,15 +293,15 @@ def test_a_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     assert lab.skills.can_start
     lab.skills.start()
     lab.until("running")
-    row = lab.skills.running.last_of(ROBOT)
+    row = lab.skills.tasks.last_of(ROBOT)
     assert (row.skill, lab.skills.uses) == ("Fetch", {"skiros:Fetch|": 1})
-    lab.skills.running.pause(row.key)
+    lab.skills.tasks.pause(row.key)
     lab.until("paused")
-    lab.skills.running.step(row.key)
+    lab.skills.tasks.step(row.key)
     robot = lab.system.managers[ROBOT]
     while robot.tasks()[0][0].progress_message != "paused":  # the tick takes its time
         lab.heard.wait(1.0)
-    lab.skills.running.go_on(row.key)
+    lab.skills.tasks.resume(row.key)
     lab.until("running")
     lab.skills.toggle()
     lab.until("failed")
@@ -320,8 +320,8 @@ def test_several_tasks_run_at_once(lab: Lab) -> None:
     lab.skills.start()
     lab.skills.start()
     lab.until("running")
-    assert [row.state for row in lab.skills.running.rows] == ["running", "running"]
-    lab.skills.running.stop_all()
+    assert [row.state for row in lab.skills.tasks.rows] == ["running", "running"]
+    lab.skills.tasks.stop_all()
     lab.until("failed")
 
 
@@ -340,7 +340,7 @@ def test_a_refused_start_says_why(lab: Lab) -> None:
 def test_refusal_of_several_lines_has_the_first_as_its_text(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.refused = Refused("start by window refused: KeyError: 'To' (pick.py, line 7)\nTraceback\n  more")
-    said = verdict(lab.skills)
+    said = start_status(lab.skills)
     assert said.text == "Refused: KeyError: 'To' (pick.py, line 7)"
     assert said.details == ("Traceback", "  more")
 
@@ -351,11 +351,11 @@ def test_a_task_that_failed_says_why(lab: Lab) -> None:
     lab.skills.choose_value("Loud", True)
     lab.skills.start()
     lab.until("failed")
-    row = lab.skills.running.rows[0]
-    lab.skills.running.ask_why(row.key)
-    assert "too loud" in "\n".join(lab.skills.running.why)
-    lab.skills.running.forget_ended()
-    assert lab.skills.running.rows == []
+    row = lab.skills.tasks.rows[0]
+    lab.skills.tasks.ask_why(row.key)
+    assert "too loud" in "\n".join(lab.skills.tasks.why)
+    lab.skills.tasks.clear_ended()
+    assert lab.skills.tasks.rows == []
 
 
 def test_a_task_that_runs_and_tells_nothing_is_silent() -> None:
@@ -370,12 +370,12 @@ def test_tasks_of_a_robot_that_goes_are_lost(lab: Lab) -> None:
     lab.skills.start()
     lab.until("running")
     lab.system.remove_manager(ROBOT)
-    lab.window.take_news()
-    assert lab.skills.running.rows[0].is_over
+    lab.window.process_events()
+    assert lab.skills.tasks.rows[0].is_finished
 
 
 def test_a_task_that_tells_nonsense_does_no_harm(lab: Lab) -> None:
     root = lab.system.managers[ROBOT]
-    lab.window.tell(Progressed("/ghost", (), 0.0))
-    assert lab.skills.running.rows == []
+    lab.window.publish(TaskProgress("/ghost", (), 0.0))
+    assert lab.skills.tasks.rows == []
     assert root.tasks() == []

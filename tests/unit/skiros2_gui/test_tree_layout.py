@@ -7,10 +7,10 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skiros2_gui.core.run_drawing import Drawing
-from skiros2_gui.core.run_shape import Shape, keys_of
-from skiros2_gui.core.tree_layout import OTHERS, SIBLINGS, tidy
-from support.progress import Told, pick_and_place, random_tree, root
+from skiros2_gui.run.drawing import Drawing
+from skiros2_gui.run.layout import COUSINS, SIBLINGS, tidy_layout
+from skiros2_gui.run.shape import Shape, keys_of
+from support.progress import ProgressNode, pick_and_place, random_tree, root
 
 #: Types and processors.
 UNNAMED = [("skiros:Pick", "->*"), (":Skill", "->*"), (":Skill", "|ff|"), (":Skill", "nofail(->)"), (":Skill", "")]
@@ -30,12 +30,12 @@ def children_of(steps: list[int]) -> list[list[int]]:
 @given(trees)
 def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_middle(steps: list[int]) -> None:
     children = children_of(steps)
-    row = tidy(children)
+    row = tidy_layout(children)
     assert min(row) == 0.0
     level, parent = [0], {0: -1}
     while level:
         for one, next_one in itertools.pairwise(level):
-            gap = SIBLINGS if parent[one] == parent[next_one] else OTHERS
+            gap = SIBLINGS if parent[one] == parent[next_one] else COUSINS
             assert row[next_one] - row[one] >= gap - 1e-9
         for node in level:
             if children[node]:
@@ -46,11 +46,11 @@ def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_m
 
 
 def test_a_chain_of_any_length_is_a_line() -> None:
-    assert tidy([[number + 1] for number in range(5000)] + [[]]) == [0.0] * 5001
+    assert tidy_layout([[number + 1] for number in range(5000)] + [[]]) == [0.0] * 5001
 
 
 def test_no_tree_is_no_layout() -> None:
-    assert tidy([]) == []
+    assert tidy_layout([]) == []
     assert Drawing(Shape([]), ()).drawn == []
 
 
@@ -59,22 +59,23 @@ def test_what_is_under_a_folded_node_is_not_drawn_but_counted() -> None:
     drawing = Drawing(shape, {100})
     assert [shape.name(place) for place in drawing.drawn] == ["task 5", "pick", "place"]
     assert drawing.hidden == {1: 2}
-    assert drawing.shown_for(shape.places[102]) == shape.places[100]
-    assert [list(column.places) for column in drawing.columns] == [[0], [1, 4]]
+    assert drawing.shown_for(shape.index_by_id[102]) == shape.index_by_id[100]
+    assert [list(column.nodes) for column in drawing.columns] == [[0], [1, 4]]
 
 
 def test_every_node_is_drawn_once_and_found_by_its_row() -> None:
     drawing = Drawing(Shape(keys_of(random_tree(1000))), ())
     assert sorted(drawing.drawn) == list(range(1000))
     for column in drawing.columns:
-        for place in column.places:
+        for place in column.nodes:
             row = drawing.row[place]
-            assert place in [column.places[n] for n in column.between(row - 0.4, row + 0.4)]
+            assert place in [column.nodes[n] for n in column.between(row - 0.4, row + 0.4)]
 
 
 def test_whatever_a_manager_tells_is_a_tree() -> None:
     """Parents that do not exist, that come later, or that are the node itself; ids that come twice; no labels."""
-    nodes = [Told(5, -1), Told(1, 99), Told(2, 3), Told(3, 3), Told(3, 1), Told(4, 3, label="", type="")]
+    nodes = [ProgressNode(*ids) for ids in ((5, -1), (1, 99), (2, 3), (3, 3), (3, 1))]
+    nodes.append(ProgressNode(4, 3, label="", type=""))
     shape = Shape(keys_of(nodes))
     assert shape.parents == [-1, 0, 0, 0, 1, 4]
     assert sorted(Drawing(shape, ()).drawn) == list(range(6))
@@ -82,7 +83,7 @@ def test_whatever_a_manager_tells_is_a_tree() -> None:
 
 
 def test_nodes_without_labels_are_named_by_their_class_and_groups_by_how_they_tick() -> None:
-    told = [root(7), *(Told(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
+    told = [root(7), *(ProgressNode(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
     shape = Shape(keys_of(told))
     assert [shape.name(place) for place in range(len(shape))] == [
         "task 7", "Pick", "in turn ->*", "side by side |ff|", "nofail(->)", ":Skill",

@@ -8,13 +8,13 @@ import pytest
 
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.window import Window
-from skiros2_gui.core.world_choices import CLASS, TEMPLATE, class_choices, element_choices, flat
-from skiros2_gui.core.world_questions import Questions, mistake_of
-from skiros2_gui.core.world_scene import LOOSE, TOP, SceneMirror
-from skiros2_gui.core.world_vocabulary import Vocabulary, read_vocabulary
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.window import Window
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import make_window
+from skiros2_gui.world.choices import CLASS, TEMPLATE, class_choices, element_choices, flat
+from skiros2_gui.world.queries import WorldQueries, diagnostic_of
+from skiros2_gui.world.scene import TOP, UNPLACED, SceneHierarchy
+from skiros2_gui.world.vocabulary import Vocabulary, read_vocabulary
 from skiros2_world_model.core.changes import ADD, RESET, UPDATE, Change
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
@@ -83,9 +83,9 @@ def test_a_text_that_is_no_such_value_is_refused_by_name(vocabulary: Vocabulary,
 
 
 def test_a_relation_is_held_against_the_domain_and_range_above_it(vocabulary: Vocabulary) -> None:
-    assert vocabulary.misfit("rparts:ArmDevice", "cora:robotPart", "cora:Robot") == ""
-    assert "for a subject of class Device" in vocabulary.misfit("skiros:Part", "cora:robotPart", "cora:Robot")
-    assert "for an object of class Robot" in vocabulary.misfit("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
+    assert vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "cora:Robot") == ""
+    assert "for a subject of class Device" in vocabulary.mismatch("skiros:Part", "cora:robotPart", "cora:Robot")
+    assert "for an object of class Robot" in vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
     assert vocabulary.predicate("sumo:located").domain == ("sumo:Physical",)  # of the relation above it
 
 
@@ -100,11 +100,12 @@ def test_the_choice_has_all_classes_and_each_template_under_its_class(vocabulary
 def test_elements_of_the_wanted_class_come_first_in_a_choice(vocabulary: Vocabulary) -> None:
     elements = [Element("skiros:Part", "", f"skiros:Part-{i}") for i in (1, 2)]
     elements.append(Element("cora:Robot", "skiros:test_robot", "cora:Robot-3"))
-    mirror = SceneMirror(elements, vocabulary.spatial)
-    assert [eid for eid, _ in element_choices(mirror, vocabulary)] == ["cora:Robot-3", "skiros:Part-1", "skiros:Part-2"]
-    found = element_choices(mirror, vocabulary, ["skiros:Manipulatable"], without="skiros:Part-2")
+    hierarchy = SceneHierarchy(elements, vocabulary.spatial)
+    found = element_choices(hierarchy, vocabulary)
+    assert [eid for eid, _ in found] == ["cora:Robot-3", "skiros:Part-1", "skiros:Part-2"]
+    found = element_choices(hierarchy, vocabulary, ["skiros:Manipulatable"], without="skiros:Part-2")
     assert [eid for eid, _ in found] == ["skiros:Part-1", "cora:Robot-3"]
-    assert element_choices(mirror, vocabulary, text="starter")[-1] == ("skiros:starter", "starter  (template)")
+    assert element_choices(hierarchy, vocabulary, text="starter")[-1] == ("skiros:starter", "starter  (template)")
 
 
 # -- a scene that is not as it should be -------------------------------------------------------------------------
@@ -120,12 +121,12 @@ def test_elements_in_a_circle_and_relations_to_nothing_do_no_harm(vocabulary: Vo
     circle = [_related("skiros:Part-1", "skiros:contain", "skiros:Part-2")]
     circle += [_related("skiros:Part-2", "skiros:contain", "skiros:Part-1"), Element("", "", "odd id without number")]
     circle += [_related("skiros:Part-3", "skiros:contain", "skiros:Part-99")]
-    mirror = SceneMirror(circle, vocabulary.spatial)
-    assert list(mirror.children(TOP)) == [LOOSE]
-    assert list(mirror.children(LOOSE)) == ["odd id without number", "skiros:Part-3"]
-    assert not mirror.has_children("skiros:Part-3")
-    assert mirror.path("skiros:Part-1") == ["skiros:Part-2"]
-    assert mirror.find("PART-1") == ["skiros:Part-1"]
+    hierarchy = SceneHierarchy(circle, vocabulary.spatial)
+    assert list(hierarchy.children(TOP)) == [UNPLACED]
+    assert list(hierarchy.children(UNPLACED)) == ["odd id without number", "skiros:Part-3"]
+    assert not hierarchy.has_children("skiros:Part-3")
+    assert hierarchy.path("skiros:Part-1") == ["skiros:Part-2"]
+    assert hierarchy.find("PART-1") == ["skiros:Part-1"]
 
 
 def _change(number: int, action: str, *elements: Element, before: int | None = None) -> Change:
@@ -135,41 +136,42 @@ def _change(number: int, action: str, *elements: Element, before: int | None = N
 
 def test_a_gap_in_the_changes_and_a_reset_ask_for_the_scene_anew(vocabulary: Vocabulary) -> None:
     part = _related("skiros:Part-1", "skiros:at", ROOT)
-    mirror = SceneMirror([Element("skiros:Scene", "", ROOT)], vocabulary.spatial)
-    assert mirror.follow([_change(5, ADD, part)]) is not None
-    assert mirror.follow([_change(7, UPDATE, part)]) is None
-    assert mirror.follow([_change(6, RESET)]) is None
+    hierarchy = SceneHierarchy([Element("skiros:Scene", "", ROOT)], vocabulary.spatial)
+    assert hierarchy.follow([_change(5, ADD, part)]) is not None
+    assert hierarchy.follow([_change(7, UPDATE, part)]) is None
+    assert hierarchy.follow([_change(6, RESET)]) is None
 
 
 def test_changes_that_the_scene_has_already_are_not_made_twice(vocabulary: Vocabulary) -> None:
     here = Element.shared("skiros:Part", "new", "skiros:Part-1", {}, (), version=9)
-    mirror = SceneMirror([here], vocabulary.spatial)
-    touched = mirror.follow([_change(8, ADD, Element("skiros:Part", "old", "skiros:Part-1")), _change(9, UPDATE, here)])
-    assert touched is not None and not touched.elements
-    node = mirror.scene.node("skiros:Part-1")
+    hierarchy = SceneHierarchy([here], vocabulary.spatial)
+    before = Element("skiros:Part", "old", "skiros:Part-1")
+    update = hierarchy.follow([_change(8, ADD, before), _change(9, UPDATE, here)])
+    assert update is not None and not update.elements
+    node = hierarchy.scene.record("skiros:Part-1")
     assert node is not None and node.label == "new"
 
 
-# -- questions ---------------------------------------------------------------------------------------------------
+# -- queries ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def questions(tmp_path: Path) -> Questions:
+def queries(tmp_path: Path) -> WorldQueries:
     model = WorldModel(source_ontologies(), tmp_path, journal=Journal(tmp_path / "journal.db"))
-    window: Window = make_window(lambda inbox: LocalSystem(inbox, LocalWorldModel("window", model)))
-    return Questions(window)
+    window: Window = make_window(lambda event_queue: LocalSystem(event_queue, LocalWorldModel("window", model)))
+    return WorldQueries(window)
 
 
-def _problem(questions: Questions) -> str:
-    newest = questions.window.problems.newest
+def _problem(queries: WorldQueries) -> str:
+    newest = queries.window.problems.newest
     return newest.line if newest is not None else ""
 
 
-def test_a_query_gives_names_and_values(questions: Questions) -> None:
-    questions.ask("SELECT ?x ?n WHERE { ?x a skiros:Scene ; skiros:PositionX ?n }", "scene")
-    assert questions.answer is not None
-    assert (questions.answer.names, questions.answer.rows) == (("x", "n"), ((ROOT, 0.0),))
-    assert questions.queries[0].startswith("SELECT ?x ?n")
+def test_a_query_gives_names_and_values(queries: WorldQueries) -> None:
+    queries.ask("SELECT ?x ?n WHERE { ?x a skiros:Scene ; skiros:PositionX ?n }", "scene")
+    assert queries.answer is not None
+    assert (queries.answer.names, queries.answer.rows) == (("x", "n"), ((ROOT, 0.0),))
+    assert queries.queries[0].startswith("SELECT ?x ?n")
 
 
 @pytest.mark.parametrize(
@@ -180,34 +182,34 @@ def test_a_query_gives_names_and_values(questions: Questions) -> None:
         ("DROP ALL", 1, ""),
     ],
 )
-def test_a_mistake_in_a_query_tells_its_line(questions: Questions, query: str, line: int, words: str) -> None:
-    questions.ask(query)
-    assert questions.answer is None and questions.mistake is not None
-    assert questions.mistake.line == line and words in questions.mistake.text
-    assert len(questions.mistake.text) < 150
+def test_a_mistake_in_a_query_tells_its_line(queries: WorldQueries, query: str, line: int, words: str) -> None:
+    queries.ask(query)
+    assert queries.answer is None and queries.diagnostic is not None
+    assert queries.diagnostic.line == line and words in queries.diagnostic.text
+    assert len(queries.diagnostic.text) < 150
 
 
 def test_an_error_without_a_line_is_told_as_it_is() -> None:
-    assert mistake_of("the world model does not answer").text == "the world model does not answer"
+    assert diagnostic_of("the world model does not answer").text == "the world model does not answer"
 
 
-def test_the_history_of_an_element_tells_who_did_what(questions: Questions) -> None:
-    world = questions.window.system.world
+def test_the_history_of_an_element_tells_who_did_what(queries: WorldQueries) -> None:
+    world = queries.window.system.world
     assert world is not None
     scene = world.get_element(ROOT)
     scene.label = "Cell 5"
     world.update_element(scene)
-    questions.look_back(ROOT)
-    assert questions.past.entries is not None
-    newest = questions.past.entries[0]
+    queries.fetch_history(ROOT)
+    assert queries.history.entries is not None
+    newest = queries.history.entries[0]
     assert newest.author == "window" and newest.lines[-1].endswith("-> Cell 5")
-    questions.look_back("skiros:Part-77")
-    assert questions.past.entries == () and "skiros:Part-77" in questions.past.text
+    queries.fetch_history("skiros:Part-77")
+    assert queries.history.entries == () and "skiros:Part-77" in queries.history.text
 
 
-def test_a_scene_is_saved_and_loaded(questions: Questions) -> None:
-    questions.save("cell.ttl")
-    questions.load("cell.ttl")
-    assert _problem(questions) == ""
-    questions.load("../outside.ttl")
-    assert "loading the scene (../outside.ttl): " in _problem(questions)
+def test_a_scene_is_saved_and_loaded(queries: WorldQueries) -> None:
+    queries.save("cell.ttl")
+    queries.load("cell.ttl")
+    assert _problem(queries) == ""
+    queries.load("../outside.ttl")
+    assert "loading the scene (../outside.ttl): " in _problem(queries)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.events import ConnectionChanged, ElementSelected, WorldChanged
-from skiros2_gui.core.window import Window
-from skiros2_gui.core.world_presenter import MARKED_FOR, WorldPresenter
-from skiros2_gui.core.world_requests import Requests
-from skiros2_gui.core.world_scene import LOOSE, TOP
-from skiros2_gui.testing.at_once import AtOnce, make_window
+from skiros2_gui.app.events import ConnectionChanged, ElementSelected, WorldChanged
+from skiros2_gui.app.window import Window
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import SynchronousJobs, make_window
+from skiros2_gui.world.presenter import HIGHLIGHT_SECONDS, WorldPresenter
+from skiros2_gui.world.requests import Requests
+from skiros2_gui.world.scene import TOP, UNPLACED
 from skiros2_world_model.core.changes import RESET, Add, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.scene import ROOT
@@ -35,28 +35,28 @@ class Cell:
         self.wm = LocalWorldModel("window")
         self.other = LocalWorldModel("vision", self.wm.model)
         self.clock = Clock()
-        self.window: Window = make_window(lambda inbox: LocalSystem(inbox, self.wm))
+        self.window: Window = make_window(lambda event_queue: LocalSystem(event_queue, self.wm))
         self.tab = WorldPresenter(self.window, self.clock)
 
     def add(self, etype: str = BOX, label: str = "", parent: str = ROOT) -> str:
         """The user adds an element; returns its id."""
         added: list[str] = []
         assert not self.tab.change("add", lambda r: r.add(etype, label, parent), lambda o: added.extend(o.ids))
-        self.window.take_news()
+        self.window.process_events()
         return added[0]
 
     def change(self, make: object) -> str:
         told = self.tab.change("change", make)  # type: ignore[arg-type]
-        self.window.take_news()
+        self.window.process_events()
         return told
 
     def undo(self) -> None:
         self.tab.undo()
-        self.window.take_news()
+        self.window.process_events()
 
     def redo(self) -> None:
         self.tab.redo()
-        self.window.take_news()
+        self.window.process_events()
 
     @property
     def problem(self) -> str:
@@ -65,9 +65,10 @@ class Cell:
 
     def shown(self, eid: str = TOP) -> list[object]:
         """The tree under an element, as nested lists."""
-        mirror = self.tab.mirror
-        assert mirror is not None
-        return [[child, self.shown(child)] if mirror.has_children(child) else child for child in mirror.children(eid)]
+        hierarchy = self.tab.hierarchy
+        assert hierarchy is not None
+        children = hierarchy.children(eid)
+        return [[child, self.shown(child)] if hierarchy.has_children(child) else child for child in children]
 
     def content(self) -> dict[str, object]:
         """All that is in the scene."""
@@ -86,7 +87,7 @@ def test_the_tree_shows_what_contains_what_and_then_what_is_nowhere(cell: Cell) 
     box = cell.add()
     part = cell.add("skiros:Part", "skiros:starter", box)
     loose = cell.add("skiros:Skill", parent="")
-    assert cell.shown() == [[ROOT, [[box, [part]]]], [LOOSE, [loose]]]
+    assert cell.shown() == [[ROOT, [[box, [part]]]], [UNPLACED, [loose]]]
 
 
 def test_an_element_in_two_places_is_shown_in_the_one_that_contains_it(cell: Cell) -> None:
@@ -101,18 +102,18 @@ def test_an_element_in_two_places_is_shown_in_the_one_that_contains_it(cell: Cel
 
 def test_changes_of_others_appear_at_once_and_are_marked_for_some_seconds(cell: Cell) -> None:
     box = cell.add()
-    assert cell.tab.marks == {}
+    assert cell.tab.highlights == {}
     element = cell.other.get_element(box)
     element.label = "skiros:renamed"
     cell.other.update_element(element)
-    cell.window.take_news()
-    assert cell.tab.marks[box].author == "vision"
+    cell.window.process_events()
+    assert cell.tab.highlights[box].author == "vision"
     cell.tab.select(box)
     details = cell.tab.details()
     assert details is not None and (details.label, details.author) == ("skiros:renamed", "vision")
-    cell.clock.now = MARKED_FOR
-    cell.tab.forget_marks()
-    assert cell.tab.marks == {}
+    cell.clock.now = HIGHLIGHT_SECONDS
+    cell.tab.expire_highlights()
+    assert cell.tab.highlights == {}
 
 
 def test_an_element_that_somebody_removes_is_selected_no_more(cell: Cell) -> None:
@@ -121,7 +122,7 @@ def test_an_element_that_somebody_removes_is_selected_no_more(cell: Cell) -> Non
     cell.window.subscribe(ElementSelected, heard.append)
     cell.tab.select(box)
     cell.other.remove_element(cell.other.get_element(box))
-    cell.window.take_news()
+    cell.window.process_events()
     assert cell.tab.selected == "" and cell.tab.details() is None
     assert [event.eid for event in heard] == [box, ""]
 
@@ -166,7 +167,7 @@ def test_a_template_is_added_with_its_parts(cell: Cell) -> None:
     robot = next(e for e in cell.wm.resolve_elements(Element("cora:Robot")))
     assert len(cell.shown(robot.id)) == 1  # its arm, which has a camera and a gripper
     cell.undo()
-    assert cell.shown() == [ROOT, LOOSE]
+    assert cell.shown() == [ROOT, UNPLACED]
     cell.redo()
     assert robot.id in str(cell.shown())
 
@@ -180,7 +181,7 @@ def test_what_goes_with_an_element_is_said_before(cell: Cell) -> None:
     assert isinstance(requests, Requests)
     assert set(requests.removed_with(box)) == {box, part}
     cell.change(lambda r: r.remove([part, box]))
-    assert cell.shown() == [[ROOT, [held]], LOOSE]
+    assert cell.shown() == [[ROOT, [held]], UNPLACED]
 
 
 def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) -> None:
@@ -192,7 +193,7 @@ def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) ->
     cell.undo()
     assert cell.content() == before
     cell.redo()
-    assert cell.shown() == [ROOT, LOOSE]
+    assert cell.shown() == [ROOT, UNPLACED]
     assert cell.problem == ""
 
 
@@ -202,11 +203,11 @@ def test_undo_is_refused_when_somebody_changed_the_same_meanwhile(cell: Cell) ->
     element = cell.other.get_element(box)
     element.setProperty("skiros:Weight", 2.0)
     cell.other.update_element(element)
-    cell.window.take_news()
+    cell.window.process_events()
     cell.undo()
     assert "was changed by vision at" in cell.problem and "Weight is 2 by now, no more 1" in cell.problem
     assert cell.wm.get_element(box).value_of("skiros:Weight") == 2.0
-    assert cell.tab.edits.undo_text == "change"  # it stays, and can be tried again
+    assert cell.tab.undo_stack.undo_text == "change"  # it stays, and can be tried again
 
 
 def test_undo_leaves_what_others_changed_beside(cell: Cell) -> None:
@@ -233,27 +234,27 @@ def test_an_added_element_that_others_have_put_something_in_is_not_taken_back(ce
 
 def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) -> None:
     cell.add()
-    assert cell.tab.edits.undo_text == "add"
+    assert cell.tab.undo_stack.undo_text == "add"
     reset = Change(1, "other-0", "other-1", 0.0, "other", RESET, "")
-    cell.window.tell(WorldChanged((reset,), True, True))
-    assert cell.tab.edits.undo_text == ""
-    assert cell.tab.mirror is not None and len(cell.tab.mirror) == len(cell.content())
+    cell.window.publish(WorldChanged((reset,), True, True))
+    assert cell.tab.undo_stack.undo_text == ""
+    assert cell.tab.hierarchy is not None and len(cell.tab.hierarchy) == len(cell.content())
 
 
 def test_a_scene_that_is_read_anew_keeps_what_can_be_undone(cell: Cell) -> None:
     first = cell.add()
     jobs = cell.window.jobs
-    assert isinstance(jobs, AtOnce)
-    jobs.held = True
-    cell.window.tell(WorldChanged((), is_new=True))  # as when a change was missed
-    jobs.held = False
+    assert isinstance(jobs, SynchronousJobs)
+    jobs.deferred = True
+    cell.window.publish(WorldChanged((), is_reset=True))  # as when a change was missed
+    jobs.deferred = False
     second = cell.add()
     jobs.release()  # what is read has the second already
-    assert len(cell.tab.edits.done) == 2
+    assert len(cell.tab.undo_stack.done) == 2
     cell.undo()
     cell.undo()
     assert cell.wm.find_element(first) is None and cell.wm.find_element(second) is None
-    assert cell.problem == "" and cell.tab.edits.undo_text == ""
+    assert cell.problem == "" and cell.tab.undo_stack.undo_text == ""
 
 
 def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:
@@ -280,8 +281,8 @@ def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -
     for x in (1.0, 2.0, 3.0):  # as the marker in rviz writes it, under the window's name
         element.setProperty("skiros:PositionX", x)
         cell.wm.update_element(element)
-        cell.window.take_news()
-    assert cell.tab.edits.undo_text == f"change of {box.partition(':')[2]}"
+        cell.window.process_events()
+    assert cell.tab.undo_stack.undo_text == f"change of {box.partition(':')[2]}"
     cell.undo()
     assert cell.wm.get_element(box).value_of("skiros:PositionX") == 0.0
     cell.redo()
@@ -295,12 +296,12 @@ def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
     skill = cell.add("skiros:Skill", parent="")
     key, other = (cell.add("skiros:Parameter", parent="") for _ in range(2))
     cell.change(lambda r: r.relate(skill, "skiros:hasParam", key))
-    assert cell.shown() == [ROOT, [LOOSE, [other, [skill, [key]]]]]
+    assert cell.shown() == [ROOT, [UNPLACED, [other, [skill, [key]]]]]
     box = cell.add()
     cell.change(lambda r: r.move(skill, box))  # a skill that is somewhere after all
-    assert cell.shown() == [[ROOT, [[box, [skill]]]], [LOOSE, [key, other]]]
+    assert cell.shown() == [[ROOT, [[box, [skill]]]], [UNPLACED, [key, other]]]
     cell.undo()
-    assert cell.shown(LOOSE) == [other, [skill, [key]]]
+    assert cell.shown(UNPLACED) == [other, [skill, [key]]]
 
 
 def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
@@ -311,23 +312,23 @@ def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
 
     with monkeypatch.context() as gone:
         gone.setattr(cell.wm, "resolve_elements", fail)
-        cell.window.tell(WorldChanged((), True, True))
+        cell.window.publish(WorldChanged((), True, True))
     assert "reading the scene: the world model does not answer" in cell.problem
     box = Element(BOX)
     cell.other.add_element(box)
-    cell.window.tell(ConnectionChanged())
-    assert cell.tab.mirror is not None and box.id in cell.tab.mirror.scene
+    cell.window.publish(ConnectionChanged())
+    assert cell.tab.hierarchy is not None and box.id in cell.tab.hierarchy.scene
 
 
 def test_an_edit_that_the_scene_was_read_with_does_not_keep_later_ones_from_undo(cell: Cell) -> None:
     missed = cell.wm.transact([Add(Element(BOX))])
-    cell.window.take_news()
-    cell.tab.edits.forget()  # as when the scene was read anew meanwhile
-    cell.tab.edits.sent("missed", missed)
+    cell.window.process_events()
+    cell.tab.undo_stack.clear()  # as when the scene was read anew meanwhile
+    cell.tab.undo_stack.push("missed", missed)
     box = cell.add()
-    assert cell.tab.edits.undo_text == "add"
+    assert cell.tab.undo_stack.undo_text == "add"
     cell.undo()
-    assert cell.wm.find_element(box) is None and cell.tab.edits.undo_text == ""
+    assert cell.wm.find_element(box) is None and cell.tab.undo_stack.undo_text == ""
 
 
 def test_undo_and_redo_that_come_faster_than_they_are_heard_of_wait_for_their_turn(cell: Cell) -> None:
@@ -335,6 +336,6 @@ def test_undo_and_redo_that_come_faster_than_they_are_heard_of_wait_for_their_tu
     for step in (cell.tab.undo, cell.tab.undo, cell.tab.redo, cell.tab.undo, cell.tab.redo):
         step()
     for _ in range(5):
-        cell.window.take_news()
+        cell.window.process_events()
     assert cell.wm.find_element(first) is not None and cell.wm.find_element(second) is None
-    assert cell.problem == "" and (cell.tab.edits.undo_text, cell.tab.edits.redo_text) == ("add", "add")
+    assert cell.problem == "" and (cell.tab.undo_stack.undo_text, cell.tab.undo_stack.redo_text) == ("add", "add")

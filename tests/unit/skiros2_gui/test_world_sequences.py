@@ -1,4 +1,6 @@
-"""Random sequences of edits by the user and by others: the tree, undo and redo keep to what the world model has."""
+"""Random sequences of undo_stack by the user and by others: the tree, undo and redo keep to what the
+world model has.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +12,19 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element
-from skiros2_gui.core.window import Window
-from skiros2_gui.core.world_presenter import WorldPresenter
-from skiros2_gui.core.world_requests import Requests
-from skiros2_gui.core.world_scene import TOP, SceneMirror
-from skiros2_gui.testing.at_once import make_window
+from skiros2_gui.app.window import Window
 from skiros2_gui.testing.local_system import LocalSystem
+from skiros2_gui.testing.synchronous import make_window
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.requests import Requests
+from skiros2_gui.world.scene import TOP, SceneHierarchy
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 _PICK = st.integers(0, 5)
 
 
-class Edits(RuleBasedStateMachine):
-    """The window's user edits alone: undo and redo lead through the same states of the scene, both ways."""
+class UndoStack(RuleBasedStateMachine):
+    """The window's user undo_stack alone: undo and redo lead through the same states of the scene, both ways."""
 
     with_others = False
 
@@ -30,9 +32,9 @@ class Edits(RuleBasedStateMachine):
         super().__init__()
         self.wm = LocalWorldModel("window")
         self.other = LocalWorldModel("vision", self.wm.model)
-        self.window: Window = make_window(lambda inbox: LocalSystem(inbox, self.wm))
+        self.window: Window = make_window(lambda event_queue: LocalSystem(event_queue, self.wm))
         self.tab = WorldPresenter(self.window)
-        self.past: list[dict[str, Any]] = []
+        self.history: list[dict[str, Any]] = []
         self.future: list[dict[str, Any]] = []
 
     def content(self) -> dict[str, Any]:
@@ -48,9 +50,9 @@ class Edits(RuleBasedStateMachine):
     def edit(self, make: Any) -> None:
         before, number = self.content(), self.wm.model.number
         self.tab.change("edit", make)
-        self.window.take_news()
+        self.window.process_events()
         if self.wm.model.number != number and self.content() != before:
-            self.past.append(before)
+            self.history.append(before)
             self.future.clear()
 
     @rule(parent=_PICK, loose=st.booleans())
@@ -83,8 +85,8 @@ class Edits(RuleBasedStateMachine):
         src, dst = self.pick(one), self.pick(other)
 
         def make(requests: Requests) -> Any:
-            assert self.tab.mirror is not None
-            related = self.tab.mirror.scene.related(src, predicate, dst)
+            assert self.tab.hierarchy is not None
+            related = self.tab.hierarchy.scene.related(src, predicate, dst)
             return (requests.unrelate if related else requests.relate)(src, predicate, dst)
 
         self.edit(make)
@@ -94,48 +96,48 @@ class Edits(RuleBasedStateMachine):
         eid = self.pick(number)
         self.edit(lambda r: r.remove([eid]))
 
-    @precondition(lambda self: self.tab.edits.done)
+    @precondition(lambda self: self.tab.undo_stack.done)
     @rule()
     def undo(self) -> None:
         before = self.content()
         self.window.problems.clear()
         self.tab.undo()
-        self.window.take_news()
+        self.window.process_events()
         if self.with_others:
             assert self.window.problems.newest is None or self.content() == before
             return
         assert self.window.problems.newest is None
         self.future.append(before)
-        assert self.content() == self.past.pop()
+        assert self.content() == self.history.pop()
 
-    @precondition(lambda self: self.tab.edits.undone)
+    @precondition(lambda self: self.tab.undo_stack.undone)
     @rule()
     def redo(self) -> None:
         before = self.content()
         self.window.problems.clear()
         self.tab.redo()
-        self.window.take_news()
+        self.window.process_events()
         if self.with_others:
             assert self.window.problems.newest is None or self.content() == before
             return
         assert self.window.problems.newest is None
-        self.past.append(before)
+        self.history.append(before)
         assert self.content() == self.future.pop()
 
     @invariant()
     def the_tree_is_that_of_the_scene(self) -> None:
-        mirror = self.tab.mirror
-        assert mirror is not None
-        scene = {node.id: sorted(map(str, mirror.scene.relations_of(node.id))) for node in mirror.scene}
+        hierarchy = self.tab.hierarchy
+        assert hierarchy is not None
+        scene = {node.id: sorted(map(str, hierarchy.scene.relations_of(node.id))) for node in hierarchy.scene}
         assert scene == {eid: content[3] for eid, content in self.content().items()}
-        shown = mirror.below(TOP)
-        assert len(shown) == len(set(shown)) == len(mirror) + 2  # the top, and the node of what is nowhere
-        anew = SceneMirror(self.wm.resolve_elements(Element()), mirror.spatial, mirror.parts)
-        assert [list(mirror.children(eid)) for eid in shown] == [list(anew.children(eid)) for eid in shown]
-        assert all(mirror.child(mirror.parent(eid), mirror.row(eid)) == eid for eid in shown if eid != TOP)
+        shown = hierarchy.below(TOP)
+        assert len(shown) == len(set(shown)) == len(hierarchy) + 2  # the top, and the node of what is nowhere
+        anew = SceneHierarchy(self.wm.resolve_elements(Element()), hierarchy.spatial, hierarchy.parts)
+        assert [list(hierarchy.children(eid)) for eid in shown] == [list(anew.children(eid)) for eid in shown]
+        assert all(hierarchy.child(hierarchy.parent(eid), hierarchy.row(eid)) == eid for eid in shown if eid != TOP)
 
 
-class EditsAmongOthers(Edits):
+class EditsAmongOthers(UndoStack):
     """Others change the scene too: an undo that is refused changes nothing."""
 
     with_others = True
@@ -145,7 +147,7 @@ class EditsAmongOthers(Edits):
         element = self.other.get_element(self.pick(number))
         element.label = label
         self.other.update_element(element)
-        self.window.take_news()
+        self.window.process_events()
 
     @rule(number=_PICK)
     def other_remove(self, number: int) -> None:
@@ -153,7 +155,7 @@ class EditsAmongOthers(Edits):
             self.other.remove_element(self.other.get_element(self.pick(number)))
         except SkirosError:
             return  # it is the root, or has it below
-        self.window.take_news()
+        self.window.process_events()
 
     @rule(number=_PICK, parent=_PICK)
     def other_place(self, number: int, parent: int) -> None:
@@ -162,11 +164,11 @@ class EditsAmongOthers(Edits):
             self.other.set_relation(src, "skiros:contain", dst)
         except SkirosError:
             return  # it would be in itself
-        self.window.take_news()
+        self.window.process_events()
 
 
 _FEW = settings(max_examples=15, stateful_step_count=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-TestEdits = Edits.TestCase
+TestEdits = UndoStack.TestCase
 TestEdits.settings = _FEW
 TestEditsAmongOthers = EditsAmongOthers.TestCase
 TestEditsAmongOthers.settings = _FEW

@@ -64,7 +64,7 @@ def test_what_it_finds_is_there_and_within_the_limits(chain: ArmKinematics) -> N
         assert (off, turned) == pytest.approx((found.off, found.turned), abs=1e-6), "it tells how far it is off"
         assert np.all(found.positions >= chain.lower)
         assert np.all(found.positions <= chain.upper)
-        there += found.there
+        there += found.converged
     assert there >= 57, "postures drawn by chance are nearly all reached, those close to limits too"
 
 
@@ -72,7 +72,7 @@ def test_it_stays_near_the_posture_that_it_has(chain: ArmKinematics) -> None:
     here = chain.forward(chain.rest)
     x, y, z = here.position
     found = chain.inverse(Pose((x + 0.02, y, z), here.orientation), chain.rest)
-    assert found.there
+    assert found.converged
     assert np.max(np.abs(found.positions - chain.rest)) < 0.15
 
 
@@ -85,8 +85,8 @@ def test_the_same_question_has_the_same_answer(chain: ArmKinematics) -> None:
 def test_too_far_away_is_told_with_how_far(chain: ArmKinematics) -> None:
     shoulder = np.array([0.3, 0.0, 0.39 + 0.333])
     near, far = (chain.inverse(Pose((0.3 + reach, 0.0, 0.723), DOWN), chain.rest) for reach in (1.2, 3.0))
-    assert not near.there
-    assert not far.there
+    assert not near.converged
+    assert not far.converged
     assert far.off - near.off == pytest.approx(1.8, abs=0.15)
     tool = np.array(chain.forward(far.positions).position)
     assert np.linalg.norm(tool - shoulder) > 0.7, "it is stretched out towards the target"

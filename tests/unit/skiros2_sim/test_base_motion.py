@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from skiros2_sim.core.base_motion import BaseMotion
-from skiros2_sim.core.drive_path import Place
+from skiros2_sim.core.drive_path import Pose2D
 from skiros2_sim.core.motion import Outcome, State
 from skiros2_sim.core.scene_spec import BaseSpec, BodySpec, RobotSpec, SceneSpec
 from skiros2_sim.core.world import World
@@ -27,7 +27,7 @@ def robot(world: World) -> MovedRobot:
     return MovedRobot(world)
 
 
-def carts(*poses: Place) -> World:
+def carts(*poses: Pose2D) -> World:
     """Bases without arms on an empty floor, named in order."""
     robots = [
         RobotSpec(
@@ -47,13 +47,13 @@ def block(name: str, x: float, y: float, sx: float = 0.4, sy: float = 0.4) -> Bo
 
 @pytest.fixture
 def cart() -> Iterator[World]:
-    with carts(Place(0.0, 0.0, 0.0)) as world:
+    with carts(Pose2D(0.0, 0.0, 0.0)) as world:
         yield world
 
 
 def driven(world: World, x: float, y: float = 0.0, yaw: float = 0.0) -> BaseMotion:
     """A motion of the first cart that has begun."""
-    motion = BaseMotion(world, world.robots[CART], Place(x, y, yaw))
+    motion = BaseMotion(world, world.robots[CART], Pose2D(x, y, yaw))
     world.motions.add(motion)
     return motion
 
@@ -69,12 +69,12 @@ def all_run(world: World, motions: list[BaseMotion], longest: float = 60.0) -> l
 
 def test_it_comes_to_a_workstation_exactly_and_stands(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.drive(1.05, 1.5)))
-    place = robot.drive(0.0, 0.0).place()
-    assert (place.x, place.y) == pytest.approx((1.05, 1.5), abs=0.01)
-    assert place.yaw == pytest.approx(0.0, abs=0.01)
+    pose = robot.drive(0.0, 0.0).pose()
+    assert (pose.x, pose.y) == pytest.approx((1.05, 1.5), abs=0.01)
+    assert pose.yaw == pytest.approx(0.0, abs=0.01)
     assert max(map(abs, robot.robot.velocity())) < 0.01
     robot.world.step(120)
-    assert robot.drive(0.0, 0.0).place() == pytest.approx(place, abs=0.001)
+    assert robot.drive(0.0, 0.0).pose() == pytest.approx(pose, abs=0.001)
     begin = robot.world.time
     succeeded(robot.run(robot.drive(1.05, 1.5)))
     assert robot.world.time - begin < 0.1, "it is there already"
@@ -101,14 +101,14 @@ def test_it_speeds_up_and_slows_down_gently(robot: MovedRobot) -> None:
 @pytest.mark.parametrize(
     ("goal", "said"),
     [
-        (Place(2.0, 1.5, 0.0), f"the goal is inside '{TABLE_1}'"),
-        (Place(math.nan, 0.0, 0.0), "has numbers that are none"),
-        (Place(0.0, 0.0, math.inf), "has numbers that are none"),
-        (Place(500.0, 0.0, 0.0), "x 500.00 is outside of the world, which goes from"),
-        (Place(0.0, 1e300, 0.0), "is outside of the world"),
+        (Pose2D(2.0, 1.5, 0.0), f"the goal is inside '{TABLE_1}'"),
+        (Pose2D(math.nan, 0.0, 0.0), "has numbers that are none"),
+        (Pose2D(0.0, 0.0, math.inf), "has numbers that are none"),
+        (Pose2D(500.0, 0.0, 0.0), "x 500.00 is outside of the world, which goes from"),
+        (Pose2D(0.0, 1e300, 0.0), "is outside of the world"),
     ],
 )
-def test_a_goal_that_cannot_be_is_refused(robot: MovedRobot, goal: Place, said: str) -> None:
+def test_a_goal_that_cannot_be_is_refused(robot: MovedRobot, goal: Pose2D, said: str) -> None:
     outcome = BaseMotion(robot.world, robot.robot, goal).outcome
     assert outcome is not None
     assert outcome.state is State.REJECTED
@@ -131,7 +131,7 @@ def test_a_pose_must_be_upright(robot: MovedRobot, orientation: tuple[float, flo
 
 def test_a_robot_without_a_base_is_refused() -> None:
     with World(bench()) as world:
-        outcome = BaseMotion(world, world.robots[ROBOT], Place(0.0, 0.0, 0.0)).outcome
+        outcome = BaseMotion(world, world.robots[ROBOT], Pose2D(0.0, 0.0, 0.0)).outcome
     assert outcome is not None
     assert "has no base that drives" in outcome.text
 
@@ -141,11 +141,11 @@ def test_cancelled_it_brakes(robot: MovedRobot) -> None:
     robot.world.motions.add(motion)
     while abs(robot.robot.velocity()[0]) < 0.5:
         robot.world.step()
-    before = motion.place()
+    before = motion.pose()
     motion.cancel()
     outcome = robot.run(motion)
     assert outcome.state is State.PREEMPTED
-    assert 0.1 < math.dist(before[:2], motion.place()[:2]) < 0.5
+    assert 0.1 < math.dist(before[:2], motion.pose()[:2]) < 0.5
     assert max(map(abs, robot.robot.velocity())) < 0.01
 
 
@@ -174,7 +174,7 @@ def test_what_comes_into_its_way_is_driven_round(cart: World, ahead: float) -> N
     aside = []
     while motion.outcome is None:
         cart.step()
-        aside.append(abs(motion.place().y))
+        aside.append(abs(motion.pose().y))
     succeeded(motion.outcome)
     assert max(aside) > 0.5
 
@@ -232,23 +232,23 @@ def test_what_it_carries_is_not_in_its_way(robot: MovedRobot) -> None:
 
 
 def test_two_robots_that_meet_pass_each_other() -> None:
-    with carts(Place(0.0, 0.0, 0.0), Place(6.0, 0.0, math.pi)) as world:
-        goals = Place(6.0, 0.0, 0.0), Place(0.0, 0.0, math.pi)
+    with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, math.pi)) as world:
+        goals = Pose2D(6.0, 0.0, 0.0), Pose2D(0.0, 0.0, math.pi)
         motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
         for outcome in all_run(world, motions):
             succeeded(outcome)
 
 
 def test_three_robots_whose_ways_cross_all_arrive() -> None:
-    with carts(Place(0.0, 0.0, 0.0), Place(3.0, -3.0, math.pi / 2), Place(6.0, 0.1, math.pi)) as world:
-        goals = Place(6.0, 0.0, 0.0), Place(3.0, 3.0, math.pi / 2), Place(0.0, 0.0, math.pi)
+    with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, -3.0, math.pi / 2), Pose2D(6.0, 0.1, math.pi)) as world:
+        goals = Pose2D(6.0, 0.0, 0.0), Pose2D(3.0, 3.0, math.pi / 2), Pose2D(0.0, 0.0, math.pi)
         motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
         for outcome in all_run(world, motions):
             succeeded(outcome)
 
 
 def test_a_robot_that_does_not_go_away_is_told() -> None:
-    with carts(Place(0.0, 0.0, 0.0), Place(3.0, 0.0, 0.0)) as world:
+    with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, 0.0, 0.0)) as world:
         (outcome,) = all_run(world, [driven(world, 3.0)])
     assert outcome.text == "blocked for 15 s: the goal is inside 'cora:Robot-1'"
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import Refused
-from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Place, heading
+from skiros2_sim.core.drive_path import Floor, Footprint, Leg, Obstacle, Pose2D, heading
 
 HUSKY = Footprint(front=0.5, back=0.5, side=0.35)
 TABLE = Obstacle("table", 2.0, 0.0, 0.0, 0.4, 0.6)
@@ -21,46 +21,46 @@ def walls(half: float) -> list[Obstacle]:
     return [Obstacle(name, x, y, 0.0, half if y else 0.1, half if x else 0.1) for name, (x, y) in sides.items()]
 
 
-def end_of(start: Place, legs: list[Leg]) -> tuple[float, float]:
+def end_of(start: Pose2D, legs: list[Leg]) -> tuple[float, float]:
     return (legs[-1].x, legs[-1].y) if legs else (start.x, start.y)
 
 
 def test_a_free_way_is_straight() -> None:
-    assert Floor(HUSKY, [TABLE]).way(Place(-1.0, 0.0, 2.0), Place(1.0, 0.0, 0.0)) == [Leg(1.0, 0.0, False)]
+    assert Floor(HUSKY, [TABLE]).find_path(Pose2D(-1.0, 0.0, 2.0), Pose2D(1.0, 0.0, 0.0)) == [Leg(1.0, 0.0, False)]
 
 
 def test_where_it_stands_it_only_turns() -> None:
-    assert Floor(HUSKY, []).way(Place(1.0, 1.0, 0.0), Place(1.0, 1.0, 2.0)) == []
+    assert Floor(HUSKY, []).find_path(Pose2D(1.0, 1.0, 0.0), Pose2D(1.0, 1.0, 2.0)) == []
 
 
 def test_round_a_table_it_backs_out_and_comes_in_straight() -> None:
-    start, goal = Place(1.05, 0.0, 0.0), Place(2.95, 0.0, math.pi)
+    start, goal = Pose2D(1.05, 0.0, 0.0), Pose2D(2.95, 0.0, math.pi)
     floor = Floor(HUSKY, [TABLE])
-    legs = floor.way(start, goal)
+    legs = floor.find_path(start, goal)
     assert legs[0].backward, "it cannot turn at the table"
     assert legs[0].y == pytest.approx(0.0)
     assert end_of(start, legs) == (2.95, 0.0)
     assert not legs[-1].backward
-    before = Place(legs[-2].x, legs[-2].y, 0.0)
+    before = Pose2D(legs[-2].x, legs[-2].y, 0.0)
     assert abs(heading(before, legs[-1])) == pytest.approx(math.pi), "the last leg has the goal's yaw"
-    assert floor.first_hit(start, legs, 100.0) is None
+    assert floor.first_collision(start, legs, 100.0) is None
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2])
 def test_a_goal_inside_something_is_refused(yaw: float) -> None:
     with pytest.raises(Refused, match="the goal is inside 'table'"):
-        Floor(HUSKY, [TABLE]).way(Place(0.0, 0.0, 0.0), Place(1.5, 0.3, yaw))
+        Floor(HUSKY, [TABLE]).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(1.5, 0.3, yaw))
 
 
 def test_the_rectangle_counts_not_the_circle() -> None:
-    beside = Place(1.2, 0.0, math.pi / 2)
-    assert Floor(HUSKY, [TABLE]).in_the_way(beside) is None
-    assert Floor(HUSKY, [TABLE]).in_the_way(beside._replace(yaw=0.0)) == "table"
+    beside = Pose2D(1.2, 0.0, math.pi / 2)
+    assert Floor(HUSKY, [TABLE]).collision_at(beside) is None
+    assert Floor(HUSKY, [TABLE]).collision_at(beside._replace(yaw=0.0)) == "table"
 
 
 def test_no_way_is_refused_with_what_is_around() -> None:
     with pytest.raises(Refused, match=r"no way there, 'east', .*and 1 more are in the way"):
-        Floor(HUSKY, walls(3.0)).way(Place(0.0, 0.0, 0.0), Place(6.0, 0.0, 0.0))
+        Floor(HUSKY, walls(3.0)).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, 0.0))
 
 
 def test_a_place_that_it_cannot_get_out_of_is_refused() -> None:
@@ -71,36 +71,36 @@ def test_a_place_that_it_cannot_get_out_of_is_refused() -> None:
         Obstacle("back", -0.8, 0.0, 0.0, 0.05, 0.4),
     ]
     with pytest.raises(Refused, match=r"no way out of the start, '(front|back|left|right)' is in the way"):
-        Floor(HUSKY, cage).way(Place(0.0, 0.0, 0.0), Place(5.0, 0.0, 0.0))
+        Floor(HUSKY, cage).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(5.0, 0.0, 0.0))
 
 
 def test_out_of_what_it_stands_in_it_may_drive() -> None:
     floor = Floor(HUSKY, [TABLE])
-    start = Place(1.2, 0.0, 0.0)
-    assert floor.in_the_way(start) == "table"
-    legs = floor.way(start, Place(-1.0, 0.0, 0.0))
+    start = Pose2D(1.2, 0.0, 0.0)
+    assert floor.collision_at(start) == "table"
+    legs = floor.find_path(start, Pose2D(-1.0, 0.0, 0.0))
     assert legs[0].backward
-    assert floor.first_hit(start, legs, 10.0) is None
+    assert floor.first_collision(start, legs, 10.0) is None
 
 
 def test_what_comes_into_the_way_is_seen_as_far_as_it_looks() -> None:
     floor = Floor(HUSKY, [Obstacle("box", 3.0, 0.0, 0.5, 0.2, 0.2)])
     legs = [Leg(5.0, 0.0, False)]
-    assert floor.first_hit(Place(0.0, 0.0, 0.0), legs, 1.5) is None
-    assert floor.first_hit(Place(1.5, 0.0, 0.0), legs, 1.5) == "box"
+    assert floor.first_collision(Pose2D(0.0, 0.0, 0.0), legs, 1.5) is None
+    assert floor.first_collision(Pose2D(1.5, 0.0, 0.0), legs, 1.5) == "box"
 
 
 def test_a_far_place_does_not_make_the_map_endless() -> None:
-    start, goal = Place(0.0, 0.0, 0.0), Place(100.0, 0.0, 0.0)
+    start, goal = Pose2D(0.0, 0.0, 0.0), Pose2D(100.0, 0.0, 0.0)
     floor = Floor(HUSKY, [Obstacle("wall", 50.0, 0.0, 0.0, 1.0, 20.0)])
-    legs = floor.way(start, goal)
-    assert floor.first_hit(start, legs, 1000.0) is None
+    legs = floor.find_path(start, goal)
+    assert floor.first_collision(start, legs, 1000.0) is None
     assert max(abs(leg.y) for leg in legs) > 20.0
 
 
 coordinate = st.floats(-4.0, 4.0)
 angle = st.floats(-math.pi, math.pi)
-places = st.builds(Place, coordinate, coordinate, angle)
+poses = st.builds(Pose2D, coordinate, coordinate, angle)
 things = st.lists(
     st.builds(
         Obstacle, st.sampled_from("abc"), coordinate, coordinate, angle, st.floats(0.1, 1.0), st.floats(0.1, 1.0)
@@ -110,14 +110,14 @@ things = st.lists(
 
 
 @settings(max_examples=60, deadline=None)
-@given(start=places, goal=places, obstacles=things)
-def test_every_way_ends_at_its_goal_and_touches_nothing(start: Place, goal: Place, obstacles: list[Obstacle]) -> None:
+@given(start=poses, goal=poses, obstacles=things)
+def test_every_way_ends_at_its_goal_and_touches_nothing(start: Pose2D, goal: Pose2D, obstacles: list[Obstacle]) -> None:
     floor = Floor(HUSKY, obstacles)
     try:
-        legs = floor.way(start, goal)
-    except Refused as refusal:
-        assert "'" in str(refusal), "it names what is in the way"
+        legs = floor.find_path(start, goal)
+    except Refused as rejection:
+        assert "'" in str(rejection), "it names what is in the way"
         return
     assert math.dist(end_of(start, legs), (goal.x, goal.y)) < 0.002
-    assert floor.in_the_way(goal) is None
-    assert floor.first_hit(start, legs, 1000.0) is None
+    assert floor.collision_at(goal) is None
+    assert floor.first_collision(start, legs, 1000.0) is None

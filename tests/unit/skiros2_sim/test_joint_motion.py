@@ -153,7 +153,7 @@ def test_when_it_hits_something_it_says_what_and_stops_pressing(robot: MovedRobo
     found = robot.controller.kinematics.inverse(
         composed(inverted(robot.robot.pose()), into_the_table), robot.arm.positions()
     )
-    assert found.there
+    assert found.converged
     outcome = robot.run(robot.trajectory(found.positions, 1.5))
     assert (outcome.state, outcome.code) == (State.ABORTED, codes.PATH_TOLERANCE_VIOLATED)
     assert "off the path, 0.1 is allowed" in outcome.text

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.errors import ConfigurationError
-from skiros2_sim.core import trial
-from skiros2_sim.core.composing import compose
+from skiros2_sim.core import load_test
 from skiros2_sim.core.model_files import find_model
+from skiros2_sim.core.robot_model import merge_models
 from skiros2_sim.core.scene_spec import ArmSpec, BaseSpec, BodySpec, GripperSpec, RobotSpec, SceneSpec
 from skiros2_sim.core.urdf import read_urdf
 from skiros2_sim.core.world import World
@@ -148,8 +148,8 @@ def test_a_model_that_ends_the_process_ends_one_of_its_own(tmp_path: Path, monke
     program = tmp_path / "crash.py"
     program.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     (tmp_path / "m.obj").write_text(TRIANGLE)
-    monkeypatch.setattr(trial, "__file__", str(program))
-    assert trial.fault_of(tmp_path / "m.obj") == "PyBullet crashes on it (signal 11)"
+    monkeypatch.setattr(load_test, "__file__", str(program))
+    assert load_test.load_error(tmp_path / "m.obj") == "PyBullet crashes on it (signal 11)"
 
 
 def test_models_that_do_not_load_become_boxes_and_the_rest_is_there(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ _MASS = '<inertial><origin xyz="0.02 0 0"/><mass value="0.3"/><inertia ixx="1e-4
 def test_a_robot_is_made_of_the_models_that_load(
     model: RobotSpec, arms: int, mobile: bool, problems: list[str]
 ) -> None:
-    composed = compose(model)
+    composed = merge_models(model)
     assert composed.mobile is mobile
     assert [problem.element for problem in composed.problems] == problems
     with World(SceneSpec((), (model,))) as world:

@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_sim.core.scene_spec import BodySpec, SceneSpec
-from skiros2_sim.core.stepper import MOST_STEPS, Stepper
+from skiros2_sim.core.stepper import MAX_STEPS, Stepper
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import Pose
 
@@ -98,7 +98,7 @@ def test_hooks_are_called_after_each_step_in_the_thread_that_steps(make: Make) -
     assert threads == ["stepper"] * 3
 
 
-@pytest.mark.parametrize("steps", [-1, MOST_STEPS + 1])
+@pytest.mark.parametrize("steps", [-1, MAX_STEPS + 1])
 def test_absurd_numbers_of_steps_are_refused(make: Make, steps: int) -> None:
     with pytest.raises(WrongValue, match="expected 0 to 864000"):
         make(paused=True).step(steps)
@@ -142,7 +142,7 @@ def test_a_step_that_fails_stops_the_world_with_a_reason_until_it_is_reset() -> 
 
         def reset(world: World) -> None:
             world.reset()
-            stepper.mend()
+            stepper.recover()
 
         stepper.call(reset, even_failed=True)
         stepper.step(10)
@@ -158,7 +158,7 @@ def test_who_waits_for_steps_is_told_when_the_world_goes_on_or_ends(make: Make) 
 
         def wait(stepper: Stepper = stepper, refusals: list[str] = refusals) -> None:
             try:
-                stepper.step(MOST_STEPS)
+                stepper.step(MAX_STEPS)
             except Refused as error:
                 refusals.append(str(error))
 

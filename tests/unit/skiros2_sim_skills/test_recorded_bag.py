@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_bags.core.task_trace import FAILURE
+from skiros2_bags.core.task_run import FAILURE
 from skiros2_demo.changes import changes
 from skiros2_demo.run_check import Pursuit, check, read_run
 

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from skiros2_skill.core.ticker import RECURSION_LIMIT
+from skiros2_skill.core.runtime.scheduler import RECURSION_LIMIT
 from skiros2_skill.testing import SkillBench
 
 
@@ -27,7 +27,7 @@ def bench():
 
 @pytest.fixture
 def deep_stack():
-    """As many frames as a ticker allows for."""
+    """As many frames as a scheduler allows for."""
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(RECURSION_LIMIT)
     yield

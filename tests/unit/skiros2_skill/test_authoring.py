@@ -10,7 +10,7 @@ from skiros2_common.core.errors import ConfigurationError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.skill import (
     NoFail,
     ParallelFf,

@@ -4,10 +4,10 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_skill.core.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.engine.breakpoints import Breakpoint, Breakpoints
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.skill import ParallelFf, SelectorStar, Serial, Skill
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Work, contains, describe, primitive, running_for
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])
@@ -163,14 +163,14 @@ def test_a_subtree_beside_goes_on_where_it_was(bench, breakpoints, task):
 
 @pytest.mark.parametrize("pattern", ["prod*", "{id}", "skiros:contain", "*:Product-*"])
 def test_a_change_of_the_world_model_pauses_all_running_tasks(bench, pattern):
-    ticker = Ticker(rate=200)
-    bench.wmi.add_listener(ticker.on_change)
+    scheduler = Scheduler(rate=200)
+    bench.wmi.add_listener(scheduler.on_change)
     try:
         bench.load(primitive(Work, "endless", execute=lambda self: self.step("")))
-        task = ticker.new_task(bench.wmi, "test")
+        task = scheduler.new_task(bench.wmi, "test")
         task.root(bench.node("endless"))
-        ticker.start(task.id)
-        number = ticker.breakpoints.add(Breakpoint("world", pattern.format(id=bench.product.id)))
+        scheduler.start(task.id)
+        number = scheduler.breakpoints.add(Breakpoint("world", pattern.format(id=bench.product.id)))
         product = bench.wmi.get_element(bench.product.id)
         product.setProperty("skiros:Value", 1)
         if pattern != "skiros:contain":
@@ -179,11 +179,11 @@ def test_a_change_of_the_world_model_pauses_all_running_tasks(bench, pattern):
             bench.wmi.set_relation(bench.tray.id, "skiros:contain", product.id, False)
         assert task.paused
         assert task.root.progress_msg.startswith(f"paused at breakpoint {number}: ")
-        ticker.breakpoints.remove(number)
-        ticker.start(task.id)
+        scheduler.breakpoints.remove(number)
+        scheduler.start(task.id)
         assert not task.paused
     finally:
-        ticker.stop()
+        scheduler.stop()
 
 
 # -- the list ----------------------------------------------------------------------------------------------------------

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from skiros2_common.command_line.answer import WrongUsage
-from skiros2_common.command_line.master import NotThere
+from skiros2_common.command_line.command import Unavailable, UsageError
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import serializeParamMap
@@ -189,7 +188,7 @@ def test_describe_of_a_type_shows_all_its_implementations(run):
 
 def test_describe_without_a_world_model_says_what_is_missing(run, monkeypatch):
     def absent(name, author):
-        raise NotThere("there is no world model /wm")
+        raise Unavailable("there is no world model /wm")
 
     monkeypatch.setattr(world, "connect", absent)
     shown = run("describe", "measure")
@@ -486,7 +485,7 @@ def master(monkeypatch):
 
     def check(name, service, what):
         if not known[name]:
-            raise NotThere(f"the {what} {name} does not answer")
+            raise Unavailable(f"the {what} {name} does not answer")
 
     monkeypatch.setattr(connection, "ask_master", ask)
     monkeypatch.setattr(connection, "check_node", check)
@@ -501,7 +500,7 @@ def test_the_only_manager_is_found_by_itself(master):
 @pytest.mark.parametrize("name", ["two", "/two"])
 def test_of_several_managers_one_has_to_be_named(master, name):
     master.update({"/one": True, "/two": True})
-    with pytest.raises(WrongUsage, match="there are 2 skill managers, /one, /two: name one with --robot"):
+    with pytest.raises(UsageError, match="there are 2 skill managers, /one, /two: name one with --robot"):
         connection.find_manager("")
     assert connection.find_manager(name) == "/two"
 
@@ -513,12 +512,12 @@ def test_a_manager_in_the_own_namespace_is_named_without_it(master, monkeypatch)
 
 
 def test_without_a_manager_it_says_which_are_dead_or_near(master):
-    with pytest.raises(NotThere, match="there is no skill manager on the master"):
+    with pytest.raises(Unavailable, match="there is no skill manager on the master"):
         connection.find_manager("")
     master["/robot"] = False
-    with pytest.raises(NotThere, match=r"no skill manager that answers \(/robot may have been killed\)"):
+    with pytest.raises(Unavailable, match=r"no skill manager that answers \(/robot may have been killed\)"):
         connection.find_manager("")
-    with pytest.raises(NotThere, match="the skill manager /robot does not answer"):
+    with pytest.raises(Unavailable, match="the skill manager /robot does not answer"):
         connection.find_manager("robot")
-    with pytest.raises(NotThere, match=r"did you mean /robot\?"):
+    with pytest.raises(Unavailable, match=r"did you mean /robot\?"):
         connection.find_manager("robto")

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
@@ -161,5 +161,5 @@ def test_what_the_manager_refuses_is_an_error(run):
 
 
 def test_a_manager_that_dies_is_not_there(run):
-    with pytest.raises(NotThere, match="has said nothing"):
+    with pytest.raises(Unavailable, match="has said nothing"):
         run(TimedOut("/arm/execute has said nothing for 5 s"))

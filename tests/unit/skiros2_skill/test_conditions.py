@@ -248,7 +248,7 @@ def test_remap_renames_keys(params, bench):
 
 
 def test_a_key_that_the_skill_has_not_is_an_error_that_names_it(params, bench):
-    with pytest.raises(UnknownName, match="condition 'C' speaks of 'Try'; the skill has: Tray"):
+    with pytest.raises(UnknownName, match="condition 'C' uses 'Try'; the skill has: Tray"):
         holds(make.getRelationCond("C", "skiros:contain", "Try", "Object", True), params, bench)
 
 

@@ -8,10 +8,10 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import Refused
-from skiros2_skill.core import devices
-from skiros2_skill.core.devices import free_former_devices, locks_in
-from skiros2_skill.core.executor import Executor
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.engine import devices
+from skiros2_skill.core.engine.devices import locks_in, release_stale_devices
+from skiros2_skill.core.engine.executor import Executor
+from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from support.ros import wait_until
@@ -104,7 +104,7 @@ def test_the_skill_sees_its_device_as_it_is_locked(bench, arm):
 
 
 def test_the_one_that_comes_second_is_told_who_has_it(bench, other, arm):
-    bench.wmi.before.append(lambda device: locks_in(other).take(device.id, "a node", other))
+    bench.wmi.before.append(lambda device: locks_in(other).acquire(device.id, "a node", other))
     task = moving(bench)
     assert task.state is State.Failure
     assert f"{arm.id}-arm is locked by /two" in message(task)
@@ -121,13 +121,13 @@ def test_of_two_managers_at_once_one_gets_it_each_time(bench, other, arm):
         for _ in range(100):
             start.wait(10.0)
             try:
-                locks_in(wmi).take(arm.id, wmi, wmi)
+                locks_in(wmi).acquire(arm.id, wmi, wmi)
             except Refused as refused:
                 outcomes[wmi].append(str(refused))
             else:
                 outcomes[wmi].append("")
             start.wait(10.0)
-            locks_in(wmi).give_back([arm.id], wmi, wmi)
+            locks_in(wmi).release([arm.id], wmi, wmi)
 
     threads = [threading.Thread(target=compete, args=(wmi,)) for wmi in outcomes]
     for thread in threads:
@@ -206,7 +206,7 @@ def test_a_late_release_leaves_a_new_lock_of_the_same_manager(bench, arm, soon):
     first.tick()
     second = bench.task(bench.node("move"))
     second.tick()
-    wait_until(lambda: locks_in(bench.wmi)._again is None, what="the end of the attempts")
+    wait_until(lambda: locks_in(bench.wmi)._retrying is None, what="the end of the attempts")
     assert lock_of(bench, arm) == ("Busy", "/one")
     second.preempt()
     second.tick()
@@ -231,7 +231,7 @@ def test_a_tick_that_raises_frees_devices(bench, arm):
 
 
 def test_a_tick_that_raises_between_the_lock_and_the_start_frees_devices(bench, arm, monkeypatch):
-    monkeypatch.setattr(Executor, "_begin", raises_anything)
+    monkeypatch.setattr(Executor, "_start_run", raises_anything)
     task = moving(bench)
     assert task.state is State.Failure
     assert lock_of(bench, arm) == ("Idle", None)
@@ -246,22 +246,22 @@ def test_a_task_that_is_left_behind_frees_its_devices(bench, arm):
         return self.success("late")
 
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=hangs))
-    ticker = Ticker(preempt_timeout=0.2)
-    task = ticker.new_task(bench.wmi, "tests")
+    scheduler = Scheduler(preempt_timeout=0.2)
+    task = scheduler.new_task(bench.wmi, "tests")
     task.root(bench.node("move"))
     try:
-        ticker.start(task.id)
+        scheduler.start(task.id)
         assert inside.wait(10.0)
-        ticker.preempt(task.id)
+        scheduler.preempt(task.id)
         assert task.ended.wait(10.0)
         assert lock_of(bench, arm) == ("Idle", None)
     finally:
         returns.set()
-        ticker.stop()
+        scheduler.stop()
 
 
 def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, soon, monkeypatch):
-    monkeypatch.setattr(devices, "_PATIENCE", 0.05)
+    monkeypatch.setattr(devices, "_RELEASE_TIMEOUT", 0.05)
     goes_on, inside = threading.Event(), threading.Event()
 
     def hangs(_):
@@ -270,13 +270,13 @@ def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, s
 
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move"))
     bench.wmi.before.append(hangs)
-    ticker = Ticker(preempt_timeout=0.2)
-    task = ticker.new_task(bench.wmi, "tests")
+    scheduler = Scheduler(preempt_timeout=0.2)
+    task = scheduler.new_task(bench.wmi, "tests")
     task.root(bench.node("move"))
     try:
-        ticker.start(task.id)
+        scheduler.start(task.id)
         assert inside.wait(10.0)
-        ticker.preempt(task.id)
+        scheduler.preempt(task.id)
         assert task.ended.wait(10.0)
         changes = []
         bench.wmi.add_listener(lambda change: changes.extend(e.value_of(STATE) for e in change.elements))
@@ -285,17 +285,17 @@ def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, s
         assert lock_of(bench, arm) == ("Idle", None)
     finally:
         goes_on.set()
-        ticker.stop()
+        scheduler.stop()
 
 
 def test_a_manager_that_ends_frees_the_devices_of_its_tasks(bench, arm):
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=lambda self: self.step()))
-    ticker = Ticker()
-    task = ticker.new_task(bench.wmi, "tests")
+    scheduler = Scheduler()
+    task = scheduler.new_task(bench.wmi, "tests")
     task.root(bench.node("move"))
-    ticker.start(task.id)
+    scheduler.start(task.id)
     wait_until(lambda: lock_of(bench, arm) == ("Busy", "/one"), what="the lock")
-    ticker.stop()
+    scheduler.stop()
     assert lock_of(bench, arm) == ("Idle", None)
 
 
@@ -303,7 +303,7 @@ def test_what_an_earlier_life_has_left_locked_is_freed_and_nothing_else(bench, o
     moving(bench)
     left = bench.add("rparts:ArmDevice", "left", StateProperty="Busy", LockedBy="/one")
     foreign = bench.add("rparts:ArmDevice", "foreign", StateProperty="Busy", LockedBy="/two")
-    free_former_devices(bench.wmi)
+    release_stale_devices(bench.wmi)
     assert lock_of(bench, left) == ("Idle", None)
     assert lock_of(bench, arm) == ("Busy", "/one")
     assert lock_of(bench, foreign) == ("Busy", "/two")

@@ -5,12 +5,10 @@ import pytest
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.conditions import ConditionBase
 from skiros2_common.core.explanation import (
-    ABOVE,
     CHANGED,
     DEFAULT,
     EXCEPTION,
     EXECUTE,
-    FIXED,
     GIVEN,
     HOLD,
     INFERENCE,
@@ -19,6 +17,8 @@ from skiros2_common.core.explanation import (
     POST,
     PRE,
     PREEMPT,
+    PULLED,
+    SPECIFIED,
     START,
     UNSET,
     Explanation,
@@ -171,7 +171,7 @@ def test_a_value_was_given_by_the_one_who_started_the_task(bench):
 def test_a_value_was_fixed_in_the_tree(bench):
     failing(bench)
     outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", specify={"Text": "fixed"})))
-    assert origin(bench.run(bench.node(outer))) == ("'fixed'", FIXED, [])
+    assert origin(bench.run(bench.node(outer))) == ("'fixed'", SPECIFIED, [])
 
 
 def test_a_value_is_the_default_or_missing(bench):
@@ -185,7 +185,7 @@ def test_a_value_came_from_the_compound_around(bench):
     failing(bench)
     outer = within(bench, lambda self, skill: skill(self.skill("Failing", "", remap={"Text": "Words"})),
                    [("Words", str, REQUIRED)])  # fmt: skip
-    assert origin(bench.run(bench.node(outer, Words="hi"))) == ("'hi'", ABOVE, ["outer"])
+    assert origin(bench.run(bench.node(outer, Words="hi"))) == ("'hi'", PULLED, ["outer"])
 
 
 def test_a_value_came_from_a_sibling(bench):
@@ -195,9 +195,9 @@ def test_a_value_came_from_a_sibling(bench):
 
     failing(bench)
     bench.load(primitive(describe("Produce", [TEXT]), "produce", execute=produce))
-    assert origin(bench.run(bench.node("produce"), bench.node("failing"))) == ("'made'", ABOVE, ["produce"])
+    assert origin(bench.run(bench.node("produce"), bench.node("failing"))) == ("'made'", PULLED, ["produce"])
     outer = within(bench, lambda self, skill: skill(self.skill("Produce"), self.skill("Failing")))
-    assert origin(bench.run(bench.node(outer))) == ("'made'", ABOVE, ["produce"])
+    assert origin(bench.run(bench.node(outer))) == ("'made'", PULLED, ["produce"])
 
 
 def test_a_value_was_inferred_by_the_conditions_that_speak_of_it(bench):
@@ -222,7 +222,7 @@ def test_what_a_compound_inferred_reaches_its_children_with_its_name(bench):
 
     bench.load(fetch)
     task = bench.run(bench.node("fetch", Object=bench.product))
-    assert origin(task, "Container") == (repr(bench.tray), ABOVE, ["fetch"])
+    assert origin(task, "Container") == (repr(bench.tray), PULLED, ["fetch"])
 
 
 def test_a_value_was_changed_by_the_skill_s_own_code_or_by_a_node_below(bench):
@@ -290,7 +290,7 @@ def test_a_condition_whose_explanation_raises_is_told_by_its_description(bench):
         def fact(self):
             return "it is so"
 
-        def _nearest(self, ph, wmi):
+        def _near_matches(self, ph, wmi):
             raise RuntimeError("broken")
 
     bench.load(primitive(describe("Odd", pre=[lambda d: Broken("Broken", "Robot", True)]), "odd"))

@@ -11,7 +11,7 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.explanation import Change, Explanation
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.authors import name_authors
+from skiros2_skill.core.diagnosis.authors import add_authors
 from skiros2_world_model.core.journal import Journal
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
@@ -271,7 +271,7 @@ def test_the_authors_are_those_of_the_last_changes_of_the_facts_before_the_failu
     ph.addParam("Object", bench.product, ParamTypes.Required)
     finding = explained(make.getRelationCond("In", "spatiallyRelated", "Tray", "Object", True), ph, bench)
     explanation = why(finding, time.time())
-    name_authors([explanation], bench.wmi)
+    add_authors([explanation], bench.wmi)
     assert [change.author for change in explanation.all_changes()] == ["paul", "paul"]
     assert "was last changed at " in str(explanation)
     assert "by paul" in str(explanation)
@@ -288,12 +288,12 @@ def test_a_change_after_the_failure_is_not_told(journalled):
     ph = ParamHandler()
     ph.addParam("Object", bench.product, ParamTypes.Required)
     explanation.findings = [explained(prop("Weight", "Object", ">", 3.0, True), ph, bench)]
-    name_authors([explanation], bench.wmi)
+    add_authors([explanation], bench.wmi)
     assert [change.author for change in explanation.all_changes()] == [""]
 
 
 def test_without_a_journal_the_authors_stay_unknown(params, bench):
     explanation = why(explained(prop("State", "Object", "=", "Idle", True), params, bench), time.time())
-    name_authors([explanation], bench.wmi)
+    add_authors([explanation], bench.wmi)
     assert [change.author for change in explanation.all_changes()] == [""]
     assert "last changed" not in str(explanation)

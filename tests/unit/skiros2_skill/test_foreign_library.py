@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_skill.core.node import all_nodes
+from skiros2_skill.core.tree.node import all_nodes
 
 LIBRARIES = Path(__file__).parents[2] / "libraries"
 

@@ -1,11 +1,11 @@
-"""What a manager remembers of its tasks, for those who ask why."""
+"""The history of a manager's tasks."""
 
 import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import EXECUTE
-from skiros2_skill.core.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
 from unit.skiros2_skill.skills import Work, primitive
 
 
@@ -15,7 +15,7 @@ def history():
 
 
 def ended(bench, task_id, execute=State.Success):
-    """A task with that id, which has ended."""
+    """An ended task with that id."""
     bench.load(primitive(Work, f"work {task_id}", execute=execute))
     task = bench.task(bench.node(f"work {task_id}"))
     task.id = task_id
@@ -26,7 +26,7 @@ def refused(message):
     return Record(REFUSED, "tests", State.Idle, -1, message)
 
 
-def test_a_task_that_has_failed_tells_code_message_and_reasons(bench, history):
+def test_record_of_failed_task_has_code_message_and_explanations(bench, history):
     record = history.end(ended(bench, 3, lambda s: s.fail("no grip", 7)))
     assert (record.state, record.code, record.preempted) == (State.Failure, -7, False)
     assert record.message == "skiros:Work-work 3(Failure): no grip"
@@ -35,13 +35,13 @@ def test_a_task_that_has_failed_tells_code_message_and_reasons(bench, history):
     assert str(record).splitlines()[0].endswith("has failed: skiros:Work-work 3(Failure): no grip")
 
 
-def test_a_task_that_has_succeeded_has_the_code_1(bench, history):
+def test_record_of_succeeded_task_has_code_1(bench, history):
     record = history.end(ended(bench, 3))
     assert (record.state, record.code, record.message, record.explanations) == (State.Success, 1, "End", [])
     assert str(record).endswith("has succeeded: End")
 
 
-def test_a_task_that_was_preempted_says_so(bench, history):
+def test_record_of_preempted_task_is_marked_preempted(bench, history):
     bench.load(primitive(Work, "work", execute=State.Running))
     task = bench.task(bench.node("work"))
     task.tick()
@@ -50,7 +50,7 @@ def test_a_task_that_was_preempted_says_so(bench, history):
     assert (record.code, record.message, record.preempted) == (-1, "Preempted", True)
 
 
-def test_a_task_that_runs_is_asked_itself(bench, history):
+def test_record_of_running_task_is_current(bench, history):
     bench.load(primitive(Work, "work", execute=State.Running))
     task = bench.task(bench.node("work"))
     history.begin(task)
@@ -62,7 +62,7 @@ def test_a_task_that_runs_is_asked_itself(bench, history):
     assert history.get(task.id).preempted, "also between its end and the call of `end`"
 
 
-def test_the_task_that_failed_or_was_refused_last_is_found_without_its_id(bench, history):
+def test_minus_1_finds_last_failed_or_refused_task(bench, history):
     with pytest.raises(UnknownName, match="no task has failed or was refused"):
         history.get(-1)
     failed = history.end(ended(bench, 1, lambda s: s.fail("no grip", 7)))
@@ -74,7 +74,7 @@ def test_the_task_that_failed_or_was_refused_last_is_found_without_its_id(bench,
     assert str(history.get(-1)) == "a task by tests was refused: no such skill"
 
 
-def test_the_last_one_of_several_with_an_id_counts(bench, history):
+def test_last_task_with_reused_id_is_returned(bench, history):
     history.end(ended(bench, 1, lambda s: s.fail("no grip", 7)))
     bench.load(primitive(Work, "another", execute=State.Success))
     again = bench.task(bench.node("another"))
@@ -83,8 +83,8 @@ def test_the_last_one_of_several_with_an_id_counts(bench, history):
     assert history.get(1).state is State.Success
 
 
-def test_the_last_ones_are_kept(bench):
-    history = History(kept=2)
+def test_only_last_records_are_kept(bench):
+    history = History(size=2)
     for task_id in range(3):
         history.end(ended(bench, task_id))
     assert [history.get(task_id).task_id for task_id in (1, 2)] == [1, 2]
@@ -92,7 +92,7 @@ def test_the_last_ones_are_kept(bench):
         history.get(0)
 
 
-def test_of_a_message_of_several_lines_the_first_is_told():
+def test_one_line_returns_first_line_that_is_not_blank():
     raised = "ValueError: broken (skills.py, line 3, in execute)\nTraceback (most recent call last):\n  File ...\n"
     assert one_line(raised) == "ValueError: broken (skills.py, line 3, in execute)"
     assert one_line("plain") == "plain"

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from skiros2_common.core.abstract_skill import SkillDescription
 from skiros2_common.core.conditions import ConditionFunction
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
-from skiros2_common.core.explanation import Left
+from skiros2_common.core.explanation import FilterStep
 from skiros2_common.core.names import id_order
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.emptiness import candidates_of, told
-from skiros2_skill.core.inference import infer
+from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.engine.inference import infer
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
 make = SkillDescription()
@@ -108,10 +108,10 @@ def test_it_finds_what_a_search_through_all_combinations_finds(wmi, kinds, relat
     else:
         assert not solutions
         assert not any(ph.is_bound(key) for key in unset)
-        told_of = candidates_of(failed)
-        assert [c.key for c in told_of] == failed.failed
-        assert told(failed, told_of)
-        for candidates in told_of:
+        steps_of = filter_candidates(failed)
+        assert [c.key for c in steps_of] == failed.failed
+        assert failure_text(failed, steps_of)
+        for candidates in steps_of:
             assert candidates.total == len(wmi.resolve_elements(ph.getParam(candidates.key).default))
             counts = [candidates.total, *(left.count for left in candidates.left)]
             assert counts == sorted(counts, reverse=True)
@@ -135,8 +135,8 @@ def search(bench, declared, conditions, **given):
             ph.specify(key, given[key])
     failed = infer(ph, conditions, bench.wmi)
     assert failed is not None
-    candidates = candidates_of(failed)
-    return candidates, told(failed, candidates)
+    candidates = filter_candidates(failed)
+    return candidates, failure_text(failed, candidates)
 
 
 AT_TRAY = make.getRelationCond("In", "skiros:contain", "Tray", "Part", True)
@@ -153,9 +153,9 @@ def test_each_condition_tells_how_many_it_left_up_to_the_one_that_left_none(benc
     )
     assert (part.key, part.wanted, part.total) == ("Part", "skiros:Starter", 12)
     assert part.left == [
-        Left(f"with {bench.tray!r} skiros:contain it", 3, "In"),
-        Left("with skiros:Weight > 5.0", 3, "Heavy"),
-        Left("with skiros:State = 'Idle'", 0, "Idle"),
+        FilterStep(f"with {bench.tray!r} skiros:contain it", 3, "In"),
+        FilterStep("with skiros:Weight > 5.0", 3, "Heavy"),
+        FilterStep("with skiros:State = 'Idle'", 0, "Idle"),
     ]
     assert [near.element for near in part.nearest] == [repr(e) for e in parts]
     assert {near.why for near in part.nearest} == {"skiros:State is 'Busy'"}
@@ -174,7 +174,7 @@ def test_no_element_of_the_class_is_said_so_with_the_label_that_was_asked_for(be
         ph = ParamHandler()
         ph.addParam("Part", Element(etype, "blue"), ParamTypes.Required)
         failed = infer(ph, [], bench.wmi)
-        assert told(failed, candidates_of(failed)) == f"no {kind} 'blue' in the scene for parameter 'Part'"
+        assert failure_text(failed, filter_candidates(failed)) == f"no {kind} 'blue' in the scene for parameter 'Part'"
 
 
 def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(bench):
@@ -185,8 +185,8 @@ def test_conditions_on_two_parameters_are_counted_when_each_alone_leaves_some(be
     )  # fmt: skip
     tray = candidates[0]
     assert tray.left == [
-        Left("with skiros:State = 'Open'", 1, "Open"),
-        Left("skiros:contain any skiros:Product", 0, "In"),
+        FilterStep("with skiros:State = 'Open'", 1, "Open"),
+        FilterStep("skiros:contain any skiros:Product", 0, "In"),
     ]
     assert "none skiros:contain any skiros:Product" in text
 

@@ -4,8 +4,8 @@ import pytest
 
 from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.explanation import HOLD, PRE
-from skiros2_skill.core.inspection import FAILS, HOLDS, UNKNOWN, NodeNow, inspect
-from skiros2_skill.core.task import Task
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, UNKNOWN, NodeStatus, inspect
+from skiros2_skill.core.runtime.task import Task
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, contains, describe, primitive, running_for
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])
@@ -65,7 +65,7 @@ def test_looking_changes_nothing_in_the_task(bench, task):
 
 def test_it_travels_as_json(bench, task):
     now = inspect(task, task.root.children[0]._id, bench.wmi)
-    assert NodeNow.from_json(now.to_json()) == now
+    assert NodeStatus.from_json(now.to_json()) == now
 
 
 def test_a_node_that_there_is_not_is_named(bench, task):

@@ -12,12 +12,12 @@ from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Linter, OnlyReads, lint_libraries
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Linter, ReadOnlyWorldModel, lint_libraries
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, reads_of
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort, read_only_calls
 from unit.skiros2_skill.skills import REQUIRED, Note, Work, describe, primitive
 
 FAULTY = Path(__file__).parents[2] / "libraries"
@@ -241,7 +241,7 @@ def test_trying_a_tree_cannot_instantiate_a_template(bench):
 
 
 def test_code_that_is_only_checked_has_the_reading_calls_of_the_port_and_no_others(bench):
-    guard = OnlyReads(bench.wmi)
+    guard = ReadOnlyWorldModel(bench.wmi)
     assert guard.get_element(bench.product.id).label == "product"
     assert guard.version == bench.wmi.version
     calls = {name for name in dir(bench.wmi) if not name.startswith("__")}
@@ -252,7 +252,7 @@ def test_code_that_is_only_checked_has_the_reading_calls_of_the_port_and_no_othe
         except SkirosError:
             refused.add(name)
     assert {"instanciate", "add_element", "transact", "_transact", "_modify", "set_relation", "add_class"} <= refused
-    assert calls - refused == reads_of(WorldModelPort) & calls
+    assert calls - refused == read_only_calls(WorldModelPort) & calls
 
 
 def test_narrowed_types_and_more_parameters(wmi):

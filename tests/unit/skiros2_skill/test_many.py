@@ -8,40 +8,40 @@ from collections import Counter
 import pytest
 
 from skiros2_common.core.abstract_skill import State
+from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, Skill, SkillBase
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import OBJECT, OPTIONAL, Work, describe, primitive, running_for
 
 Say = describe("Say", [("Text", "words", OPTIONAL), OBJECT])
 
 
 @pytest.fixture
-def ticker():
-    ticker = Ticker(rate=100.0)
-    yield ticker
-    ticker.stop()
+def scheduler():
+    scheduler = Scheduler(rate=100.0)
+    yield scheduler
+    scheduler.stop()
 
 
-def start(ticker, bench, *nodes):
-    task = ticker.new_task(bench.wmi, "tests")
+def start(scheduler, bench, *nodes):
+    task = scheduler.new_task(bench.wmi, "tests")
     task.root(*nodes)
-    ticker.start(task.id)
+    scheduler.start(task.id)
     return task
 
 
-def run(ticker, bench, *nodes):
-    task = start(ticker, bench, *nodes)
+def run(scheduler, bench, *nodes):
+    task = start(scheduler, bench, *nodes)
     assert task.ended.wait(60)
     return task
 
 
-def test_five_hundred_tasks_run_at_once(ticker, bench):
+def test_five_hundred_tasks_run_at_once(scheduler, bench):
     go_on = threading.Event()
     execute = lambda self: self.success("done") if go_on.is_set() else self.step("runs")  # noqa: E731
     bench.load(primitive(Work, "work", execute=execute))
-    tasks = [start(ticker, bench, bench.node("work")) for _ in range(500)]
+    tasks = [start(scheduler, bench, bench.node("work")) for _ in range(500)]
     assert len({task.id for task in tasks}) == 500
-    assert len(ticker.tasks()) == 500
+    assert len(scheduler.tasks()) == 500
     go_on.set()
     for task in tasks:
         assert task.ended.wait(30)
@@ -49,7 +49,7 @@ def test_five_hundred_tasks_run_at_once(ticker, bench):
     assert not bench.library.by_label("work").busy
 
 
-def test_a_tree_of_a_thousand_levels_of_compounds_runs_and_is_preempted(ticker, bench):
+def test_a_tree_of_a_thousand_levels_of_compounds_runs_and_is_preempted(scheduler, bench):
     """Each level is a skill of its own with parameters and a remap."""
 
     class nest(SkillBase):
@@ -65,29 +65,29 @@ def test_a_tree_of_a_thousand_levels_of_compounds_runs_and_is_preempted(ticker, 
                 skill(self.skill("Work", "work"), self.skill("Long", "long"))
 
     bench.load(nest, primitive(Work, "work"), primitive(describe("Long"), "long", execute=lambda s: s.step("at work")))
-    task = start(ticker, bench, bench.node("nest", Depth=1000))
+    task = start(scheduler, bench, bench.node("nest", Depth=1000))
     long = lambda: [n for n in task.nodes() if n.label == "long" and n.progress_code > 2]  # noqa: E731
     while not long():
         assert not task.ended.wait(0.01), task.root.progress_msg
-    ticker.preempt(task.id)
+    scheduler.preempt(task.id)
     assert task.ended.wait(30)
     assert Counter(node.state for node in task.nodes()) == {State.Failure: 1003, State.Success: 1}
     assert len(task.progress()) == 1004
 
 
-def test_ten_thousand_nodes_side_by_side_are_preempted(ticker, bench):
+def test_ten_thousand_nodes_side_by_side_are_preempted(scheduler, bench):
     bench.load(primitive(Work, "work", execute=lambda self: self.step()))
     group = Skill("", ParallelFf())(*(bench.node("work") for _ in range(10_000)))
-    task = start(ticker, bench, group)
+    task = start(scheduler, bench, group)
     while group.children[-1].state is not State.Running:
         assert not task.ended.wait(0.01), task.root.progress_msg
-    ticker.preempt(task.id)
+    scheduler.preempt(task.id)
     assert task.ended.wait(60)
     assert {child.state for child in group.children} == {State.Failure}
     assert not bench.library.by_label("work").busy
 
 
-def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(ticker, bench):
+def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(scheduler, bench):
     """Of those that ended well, failed, and were preempted. tests/system/test_bad_commands.py does it with 100 000."""
     bench.load(
         primitive(Say, "say", execute=running_for(1)),
@@ -97,10 +97,10 @@ def test_nothing_stays_of_the_nodes_of_tasks_that_have_ended(ticker, bench):
     group = lambda *labels: Skill("", ParallelFf())(*(bench.node(label) for label in labels))  # noqa: E731
 
     def a_hundred_nodes():
-        run(ticker, bench, group(*["say"] * 80))
-        run(ticker, bench, group(*["say"] * 8, "fails"))
-        task = start(ticker, bench, group(*["say"] * 8, "long"))
-        ticker.preempt(task.id)
+        run(scheduler, bench, group(*["say"] * 80))
+        run(scheduler, bench, group(*["say"] * 8, "fails"))
+        task = start(scheduler, bench, group(*["say"] * 8, "long"))
+        scheduler.preempt(task.id)
         assert task.ended.wait(30)
 
     for _ in range(10):

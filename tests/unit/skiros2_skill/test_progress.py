@@ -1,4 +1,4 @@
-"""What is told of the tasks of a manager while they run."""
+"""Publishing the progress of tasks."""
 
 import io
 import json
@@ -13,7 +13,7 @@ from unit.skiros2_skill.skills import Note, primitive
 
 
 class Publisher:
-    """Stands in for rospy's: writes what is published, as rospy does, one message behind the other."""
+    """Replaces rospy's publisher: serializes messages into one buffer, as rospy does."""
 
     def __init__(self, *args, **options):
         self.connections = 1
@@ -45,15 +45,15 @@ def task(bench):
 
 def tick(task):
     task.tick()
-    task.take_changed()
+    task.update_revision()
 
 
 def read(sent):
     return msgs.TreeProgress().deserialize(sent).progress
 
 
-def test_each_node_is_told_of(progress, task):
-    progress.tell(task)
+def test_message_has_every_node(progress, task):
+    progress.publish(task)
     root, note = read(progress._publisher.sent[0])
     assert (root.type, root.id, root.state) == (":Root", task.id, msgs.SkillProgress.RUNNING)
     assert (note.type, note.label, note.parent_id) == ("skiros:Note", "note", root.id)
@@ -61,34 +61,34 @@ def test_each_node_is_told_of(progress, task):
     assert note.params == []
 
 
-def test_nothing_is_made_for_nobody(progress, task, monkeypatch):
+def test_no_message_is_created_without_subscriber(progress, task, monkeypatch):
     progress._publisher.connections = 0
     asked = []
     monkeypatch.setattr(task, "progress", lambda: asked.append(1) or [])
-    assert progress.tell(task) == []
+    assert progress.publish(task) == []
     assert (asked, progress._publisher.sent) == ([], [])
-    progress.tell(task, wanted=True)
+    progress.publish(task, needed=True)
     assert (asked, progress._publisher.sent) == ([1], [])
 
 
-def test_what_has_not_changed_is_not_written_again(progress, task, monkeypatch):
-    progress.tell(task)
+def test_unchanged_message_is_not_serialized_again(progress, task, monkeypatch):
+    progress.publish(task)
     with monkeypatch.context() as patch:
         patch.setattr(task, "progress", lambda: pytest.fail("asked again"))
         patch.setattr(msgs.TreeProgress, "serialize", lambda *_: pytest.fail("written again"))
-        progress.tell(task)
+        progress.publish(task)
     first, second = progress._publisher.sent
     assert first == second
     tick(task)
-    progress.tell(task)
+    progress.publish(task)
     assert [node.progress_code for node in read(progress._publisher.sent[2])] == [0, 2]
 
 
-def test_parameters_travel_when_asked_for_also_when_nothing_else_changes(progress, task):
+def test_message_with_parameters_is_always_current(progress, task):
     progress.with_params = True
-    progress.tell(task)
+    progress.publish(task)
     task.root.children[0].params["Text"].value = "new"
-    progress.tell(task)
+    progress.publish(task)
     texts = []
     for sent in progress._publisher.sent:
         params = [json.loads(param.param) for param in read(sent)[1].params]
@@ -96,11 +96,11 @@ def test_parameters_travel_when_asked_for_also_when_nothing_else_changes(progres
     assert texts == [["äöü"], ["new"]]
 
 
-def test_of_a_task_that_has_ended_nothing_is_kept(progress, task):
-    progress.tell(task)
+def test_message_of_ended_task_is_discarded(progress, task):
+    progress.publish(task)
     task.preempt()
     tick(task)
-    progress.tell(task)
+    progress.publish(task)
     assert read(progress._publisher.sent[-1])[0].progress_code == -1
     assert task.state is State.Failure
-    assert progress._told == {}
+    assert progress._messages == {}

@@ -6,7 +6,7 @@ from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongT
 from skiros2_common.core.explanation import GIVEN, PARAMETER, START
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
+from skiros2_skill.core.runtime.request import SkillRequest, explain_refusal, make_nodes
 from unit.skiros2_skill.skills import OBJECT, REQUIRED, Note, Speak, describe, primitive
 
 
@@ -81,7 +81,7 @@ def refused(bench, *requests):
     """What `make_nodes` refuses, explained; the message is that of the error."""
     with pytest.raises(SkirosError) as error:
         nodes(bench, *requests)
-    explanation = why_refused(requests, bench.library, bench.wmi, -1)
+    explanation = explain_refusal(requests, bench.library, bench.wmi, -1)
     assert explanation.message == str(error.value)
     return explanation
 
@@ -108,5 +108,5 @@ def test_each_implementation_that_the_parameters_do_not_fit_is_told(skills):
 
 
 def test_what_is_not_wrong_by_itself_has_no_explanation(skills):
-    assert why_refused([request("Note", Text="a")], skills.library, skills.wmi, -1) is None
-    assert why_refused([], skills.library, skills.wmi, -1) is None
+    assert explain_refusal([request("Note", Text="a")], skills.library, skills.wmi, -1) is None
+    assert explain_refusal([], skills.library, skills.wmi, -1) is None

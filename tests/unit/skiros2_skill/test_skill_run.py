@@ -1,4 +1,4 @@
-"""When the goals of a client count as not taken by the manager."""
+"""Goals that the manager does not accept in time."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from skiros2_skill.ros import skill_run
 
 
 class Client:
-    """An action client whose server is there; `take` is the server taking a goal."""
+    """An action client with a live server; `accept` makes the server accept a goal."""
 
     ns = "/robot/execute"
     pub_goal = pub_cancel = SimpleNamespace(impl=SimpleNamespace(set_queue_size=lambda size: None))
@@ -21,7 +21,7 @@ class Client:
 
     @property
     def last_status_msg(self):
-        return object()  # another one each time: the server is not silent
+        return object()  # a new message each time: the server is alive
 
     def send_goal(self, goal, on_transition):
         handle = SimpleNamespace(state=CommState.WAITING_FOR_GOAL_ACK, on_transition=on_transition)
@@ -31,7 +31,7 @@ class Client:
         self.handles.append(handle)
         return handle
 
-    def take(self, number):
+    def accept(self, number):
         self.handles[number].state = CommState.ACTIVE
         self.handles[number].on_transition(self.handles[number])
 
@@ -52,50 +52,51 @@ def client():
 @pytest.fixture
 def runs(client, clock):
     """Three goals, sent one after the other."""
-    taken = skill_run._Taken()
+    last_accepted = skill_run._LastAccepted()
     runs = []
     for _ in range(3):
-        runs.append(skill_run.SkillRun(client, None, None, taken))
+        runs.append(skill_run.SkillRun(client, None, None, last_accepted))
         clock.now += 0.01
     return runs
 
 
-def test_a_goal_that_is_not_taken_is_told(runs, clock):
+def test_goal_that_is_not_accepted_times_out(runs, clock):
     clock.now += skill_run.SILENCE + 0.1
     with pytest.raises(TimedOut, match="/robot/execute has not taken the skills"):
         runs[0].wait(0.0)
 
 
-def test_a_goal_waits_for_its_turn_while_earlier_ones_are_taken(runs, client, clock):
+def test_goal_waits_while_earlier_goals_are_accepted(runs, client, clock):
     for number in range(2):
         clock.now += skill_run.SILENCE - 1.0
-        client.take(number)
+        client.accept(number)
         assert not runs[2].wait(0.0)
     clock.now += skill_run.SILENCE + 0.1
     with pytest.raises(TimedOut, match="has not taken"):
         runs[2].wait(0.0)
 
 
-def test_a_goal_that_was_passed_over_is_told(runs, client, clock):
+def test_goal_that_was_passed_over_times_out(runs, client, clock):
     clock.now += skill_run.SILENCE + 0.1
-    client.take(2)
+    client.accept(2)
     assert not runs[2].wait(0.0)
     with pytest.raises(TimedOut, match="has not taken"):
         runs[1].wait(0.0)
 
 
-def test_news_that_the_result_has_overtaken_are_heard(client, monkeypatch):
-    told = {}
+def test_feedback_after_result_is_delivered(client, monkeypatch):
+    callbacks = {}
     monkeypatch.setattr(skill_run.actionlib, "ActionClient", lambda name, kind: client)
-    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, hear: told.setdefault(topic, hear))
+    monkeypatch.setattr(skill_run.rospy, "Subscriber", lambda topic, kind, call: callbacks.setdefault(topic, call))
     monkeypatch.setattr(skill_run.ServerWatch, "is_connected", lambda self: True)
-    news = []
-    run = skill_run.SkillRunner("/robot").run("me", [], news.append)
+    received = []
+    run = skill_run.SkillRunner("/robot").run("me", [], received.append)
     handle = client.handles[0]
     handle.state, handle.get_result = CommState.DONE, lambda: SimpleNamespace(task_id=7)
     handle.on_transition(handle)
     assert run.done
     for goal in ("goal 0", "goal of somebody else"):
         status = SimpleNamespace(goal_id=SimpleNamespace(id=goal))
-        told["/robot/execute/feedback"](SimpleNamespace(status=status, feedback=SimpleNamespace(task_id=7, of=goal)))
-    assert [feedback.of for feedback in news] == ["goal 0"]
+        feedback = SimpleNamespace(task_id=7, of=goal)
+        callbacks["/robot/execute/feedback"](SimpleNamespace(status=status, feedback=feedback))
+    assert [feedback.of for feedback in received] == ["goal 0"]

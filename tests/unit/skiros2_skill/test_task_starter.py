@@ -10,8 +10,8 @@ from skiros2_common.core.explanation import PARAMETER
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.ros.utils import serializeParamMap
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.history import History
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.ros.progress import param_messages, wire_code, wire_text
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter
 from skiros2_world_model.core.world_model_abstract_interface import WmException
@@ -19,10 +19,10 @@ from unit.skiros2_skill.skills import OBJECT, Note, describe, primitive
 
 
 @pytest.fixture
-def ticker():
-    ticker = Ticker()
-    yield ticker
-    ticker.stop()
+def scheduler():
+    scheduler = Scheduler()
+    yield scheduler
+    scheduler.stop()
 
 
 @pytest.fixture
@@ -31,9 +31,9 @@ def history():
 
 
 @pytest.fixture
-def starter(bench, ticker, history):
+def starter(bench, scheduler, history):
     bench.load(primitive(Note, "note", execute=State.Success))
-    return TaskStarter(bench.library, bench.wmi, ticker, history, lambda: bench.robot)
+    return TaskStarter(bench.library, bench.wmi, scheduler, history, lambda: bench.robot)
 
 
 def description(stype="Note", **values):
@@ -41,23 +41,23 @@ def description(stype="Note", **values):
     return msgs.ResourceDescription(stype, "", serializeParamMap(params))
 
 
-def test_a_task_is_made_and_waits_for_its_start(starter, ticker, history):
+def test_a_task_is_made_and_waits_for_its_start(starter, scheduler, history):
     task = starter.make("tests", [description(Text="a"), description(Text="b")])
     assert [node.type for node in task.root.children] == ["skiros:Note", "skiros:Note"]
     assert task.paused
     assert history.get(task.id).author == "tests"
-    ticker.start(task.id)
+    scheduler.start(task.id)
     assert task.ended.wait(10)
     assert task.state is State.Success
 
 
-def test_a_task_that_is_refused_is_kept_with_the_reason(starter, ticker, history):
+def test_a_task_that_is_refused_is_kept_with_the_reason(starter, scheduler, history):
     with pytest.raises(TaskRefused, match="required parameter 'Text' \\(str\\) is not set") as refused:
         starter.make("tests", [description()])
     assert history.get(-1) is refused.value.record
     (why,) = refused.value.record.explanations
     assert (why.stage, why.type, why.node) == (PARAMETER, "skiros:Note", -1)
-    assert ticker.tasks() == []
+    assert scheduler.tasks() == []
 
 
 def test_the_first_skill_that_cannot_run_is_named_among_several(starter, history):
@@ -111,12 +111,12 @@ def written(stype, *params):
 
 
 @pytest.fixture
-def given(starter, ticker):
+def given(starter, scheduler):
     """The values of a parameter with which a skill runs that is asked for so."""
 
     def run(stype, key, values):
         task = starter.make("tests", [written(stype, {"key": key, "values": values})])
-        ticker.start(task.id)
+        scheduler.start(task.id)
         assert task.ended.wait(10)
         return task.root.children[0].params[key].values
 
@@ -141,7 +141,7 @@ def test_a_whole_number_is_taken_where_a_real_one_is_declared(given, bench):
     assert given("Turn", "Angle", [2]) == [2.0]
 
 
-def test_all_problems_of_a_request_are_reported_at_once(starter, bench, ticker):
+def test_all_problems_of_a_request_are_reported_at_once(starter, bench, scheduler):
     bench.load(primitive(describe("Hold", [OBJECT, ("Times", int, ParamTypes.Required)]), "hold"))
     skills = [
         written(
@@ -162,4 +162,4 @@ def test_all_problems_of_a_request_are_reported_at_once(starter, bench, ticker):
         "parameter Text: expected a value of type str, got int 7",
     ):
         assert part in str(refused.value)
-    assert ticker.tasks() == []
+    assert scheduler.tasks() == []

@@ -7,8 +7,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.primitive_thread import PrimitiveThreadBase
-from skiros2_skill.core.ticker import Ticker
-from skiros2_skill.core.worker import WAKES
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.worker import MAX_WAKES
 from unit.skiros2_skill.skills import CONTAINER, OBJECT, Work, contains, describe, primitive
 
 Hold = describe("Hold", [CONTAINER, OBJECT], pre=[contains()], hold=[contains()])
@@ -16,11 +16,11 @@ NEVER = 0.001  # ticks per second: the first slot of the grid is the only one
 
 
 @pytest.fixture
-def ticker(bench):
+def scheduler(bench):
     made = []
 
     def make(rate=NEVER):
-        made.append(Ticker(rate=rate, keep_alive=1e6))
+        made.append(Scheduler(rate=rate, keep_alive=1e6))
         bench.wmi.add_listener(made[-1].on_change)
         return made[-1]
 
@@ -30,10 +30,10 @@ def ticker(bench):
         one.stop()
 
 
-def started(ticker, bench, *nodes):
-    task = ticker.new_task(bench.wmi, "test")
+def started(scheduler, bench, *nodes):
+    task = scheduler.new_task(bench.wmi, "test")
     task.root(*nodes)
-    ticker.start(task.id)
+    scheduler.start(task.id)
     return task
 
 
@@ -63,10 +63,10 @@ def take_out(bench, product):
 # -- the grid ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_task_is_ticked_at_once_when_it_starts_not_with_the_next_slot(ticker, bench):
+def test_a_task_is_ticked_at_once_when_it_starts_not_with_the_next_slot(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
-    one = ticker()
+    one = scheduler()
     first = started(one, bench, bench.node("work"))
     assert ticks.reach(1)
     started(one, bench, bench.node("work"))
@@ -74,10 +74,10 @@ def test_a_task_is_ticked_at_once_when_it_starts_not_with_the_next_slot(ticker, 
     assert not first.ended.is_set()
 
 
-def test_starting_tasks_ticks_no_other_task(ticker, bench):
+def test_starting_tasks_ticks_no_other_task(scheduler, bench):
     ticks, others = Ticks(), Ticks()
     bench.load(primitive(Work, "work", execute=ticks), primitive(Work, "other", execute=others))
-    one = ticker()
+    one = scheduler()
     started(one, bench, bench.node("work"))
     assert ticks.reach(1)
     for number in range(25):
@@ -86,7 +86,7 @@ def test_starting_tasks_ticks_no_other_task(ticker, bench):
     assert ticks.count <= 2  # its start, and perhaps the slot in which it was new
 
 
-def test_ticks_do_not_drift_when_some_are_late(ticker, bench):
+def test_ticks_do_not_drift_when_some_are_late(scheduler, bench):
     """What a late tick delays is made up for: the n-th tick comes n periods after the first, but for a period."""
     stamps, pause = [], threading.Event()
 
@@ -97,7 +97,7 @@ def test_ticks_do_not_drift_when_some_are_late(ticker, bench):
 
     bench.load(primitive(Work, "work", execute=execute))
     period = 0.02
-    task = started(ticker(1 / period), bench, bench.node("work"))
+    task = started(scheduler(1 / period), bench, bench.node("work"))
     assert task.ended.wait(30)
     slots = [(stamp - stamps[0]) / period for stamp in stamps]
     # A tick lies in the slot of its number or later: on a machine that is held up slots are left out, never doubled.
@@ -109,20 +109,20 @@ def test_ticks_do_not_drift_when_some_are_late(ticker, bench):
 # -- wakes by the world ------------------------------------------------------------------------------------------------
 
 
-def test_a_change_of_what_a_hold_condition_speaks_of_wakes_the_task(ticker, bench):
+def test_a_change_of_what_a_hold_condition_speaks_of_wakes_the_task(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks))
-    task = started(ticker(), bench, bench.node("hold", Object=bench.product))
+    task = started(scheduler(), bench, bench.node("hold", Object=bench.product))
     assert ticks.reach(1)
     take_out(bench, bench.product)
     assert task.ended.wait(5)
     assert "Hold-condition failed" in task.root.progress_msg
 
 
-def test_a_change_of_something_else_does_not(ticker, bench):
+def test_a_change_of_something_else_does_not(scheduler, bench):
     ticks, other = Ticks(), Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks), primitive(Work, "work", execute=other))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("hold", Object=bench.product))
     assert ticks.reach(1)
     one.pause(task.id)
@@ -135,10 +135,10 @@ def test_a_change_of_something_else_does_not(ticker, bench):
     assert not task.ended.is_set()
 
 
-def test_only_the_concerned_tasks_are_woken(ticker, bench):
+def test_only_the_concerned_tasks_are_woken(scheduler, bench):
     ticks, others = Ticks(), Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks), primitive(Hold, "other", execute=others))
-    one = ticker()
+    one = scheduler()
     concerned = started(one, bench, bench.node("hold", Object=bench.product))
     unconcerned = started(one, bench, bench.node("other", Object=bench.other_product))
     assert ticks.reach(1) and others.reach(1)
@@ -149,7 +149,7 @@ def test_only_the_concerned_tasks_are_woken(ticker, bench):
     assert not unconcerned.ended.is_set()
 
 
-def test_what_a_task_writes_itself_does_not_wake_it(ticker, bench):
+def test_what_a_task_writes_itself_does_not_wake_it(scheduler, bench):
     writes = Ticks()
 
     def execute(skill):
@@ -158,7 +158,7 @@ def test_what_a_task_writes_itself_does_not_wake_it(ticker, bench):
         return writes(skill)
 
     bench.load(primitive(Hold, "hold", execute=execute), primitive(Work, "work"))
-    one = ticker()
+    one = scheduler()
     started(one, bench, bench.node("hold", Object=bench.product))
     assert writes.reach(1)
     assert started(one, bench, bench.node("work")).ended.wait(5)
@@ -168,7 +168,7 @@ def test_what_a_task_writes_itself_does_not_wake_it(ticker, bench):
 # -- wakes by skills ---------------------------------------------------------------------------------------------------
 
 
-def test_a_skill_wakes_its_task_from_another_thread(ticker, bench):
+def test_a_skill_wakes_its_task_from_another_thread(scheduler, bench):
     ready, skills = threading.Event(), []
 
     def execute(skill):
@@ -176,7 +176,7 @@ def test_a_skill_wakes_its_task_from_another_thread(ticker, bench):
         return skill.success("") if ready.is_set() else skill.step("")
 
     bench.load(primitive(Work, "wait", execute=execute))
-    task = started(ticker(), bench, bench.node("wait"))
+    task = started(scheduler(), bench, bench.node("wait"))
     while not skills:
         assert not task.ended.wait(0.01)
     ready.set()
@@ -184,7 +184,7 @@ def test_a_skill_wakes_its_task_from_another_thread(ticker, bench):
     assert task.ended.wait(5)
 
 
-def test_a_thread_that_has_its_result_wakes_the_task(ticker, bench):
+def test_a_thread_that_has_its_result_wakes_the_task(scheduler, bench):
     go = threading.Event()
 
     class think(PrimitiveThreadBase):
@@ -196,39 +196,39 @@ def test_a_thread_that_has_its_result_wakes_the_task(ticker, bench):
             return self.success("thought")
 
     bench.load(think)
-    task = started(ticker(), bench, bench.node("think"))
+    task = started(scheduler(), bench, bench.node("think"))
     go.set()
     assert task.ended.wait(5)
     assert task.state is State.Success
 
 
-def test_a_skill_that_wakes_itself_at_each_tick_does_not_spin(ticker, bench):
+def test_a_skill_that_wakes_itself_at_each_tick_does_not_spin(scheduler, bench):
     ticks, other = Ticks(), Ticks()
     bench.load(
         primitive(Work, "restless", execute=lambda self: self.wake() or ticks(self)),
         primitive(Work, "work", execute=other),
     )
-    one = ticker()
+    one = scheduler()
     started(one, bench, bench.node("restless"))
-    assert ticks.reach(WAKES)
+    assert ticks.reach(MAX_WAKES)
     started(one, bench, bench.node("work"))
     assert other.reach(1)
-    assert ticks.count <= WAKES + 2
+    assert ticks.count <= MAX_WAKES + 2
 
 
-def test_a_wake_after_the_end_does_nothing(ticker, bench):
+def test_a_wake_after_the_end_does_nothing(scheduler, bench):
     kept = []
     bench.load(primitive(Work, "work", execute=lambda self: kept.append(self) or self.success("")))
-    one = ticker()
+    one = scheduler()
     assert started(one, bench, bench.node("work")).ended.wait(5)
     kept[0].wake()
     assert started(one, bench, bench.node("work")).ended.wait(5)
 
 
-def test_a_woken_task_that_is_paused_stays_paused(ticker, bench):
+def test_a_woken_task_that_is_paused_stays_paused(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("hold", Object=bench.product))
     assert ticks.reach(1)
     one.pause(task.id)
@@ -243,10 +243,10 @@ def test_a_woken_task_that_is_paused_stays_paused(ticker, bench):
 # -- commands ----------------------------------------------------------------------------------------------------------
 
 
-def test_so_many_ticks_are_ticked_exactly(ticker, bench):
+def test_so_many_ticks_are_ticked_exactly(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
-    one = ticker(200)
+    one = scheduler(200)
     task = one.new_task(bench.wmi, "test")
     task.root(bench.node("work"))
     for count in (1, 3, 2):
@@ -258,10 +258,10 @@ def test_so_many_ticks_are_ticked_exactly(ticker, bench):
         assert ticks.count == before + count
 
 
-def test_of_two_starts_at_once_one_is_refused(ticker, bench):
+def test_of_two_starts_at_once_one_is_refused(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
-    one = ticker(200)
+    one = scheduler(200)
     task = one.new_task(bench.wmi, "test")
     task.root(bench.node("work"))
     answers, gate = [], threading.Barrier(4)

@@ -6,8 +6,8 @@ import pytest
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.explanation import PREEMPT
+from skiros2_skill.core.runtime.scheduler import Scheduler
 from skiros2_skill.core.skill import ParallelFf, Skill
-from skiros2_skill.core.ticker import Ticker
 from unit.skiros2_skill.skills import LOCKED_ARM, Work, describe, primitive, running_for
 
 TIMEOUT = 0.3  # s for a preempted task to end
@@ -36,11 +36,11 @@ def stuck():
 
 
 @pytest.fixture
-def ticker():
+def scheduler():
     made = []
 
     def make(**options):
-        made.append(Ticker(rate=200, preempt_timeout=TIMEOUT, **options))
+        made.append(Scheduler(rate=200, preempt_timeout=TIMEOUT, **options))
         return made[-1]
 
     yield make
@@ -48,16 +48,16 @@ def ticker():
         one.stop(timeout=0.5)
 
 
-def started(ticker, bench, *nodes):
-    task = ticker.new_task(bench.wmi, "test")
+def started(scheduler, bench, *nodes):
+    task = scheduler.new_task(bench.wmi, "test")
     task.root(*nodes)
-    ticker.start(task.id)
+    scheduler.start(task.id)
     return task
 
 
-def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(ticker, bench, stuck):
+def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
-    one = ticker()
+    one = scheduler()
     blocked = started(one, bench, bench.node("stuck"))
     assert stuck.reached.wait(5)
     others = [started(one, bench, bench.node("work")) for _ in range(3)]
@@ -65,9 +65,9 @@ def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(ticker, bench, 
     assert not blocked.ended.is_set()
 
 
-def test_a_task_goes_on_when_its_hook_returns_after_all(ticker, bench, stuck):
+def test_a_task_goes_on_when_its_hook_returns_after_all(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
-    one = ticker()
+    one = scheduler()
     blocked = started(one, bench, bench.node("stuck"), bench.node("work"))
     assert stuck.reached.wait(5)
     assert started(one, bench, bench.node("work")).ended.wait(10)
@@ -77,11 +77,11 @@ def test_a_task_goes_on_when_its_hook_returns_after_all(ticker, bench, stuck):
 
 
 @pytest.mark.parametrize("hook", ["onStart", "execute"])
-def test_a_preempted_task_ends_without_the_hook_and_says_which(ticker, bench, stuck, hook):
+def test_a_preempted_task_ends_without_the_hook_and_says_which(scheduler, bench, stuck, hook):
     ended = []
     bench.load(primitive(Work, "stuck", **{hook: stuck}, onEnd=lambda self: ended.append(1)))
     told = []
-    one = ticker(on_progress=lambda task: told.append((task.id, task.root.progress_code)))
+    one = scheduler(on_progress=lambda task: told.append((task.id, task.root.progress_code)))
     blocked = started(one, bench, bench.node("stuck"))
     assert stuck.reached.wait(5)
     one.preempt(blocked.id)
@@ -101,11 +101,11 @@ def test_a_preempted_task_ends_without_the_hook_and_says_which(ticker, bench, st
 
 
 @pytest.mark.parametrize("hook", ["onPreempt", "onEnd"])
-def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(ticker, bench, stuck, hook):
+def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(scheduler, bench, stuck, hook):
     begun = threading.Event()
     running = {"execute": lambda self: begun.set() or self.step("")}
     bench.load(primitive(Work, "stuck", **{**running, hook: stuck}))
-    one = ticker()
+    one = scheduler()
     blocked = started(one, bench, bench.node("stuck"))
     assert begun.wait(5)
     one.preempt(blocked.id)
@@ -113,7 +113,7 @@ def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(ticker, b
     assert f"skiros:Work-stuck: {hook} has not returned" in blocked.root.progress_msg
 
 
-def test_what_runs_beside_a_stuck_hook_is_preempted_properly(ticker, bench, stuck):
+def test_what_runs_beside_a_stuck_hook_is_preempted_properly(scheduler, bench, stuck):
     calls = []
     bench.load(
         primitive(
@@ -125,7 +125,7 @@ def test_what_runs_beside_a_stuck_hook_is_preempted_properly(ticker, bench, stuc
         ),
         primitive(Work, "stuck", execute=stuck),
     )
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, Skill("both", ParallelFf())(bench.node("moves"), bench.node("stuck")))
     assert stuck.reached.wait(5)
     one.preempt(task.id)
@@ -133,10 +133,10 @@ def test_what_runs_beside_a_stuck_hook_is_preempted_properly(ticker, bench, stuc
     assert calls == ["onPreempt", "onEnd"]
 
 
-def test_an_instance_that_was_left_behind_is_not_used_again(ticker, bench, stuck):
+def test_an_instance_that_was_left_behind_is_not_used_again(scheduler, bench, stuck):
     instances = []
     bench.load(primitive(Work, "stuck", execute=lambda self: instances.append(self) or stuck(self)))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("stuck"))
     assert stuck.reached.wait(5)
     one.preempt(task.id)
@@ -150,7 +150,7 @@ def test_an_instance_that_was_left_behind_is_not_used_again(ticker, bench, stuck
     assert not bench.library.by_label("stuck").busy
 
 
-def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(ticker, bench, stuck):
+def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(scheduler, bench, stuck):
     from unit.skiros2_skill.skills import Speak
 
     def execute(self):
@@ -159,7 +159,7 @@ def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(ti
         return self.success("")
 
     bench.load(primitive(Speak, "stuck", execute=execute))
-    one = ticker()
+    one = scheduler()
     task = one.new_task(bench.wmi, "test")
     task.root.params.addParam("Text", "before", 1)
     task.root(bench.node("stuck"))
@@ -173,10 +173,10 @@ def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(ti
     assert task.root.params["Text"].value == "hello"  # the default, from the start
 
 
-def test_devices_of_a_skill_left_behind_are_free(ticker, bench, stuck):
+def test_devices_of_a_skill_left_behind_are_free(scheduler, bench, stuck):
     arm = bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
     bench.load(primitive(describe("Weld", [LOCKED_ARM]), "weld", execute=stuck))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("weld"))
     assert stuck.reached.wait(5)
     assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Busy"
@@ -185,7 +185,7 @@ def test_devices_of_a_skill_left_behind_are_free(ticker, bench, stuck):
     assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Idle"
 
 
-def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(ticker, bench):
+def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(scheduler, bench):
     begun, ended = threading.Event(), threading.Event()
     bench.load(
         primitive(
@@ -196,7 +196,7 @@ def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(ticker, bench):
             onEnd=lambda self: ended.set(),
         )
     )
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("endless"))
     assert begun.wait(5)
     one.preempt(task.id)
@@ -205,9 +205,9 @@ def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(ticker, bench):
     assert "did not end in time" in task.root.children[0].progress_msg
 
 
-def test_preempting_one_of_several_while_another_is_stuck(ticker, bench, stuck):
+def test_preempting_one_of_several_while_another_is_stuck(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "endless", execute=lambda self: self.step("")))
-    one = ticker()
+    one = scheduler()
     started(one, bench, bench.node("stuck"))
     tasks = [started(one, bench, bench.node("endless")) for _ in range(5)]
     assert stuck.reached.wait(5)
@@ -216,9 +216,9 @@ def test_preempting_one_of_several_while_another_is_stuck(ticker, bench, stuck):
     assert not any(task.ended.is_set() for task in tasks if task is not tasks[2])
 
 
-def test_many_stuck_tasks_at_once(ticker, bench, stuck):
+def test_many_stuck_tasks_at_once(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(3)))
-    one = ticker()
+    one = scheduler()
     tasks = []
     for _ in range(8):
         stuck.reached.clear()
@@ -234,7 +234,7 @@ def test_many_stuck_tasks_at_once(ticker, bench, stuck):
 def test_stopping_does_not_wait_for_a_hook_for_ever(bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
     told = []
-    one = Ticker(rate=200, preempt_timeout=60, on_progress=lambda task: told.append(task.root.progress_code))
+    one = Scheduler(rate=200, preempt_timeout=60, on_progress=lambda task: told.append(task.root.progress_code))
     task = started(one, bench, bench.node("stuck"))
     assert stuck.reached.wait(5)
     one.stop(timeout=0.3)
@@ -242,22 +242,22 @@ def test_stopping_does_not_wait_for_a_hook_for_ever(bench, stuck):
     assert told[-1] == -1
 
 
-def test_a_slow_tick_is_reported_once_with_the_place_that_took_the_time(ticker, bench, caplog):
+def test_a_slow_tick_is_reported_once_with_the_place_that_took_the_time(scheduler, bench, caplog):
     pause = threading.Event()
     bench.load(
         primitive(Work, "quick", execute=running_for(4)),
         primitive(Work, "slow", execute=lambda self: pause.wait(0.06) or running_for(4)(self)),
     )
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, Skill("both", ParallelFf())(bench.node("quick"), bench.node("slow")))
     assert task.ended.wait(10)
     one.stop()
-    reports = [r.getMessage() for r in caplog.records if "longer than the 0.005 s" in r.getMessage()]
+    reports = [r.getMessage() for r in caplog.records if "longer than the period of 0.005 s" in r.getMessage()]
     assert [r for r in reports if "most of it was spent in skiros:Work-slow: execute" in r] == reports
     assert len(reports) == 1
 
 
-def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(ticker, bench):
+def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(scheduler, bench):
     class Broken(Skill):
         def visit(self, visitor):
             raise RuntimeError("broken node")
@@ -272,7 +272,7 @@ def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(ticker, ben
             onPreempt=lambda self: calls.append("onPreempt"),
         )
     )
-    task = started(ticker(), bench, Skill("both", ParallelFf())(bench.node("weld"), Broken("broken")))
+    task = started(scheduler(), bench, Skill("both", ParallelFf())(bench.node("weld"), Broken("broken")))
     assert task.ended.wait(5)
     assert "broken node" in task.root.progress_msg
     assert calls == ["onPreempt"]
@@ -283,10 +283,10 @@ def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(ticker, ben
 # -- preempted while a hook is being called --------------------------------------------------------------------------
 
 
-def preempted_in(ticker, bench, stuck, **hooks):
+def preempted_in(scheduler, bench, stuck, **hooks):
     """A task that was preempted while `execute` is being called, which returns then."""
     bench.load(primitive(Work, "stuck", execute=stuck, **hooks), primitive(Work, "next"))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("stuck"), bench.node("next"))
     assert stuck.reached.wait(5)
     one.preempt(task.id)
@@ -295,20 +295,20 @@ def preempted_in(ticker, bench, stuck, **hooks):
     return task
 
 
-def test_a_preempted_task_has_failed_whatever_the_running_execute_still_answers(ticker, bench, stuck):
-    task = preempted_in(ticker, bench, stuck)
+def test_a_preempted_task_has_failed_whatever_the_running_execute_still_answers(scheduler, bench, stuck):
+    task = preempted_in(scheduler, bench, stuck)
     assert (task.state, task.root.progress_code, task.root.progress_msg) == (State.Failure, -1, "Preempted")
     assert task.cause().stage == PREEMPT
 
 
-def test_no_skill_starts_after_its_task_was_preempted(ticker, bench, stuck):
-    task = preempted_in(ticker, bench, stuck)
+def test_no_skill_starts_after_its_task_was_preempted(scheduler, bench, stuck):
+    task = preempted_in(scheduler, bench, stuck)
     assert [node.state for node in task.root.children] == [State.Success, State.Idle]
 
 
-def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(ticker, bench, stuck):
+def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
-    one = ticker()
+    one = scheduler()
     task = started(one, bench, bench.node("stuck"))
     assert stuck.reached.wait(5)
     one.preempt(task.id)
@@ -319,7 +319,7 @@ def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(
 
 def test_a_hook_has_less_time_than_a_skill_that_is_running_after_its_preemption(bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
-    one = Ticker(rate=200, preempt_timeout=60, hook_timeout=0.2)
+    one = Scheduler(rate=200, preempt_timeout=60, hook_timeout=0.2)
     try:
         task = started(one, bench, bench.node("stuck"))
         assert stuck.reached.wait(5)
@@ -346,7 +346,7 @@ def test_a_skill_that_is_running_after_its_preemption_has_more_time_than_a_hook(
         return State.Running
 
     bench.load(primitive(Work, "brakes", execute=ends, onPreempt=on_preempt))
-    one = Ticker(rate=200, preempt_timeout=60, hook_timeout=0.1)
+    one = Scheduler(rate=200, preempt_timeout=60, hook_timeout=0.1)
     try:
         task = started(one, bench, bench.node("brakes"))
         assert begun.wait(5)

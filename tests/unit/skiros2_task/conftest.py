@@ -12,7 +12,7 @@ from skiros2_task.core.planner import Limits
 from skiros2_task.core.planners import UpPlanner
 from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.plan_checks import CheckedPlanner, carry_out, is_known
 from support.planning_world import PlanningWorld
 
@@ -39,7 +39,7 @@ def plan(processes: EngineProcesses) -> Plan:
             assert TaskPlanner(after.wm, planner, Limits()).plan(goal).verdict is Verdict.NOTHING_TO_DO
         if result.verdict is Verdict.PLANNED:
             assert result.task is not None
-            tried = preview(SceneCopy(world.wm), result.task, result.steps, result.calls)
+            tried = preview(PreviewCopy(world.wm), result.task, result.steps, result.calls)
             assert tried.works, str(tried)
         return result
 

@@ -454,7 +454,7 @@ def test_computed_relation_overrides_scene(
 ) -> None:
     monkeypatch.setattr(reasoners, "_by_name", {})
     monkeypatch.setattr(reasoners, "_owners", {})
-    monkeypatch.setattr(reasoners, "_answers", {})
+    monkeypatch.setattr(reasoners, "_cache", {})
     reasoners.add(Neighbours())
     world = PlanningWorld()
     first, _, third = (world.thing("skiros:Product") for _ in range(3))

@@ -10,7 +10,7 @@ from skiros2_task.core.plan import skill_calls
 from skiros2_task.core.preview import FactChange, Preview, preview
 from skiros2_task.core.task import PlanStep
 from skiros2_task.core.world import WorldView
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, has, made, prop, related, skill, transport_world
 
 HERE = [("Place", "skiros:Location", INFERRED)]
@@ -20,7 +20,7 @@ PRODUCT = [("Object", "skiros:Product", REQUIRED)]
 def tried(world: PlanningWorld, goal: str, *plan: PlanStep, states: bool = False) -> Preview:
     view = WorldView(world.wm)
     task = make_task(view, GoalReader(view, condition_predicates(view.robots)).read(goal))
-    return preview(SceneCopy(world.wm), task, plan, skill_calls(task, plan, view.objects), states)
+    return preview(PreviewCopy(world.wm), task, plan, skill_calls(task, plan, view.objects), states)
 
 
 def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:

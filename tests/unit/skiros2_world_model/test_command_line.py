@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from skiros2_common.command_line.command import Unavailable
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
-from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import WrongValue
 from skiros2_world_model.command_line import program
 from skiros2_world_model.command_line.connection import connect
@@ -377,16 +377,16 @@ def test_numbers_that_json_has_not_are_texts(run) -> None:
 
 def test_without_a_master_it_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")
-    with pytest.raises(NotThere, match=r"no ROS master answers at http://localhost:1 .*refused"):
+    with pytest.raises(Unavailable, match=r"no ROS master answers at http://localhost:1 .*refused"):
         connect("wm", "tester")
     monkeypatch.setenv("ROS_MASTER_URI", "nonsense")
-    with pytest.raises(NotThere, match="no ROS master answers at nonsense"):
+    with pytest.raises(Unavailable, match="no ROS master answers at nonsense"):
         connect("wm", "tester")
 
 
 def test_a_missing_world_model_has_a_status_of_its_own(run, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str, author: str) -> Any:
-        raise NotThere(f"no {name}")
+        raise Unavailable(f"no {name}")
 
     monkeypatch.setattr(program, "connect", missing)
     assert run("view", "--wm", "cell") == (3, "", "view: no cell\n")

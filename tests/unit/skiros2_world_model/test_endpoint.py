@@ -14,7 +14,7 @@ from skiros2_world_model.core.endpoint_store import EndpointStore
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from support.sparql_endpoint import SparqlEndpoint
-from unit.skiros2_world_model.test_mirror import OPERATIONS, graph, graph_of_the_text
+from unit.skiros2_world_model.test_graph_sync import OPERATIONS, graph, graph_of_the_text
 
 BOXES = "SELECT ?x { ?x rdf:type/rdfs:subClassOf* skiros:Container }"
 OWN = """PREFIX owl: <http://www.w3.org/2002/07/owl#> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>

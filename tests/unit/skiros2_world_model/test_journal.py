@@ -70,7 +70,7 @@ def state(wm: LocalWorldModel) -> dict[str, Any]:
         context = model._contexts[name]
         scene = context.scene
         nodes = [
-            (n.id, n.type, n.label, {k: (p.dataType(), p.values) for k, p in n.properties.items()}, n.made)
+            (n.id, n.type, n.label, {k: (p.dataType(), p.values) for k, p in n.properties.items()}, n.provenance)
             for n in scene
         ]
         extras = sorted(map(str, context.extras))
@@ -78,7 +78,7 @@ def state(wm: LocalWorldModel) -> dict[str, Any]:
     return {
         "state": model.snapshot_id,
         "contexts": contexts,
-        "ontology": set(map(str, model.base.store.triples("ontology"))) if model.base else None,
+        "ontology": set(map(str, model.knowledge_base.store.triples("ontology"))) if model.knowledge_base else None,
     }
 
 
@@ -119,7 +119,7 @@ def test_a_world_model_that_was_killed_comes_back_as_it_was(lives: Lives) -> Non
     lives.kill()
 
     again = lives.start(initial=[("scene", "cell.ttl")])
-    assert again.model.went_on
+    assert again.model.recovered
     assert state(again) == before
     assert again.get_sub_classes("skiros:LargeBox") == wm.get_sub_classes("skiros:LargeBox")
     assert len(again.query_ontology("SELECT ?c WHERE { ?x rdfs:comment ?c }", context="scene")) == 1
@@ -140,10 +140,10 @@ def test_an_element_knows_its_last_change_after_a_restart(lives: Lives) -> None:
     wm = lives.start()
     wm.add_element(box())
     wm.set_relation(SCENE, "skiros:contain", "skiros:LargeBox-1")
-    made = {node.id: node.made for node in wm.model.scene()}
+    made = {node.id: node.provenance for node in wm.model.scene()}
     assert made["skiros:LargeBox-1"].author == "tester"
     lives.kill()
-    assert {node.id: node.made for node in lives.start().model.scene()} == made
+    assert {node.id: node.provenance for node in lives.start().model.scene()} == made
 
 
 def test_the_numbers_go_on_and_the_first_change_continues_the_chain(lives: Lives) -> None:
@@ -167,7 +167,7 @@ def test_after_a_clean_end_the_next_one_starts_from_its_files_with_higher_number
     number, snapshot = wm.model.number, wm.model.snapshot_id
     lives.end()
     wm = lives.start(initial=[("scene", "cell.ttl")])
-    assert not wm.model.went_on
+    assert not wm.model.recovered
     assert len(wm.model.scene()) == 3
     assert wm.model.number > number
     assert wm.model.snapshot_id.split("-")[0] != snapshot.split("-")[0]
@@ -187,7 +187,7 @@ def test_when_it_goes_on(lives: Lives, options: dict[str, Any], clean: bool, goe
     lives.start().add_element(box())
     lives.end() if clean else lives.kill()
     wm = lives.start(**options)
-    assert wm.model.went_on == goes_on
+    assert wm.model.recovered == goes_on
     assert wm.is_scene_element("skiros:LargeBox-1") == goes_on
 
 
@@ -212,7 +212,7 @@ def test_without_a_journal_numbers_grow_from_one_life_to_the_next(lives: Lives) 
 
 
 def test_a_journal_in_use_is_refused(lives: Lives, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skiros2_world_model.core.journal_file._PATIENCE", 0.1)
+    monkeypatch.setattr("skiros2_world_model.core.journal_file._LOCK_TIMEOUT", 0.1)
     lives.start()
     with pytest.raises(ConfigurationError, match=f"{lives.path}: another world model is using it"):
         Journal(lives.path)

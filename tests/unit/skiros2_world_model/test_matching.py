@@ -11,7 +11,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_world_model.core import queries
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.queries import containment_cycle, is_like, matching_ids
-from skiros2_world_model.core.scene import Node, Scene
+from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.world_model import WorldModel
 
 ONTOLOGY = WorldModel(source_ontologies()).ontology
@@ -49,14 +49,14 @@ def test_what_is_found_is_what_a_look_at_each_finds(before, after, etype, label,
     wanted._props = properties(values)
     for elements in (before, after):  # the first question makes the indexes, the second has them
         for number, *content, held in elements:
-            scene.put(Node(f"x:E-{number}", *content, properties(held)))
+            scene.put(ElementRecord(f"x:E-{number}", *content, properties(held)))
         likes = [node.id for node in scene if is_like(scene, ONTOLOGY, node.id, wanted)]
         assert sorted(matching_ids(scene, ONTOLOGY, wanted)) == sorted(likes)
 
 
 def test_one_that_has_the_value_twice_is_found_once():
     scene = Scene()
-    scene.put(Node("x:E-1", "x:T", "", properties({"x:p": ["1", "1.0"]})))
+    scene.put(ElementRecord("x:E-1", "x:T", "", properties({"x:p": ["1", "1.0"]})))
     wanted = Element("")
     wanted._props = properties({"x:p": [1]})
     assert matching_ids(scene, ONTOLOGY, wanted) == ["x:E-1"]
@@ -70,7 +70,7 @@ NAMES = st.sampled_from("abcdef")
 def test_a_cycle_is_found_where_one_is_above(relations, below):
     scene = Scene()
     for name in "abcdef":
-        scene.put(Node(name, "x:T", "", {}))
+        scene.put(ElementRecord(name, "x:T", "", {}))
     for relation in relations:
         scene.relate(*relation)
     holders = {name: {s for s, p, d in relations if d == name and p != "beside"} for name in "abcdef"}

@@ -34,7 +34,7 @@ server.serve_forever()
 WHILE = 1.0
 
 
-class Node:
+class ElementRecord:
     """A process with a slave API."""
 
     def __init__(self, protocol: str = "HTTP/1.1") -> None:
@@ -51,7 +51,7 @@ class Node:
 class Wire:
     """Stands between watch and node, and can be cut."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ElementRecord) -> None:
         self._node = node
         self._listener = socket.create_server(("localhost", 0))
         self.port = self._listener.getsockname()[1]
@@ -95,8 +95,8 @@ class Wire:
 
 
 @pytest.fixture
-def node() -> Iterator[Node]:
-    node = Node()
+def node() -> Iterator[ElementRecord]:
+    node = ElementRecord()
     yield node
     node.kill()
 
@@ -123,14 +123,14 @@ def has_answered(wire: Wire, count: int) -> None:
     wait_until(lambda: wire.connections == count, what="the connection")
 
 
-def test_a_node_that_is_killed_is_gone(node: Node, watch: Any) -> None:
+def test_a_node_that_is_killed_is_gone(node: ElementRecord, watch: Any) -> None:
     gone = watch(node.port, node.pid)
     assert not gone.wait(0.3)
     node.kill()
     assert gone.wait(5.0)
 
 
-def test_one_that_is_stopped_for_a_while_is_not(node: Node, watch: Any) -> None:
+def test_one_that_is_stopped_for_a_while_is_not(node: ElementRecord, watch: Any) -> None:
     gone = watch(node.port, node.pid)
     os.kill(node.pid, signal.SIGSTOP)
     assert not gone.wait(WHILE)
@@ -140,7 +140,7 @@ def test_one_that_is_stopped_for_a_while_is_not(node: Node, watch: Any) -> None:
     assert gone.wait(5.0)
 
 
-def test_one_that_is_killed_while_it_is_stopped_is_gone(node: Node, watch: Any) -> None:
+def test_one_that_is_killed_while_it_is_stopped_is_gone(node: ElementRecord, watch: Any) -> None:
     os.kill(node.pid, signal.SIGSTOP)
     gone = watch(node.port, node.pid)
     assert not gone.wait(0.3)
@@ -148,7 +148,7 @@ def test_one_that_is_killed_while_it_is_stopped_is_gone(node: Node, watch: Any) 
     assert gone.wait(5.0)
 
 
-def test_a_connection_that_breaks_is_made_anew_while_the_node_lives(node: Node, watch: Any) -> None:
+def test_a_connection_that_breaks_is_made_anew_while_the_node_lives(node: ElementRecord, watch: Any) -> None:
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     for count in (1, 2, 3):
@@ -162,7 +162,7 @@ def test_a_connection_that_breaks_is_made_anew_while_the_node_lives(node: Node, 
 
 
 def test_a_node_that_closes_each_connection_is_watched_too(watch: Any) -> None:
-    node = Node("HTTP/1.0")
+    node = ElementRecord("HTTP/1.0")
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 3)
@@ -172,7 +172,7 @@ def test_a_node_that_closes_each_connection_is_watched_too(watch: Any) -> None:
     assert gone.wait(5.0)
 
 
-def test_another_process_in_its_place_is_not_the_node(node: Node, watch: Any) -> None:
+def test_another_process_in_its_place_is_not_the_node(node: ElementRecord, watch: Any) -> None:
     assert watch(node.port, node.pid + 1).wait(5.0)
 
 
@@ -215,7 +215,7 @@ def network(monkeypatch: pytest.MonkeyPatch) -> Network:
 
 
 def test_one_that_is_out_of_reach_for_long_is_gone(
-    node: Node, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+    node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.5)
     wire = Wire(node)
@@ -228,7 +228,7 @@ def test_one_that_is_out_of_reach_for_long_is_gone(
     assert gone.wait(5.0)
 
 
-def test_one_that_is_out_of_reach_for_a_while_is_not(node: Node, watch: Any, network: Network) -> None:
+def test_one_that_is_out_of_reach_for_a_while_is_not(node: ElementRecord, watch: Any, network: Network) -> None:
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 1)
@@ -241,7 +241,7 @@ def test_one_that_is_out_of_reach_for_a_while_is_not(node: Node, watch: Any, net
 
 
 def test_one_that_was_never_reached_is_not_gone(
-    node: Node, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
+    node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.1)
     network.is_up = False
@@ -254,7 +254,7 @@ def test_one_that_was_never_reached_is_not_gone(
     assert gone.wait(5.0)
 
 
-def test_who_is_met_in_its_place_was_never_the_node(node: Node) -> None:
+def test_who_is_met_in_its_place_was_never_the_node(node: ElementRecord) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid + 1, gone.set)
     watch.meet()
@@ -264,13 +264,13 @@ def test_who_is_met_in_its_place_was_never_the_node(node: Node) -> None:
     assert not gone.is_set()
 
 
-def test_nobody_is_met_where_nobody_listens(node: Node) -> None:
+def test_nobody_is_met_where_nobody_listens(node: ElementRecord) -> None:
     node.kill()
     with pytest.raises(OSError):
         NodeWatch(f"http://localhost:{node.port}/", node.pid, list).meet()
 
 
-def test_one_that_dies_right_after_it_was_met_is_gone(node: Node) -> None:
+def test_one_that_dies_right_after_it_was_met_is_gone(node: ElementRecord) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid, gone.set)
     watch.meet()

@@ -2,14 +2,14 @@
 
 import pytest
 
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import OntologyBase
 
 
 @pytest.fixture(scope="module")
 def shipped() -> Ontology:
-    return OntologyBase(source_ontologies()).index
+    return KnowledgeBase(source_ontologies()).index
 
 
 def made(*triples):

@@ -39,7 +39,7 @@ def server(model):
 
 @pytest.fixture
 def replica(server):
-    replica = Replica(server.snapshot, patience=0.05)
+    replica = Replica(server.snapshot, timeout=0.05)
     replica.refresh()
     return replica
 
@@ -101,7 +101,7 @@ def test_changes_before_those_that_come_during_the_fetch_are_noticed(server):
             replica.follow(server.published[1])
         return snapshot
 
-    replica = Replica(fetch, patience=0.05)
+    replica = Replica(fetch, timeout=0.05)
     replica.refresh()
     assert same(replica, server)
     assert server.fetched == 2
@@ -140,7 +140,7 @@ def test_its_own_change_is_read_at_once_and_counts_once_when_it_is_published(ser
 
 
 def test_its_own_change_waits_for_those_of_others_before_it(server):
-    replica = Replica(server.snapshot, patience=10.0)
+    replica = Replica(server.snapshot, timeout=10.0)
     replica.refresh()
     server.add("other's")
     server.add("own")
@@ -172,7 +172,7 @@ def test_a_change_during_the_fetch_is_not_lost(server, model):
         taken.append(snapshot)
         return snapshot
 
-    replica = Replica(fetch, patience=0.05)
+    replica = Replica(fetch, timeout=0.05)
     replica.refresh()
     assert same(replica, server)
     assert len(taken) == 1

@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.property import Property
-from skiros2_world_model.core.scene import Dirty, Node, Provenance, Scene
+from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene
 
 
 def node(eid, etype="a:T", label="", **values):
-    return Node(eid, etype, label, {f"a:{key}": Property(f"a:{key}", value) for key, value in values.items()})
+    return ElementRecord(eid, etype, label, {f"a:{key}": Property(f"a:{key}", value) for key, value in values.items()})
 
 
 @pytest.fixture
@@ -120,13 +120,13 @@ def test_who_is_touched_knows_the_change_that_did_it(scene):
 def test_the_subject_of_a_new_relation_has_the_same_content_as_before(scene):
     scene.begin()
     scene.relate("a:T-1", "a:holds", "a:T-2")
-    assert scene.touched() == ["a:T-2"]
+    assert scene.changed_ids() == ["a:T-2"]
 
 
 def test_equal_properties_are_one_object(scene):
     for eid in ("a:T-1", "a:T-2"):
         scene.put(node(eid, size=2.5, name="x"))
-    one, other = scene.node("a:T-1"), scene.node("a:T-2")
+    one, other = scene.record("a:T-1"), scene.record("a:T-2")
     assert all(one.properties[key] is other.properties[key] for key in ("a:size", "a:name"))
 
 
@@ -137,12 +137,12 @@ def test_a_property_that_all_share_is_changed_on_one_element_only(scene):
     assert scene.element("a:T-1").value_of("a:size") == scene.element("a:T-2").value_of("a:size") == 2.5
 
 
-def test_nothing_is_noted_for_a_mirror_that_nobody_keeps(scene):
-    assert scene.dirty is None
-    scene.dirty = Dirty()
+def test_unsynced_changes_are_recorded_only_for_a_graph_sync(scene):
+    assert scene.unsynced is None
+    scene.unsynced = ChangeSet()
     scene.put(node("a:T-1", size=1))
     scene.relate("a:T-2", "a:holds", "a:T-3")
-    assert scene.dirty == Dirty({"a:T-1"}, {("a:T-2", "a:holds", "a:T-3")})
+    assert scene.unsynced == ChangeSet({"a:T-1": None}, {("a:T-2", "a:holds", "a:T-3"): None})
 
 
 def test_relations_are_read_right_also_when_many_elements_were_read_before():

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from skiros2_common.core.property import Property
 from skiros2_world_model.core.local_world_model import source_ontologies
 from skiros2_world_model.core.rdf_files import turtle
-from skiros2_world_model.core.scene import Node, Scene
+from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.scene_rdf import scene_triples, scene_turtle
 from skiros2_world_model.core.world_model import WorldModel
 
-BASE = WorldModel(source_ontologies()).base
+BASE = WorldModel(source_ontologies()).knowledge_base
 
 IDS = st.sampled_from(
     ["skiros:Product-1", "lab:Crate-2", "skiros:odd.name-3", "http://x.org/y#Z-4", "http://x.org/Z-5"]
@@ -42,7 +42,7 @@ EXTRAS = [
 def test_a_scene_is_written_as_its_triples_are(nodes, relations, with_extras):
     scene = Scene()
     for eid, etype, label, values in nodes:
-        scene.put(Node(eid, etype, label, {key: Property(key, value) for key, value in values.items()}))
+        scene.put(ElementRecord(eid, etype, label, {key: Property(key, value) for key, value in values.items()}))
     for relation in relations:
         scene.relate(*relation)
     extras = EXTRAS if with_extras else []

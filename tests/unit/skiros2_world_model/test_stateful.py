@@ -51,7 +51,7 @@ class InProcess(WorldModelMachine):
         """From here on this is the world model."""
         self.model = model
         self.wm = LocalWorldModel("tester", model)
-        self.replica = Replica(self.snapshot, patience=0.0)
+        self.replica = Replica(self.snapshot, timeout=0.0)
         model.add_listener(self.told.append)
         model.add_listener(self.replica.follow)
         self.replica.refresh()

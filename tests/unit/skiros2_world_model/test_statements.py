@@ -48,7 +48,7 @@ def test_a_statement_of_a_class_makes_an_element_which_others_may_speak_of(wm, m
         (("skiros:Tote", "rdf:type", "owl:Class", True), "belongs into the ontologies"),
         (("_:b", "rdf:type", "skiros:Part", True), "without blank nodes"),
         (("skiros:Part-1", "skiros:PositionX", '"left"', True), "PositionX"),
-        (('"Part"', "skiros:SizeX", "1.5", True), "no RDF statement"),
+        (('"Part"', "skiros:SizeX", "1.5", True), "not an RDF statement"),
         (("skiros:Part-1", "SizeX", "1.5", True), "'SizeX' is no RDF term"),
     ],
 )

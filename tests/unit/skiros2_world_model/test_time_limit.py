@@ -23,8 +23,8 @@ def test_what_work_returns_and_raises_reaches_the_caller():
 def test_what_takes_too_long_is_given_up_and_told():
     told = threading.Event()
 
-    def endless(given_up):
-        given_up.wait()
+    def endless(abandoned):
+        abandoned.wait()
         told.set()
 
     with pytest.raises(TimedOut, match=r"waiting: given up after 0\.05 s"):

@@ -6,8 +6,8 @@ import pytest
 
 from skiros2_common.core.errors import ConfigurationError, WrongValue
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.report import INFO, VIOLATION, WARNING, Finding, Report
 from skiros2_world_model.core.validation import validate_file
 from skiros2_world_model.core.world_model import WorldModel
@@ -34,7 +34,7 @@ def validate(workspace):
     def validate(text, strict=False):
         path = workspace / "scene.ttl"
         path.write_text(HEAD + text)
-        return validate_file(path, OntologyBase(source_ontologies(), workspace), strict=strict)
+        return validate_file(path, KnowledgeBase(source_ontologies(), workspace), strict=strict)
 
     return validate
 
@@ -60,7 +60,7 @@ def test_a_scene_in_order_has_no_findings(validate):
 
 def test_the_scene_of_the_demo_is_in_order():
     folder = ROOT / "skiros2_std_lib/skiros2_demo_skills/owl"
-    report = validate_file(folder / "pick_place_scene.ttl", OntologyBase(source_ontologies(), folder))
+    report = validate_file(folder / "pick_place_scene.ttl", KnowledgeBase(source_ontologies(), folder))
     assert report.summary == "nothing found"
 
 
@@ -262,7 +262,7 @@ def test_shapes_may_use_sparql(validate, shapes):
 def test_shapes_that_do_not_parse_are_named_with_their_line(shapes, workspace):
     shapes("<urn:S> a sh:NodeShape ;\n  sh:path ; .")
     with pytest.raises(ConfigurationError, match=r"shapes .*cell\.shapes\.ttl, line 7"):
-        OntologyBase(source_ontologies(), workspace)
+        KnowledgeBase(source_ontologies(), workspace)
 
 
 def test_shapes_that_make_no_sense_are_named(validate, shapes):
@@ -276,7 +276,7 @@ def test_a_file_of_shapes_is_no_scene(wm, workspace, shapes):
     with pytest.raises(Exception, match=r"cell\.shapes\.ttl: expected a scene"):
         wm.load("cell.shapes.ttl")
     with pytest.raises(WrongValue, match="expected a scene"):
-        validate_file(workspace / "cell.shapes.ttl", wm.model.base)
+        validate_file(workspace / "cell.shapes.ttl", wm.model.knowledge_base)
 
 
 # -- world models -------------------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ def test_shapes_that_make_no_sense_are_told(validator, model, load, workspace):
     broken = workspace / "cell.shapes.ttl"
     broken.write_text("@prefix sh: <http://www.w3.org/ns/shacl#> . <urn:S> a sh:PropertyShape ; "
                       "sh:targetNode <urn:x> ; sh:minCount 1 .")  # fmt: skip
-    model.base.shapes = [broken]
+    model.knowledge_base.shapes = [broken]
     with pytest.raises(WrongValue, match=r"cell\.shapes\.ttl"):
         validator.loaded()
 
@@ -113,7 +113,7 @@ def test_one_that_is_stopped_ends_what_is_running(validator, model, load, worksp
     pipe = workspace / "cell.shapes.ttl"
     os.mkfifo(pipe)  # nobody writes to it: who reads it waits for ever
     load("1")
-    model.base.shapes = [pipe]
+    model.knowledge_base.shapes = [pipe]
     validator.file_loaded("scene")
     wait_until(lambda: validator._process is not None)
     validator.stop()
@@ -128,7 +128,7 @@ def test_what_waits_ends_with_it(validator, model, load, workspace):
     pipe = workspace / "cell.shapes.ttl"
     os.mkfifo(pipe)
     load("1")
-    model.base.shapes = [pipe]
+    model.knowledge_base.shapes = [pipe]
     validator.file_loaded("scene")
     validator.file_loaded("memory")  # waits for the first
     errors = []

@@ -1,1 +1,1 @@
-"""What the window is tested with: jobs that run at once, and a system in this process."""
+"""Test doubles: synchronous jobs and a system in this process."""

@@ -1,4 +1,4 @@
-"""Uses a window as people do, with mouse and keys: for tests, and for the program that takes the window's pictures."""
+"""Operates a window by mouse and keys, for tests and screenshots."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from skiros2_common.core.errors import TimedOut
 
 T = TypeVar("T")
 
-#: How long the window may take to show what is waited for (s).
-PATIENCE = 30.0
+#: The default timeout (s).
+TIMEOUT = 30.0
 
 
 class Driver:
-    """Used in the thread of the window. Widgets are found by their object names.
+    """Used in the Qt thread. Widgets are found by their object names.
 
-    :param window: what is driven; it has to be shown.
+    :param window: the window; it has to be shown.
     """
 
     def __init__(self, window: QWidget) -> None:
         self.window = window
 
     def widget(self, name: str) -> Any:
-        """The one widget of that name that is visible, or else the first of that name.
+        """Returns the visible widget of that name, or else the first one.
 
-        :raises LookupError: there is none; the text has the names of those that are visible.
+        :raises LookupError: there is none; the message lists the visible widgets.
         """
         found = self.window.findChildren(QWidget, name)
         if not found:
@@ -49,7 +49,7 @@ class Driver:
         return next((child for child in found if child.isVisible()), found[0])
 
     def open_tab(self, title: str) -> None:
-        """Chooses the tab whose title begins so.
+        """Selects the first tab whose title starts with `title`.
 
         :raises LookupError: there is none.
         """
@@ -61,15 +61,15 @@ class Driver:
         raise LookupError(f"no tab {title!r}")
 
     def click(self, name: str) -> None:
-        """Clicks a widget once it can be clicked.
+        """Clicks a widget once it is enabled and visible.
 
-        :raises TimedOut: it stays greyed out or hidden.
+        :raises TimedOut: it stays disabled or hidden.
         """
         self.wait_until(lambda: self.widget(name).isEnabled() and self.widget(name).isVisible(), f"{name} to click")
         QTest.mouseClick(self.widget(name), Qt.LeftButton)
 
     def write(self, name: str, text: str, key: int | None = None) -> None:
-        """Replaces the text of an editor by typing, and then presses a key (`Qt.Key_Return`), if one is given."""
+        """Replaces the text of an editor by typing, then presses `key`, if given."""
         editor = self.widget(name)
         editor.setFocus()
         QTest.keyClick(editor, Qt.Key_A, Qt.ControlModifier)
@@ -79,8 +79,8 @@ class Driver:
             QTest.keyClick(editor, key)
 
     def choose(self, name: str, text: str) -> None:
-        """Chooses the entry whose text begins so, after signs such as ▶: in a tree, a list or a table by a click, or in
-        a box of choices.
+        """Selects the entry of a tree, list, table or combo box whose text starts with `text`, symbols such as ▶ not
+        counted.
 
         :raises TimedOut: there is none.
         """
@@ -95,7 +95,7 @@ class Driver:
         self.click_entry(view, entries[0])
 
     def click_entry(self, view: QAbstractItemView, entry: QModelIndex) -> None:
-        """Clicks an entry of a tree, list or table, unfolding what is above it."""
+        """Clicks an entry of a tree, list or table; expands its ancestors."""
         above = entry.parent()
         while isinstance(view, QTreeView) and above.isValid():
             view.expand(above)
@@ -104,15 +104,15 @@ class Driver:
         QTest.mouseClick(view.viewport(), Qt.LeftButton, Qt.NoModifier, view.visualRect(entry).center() + QPoint(1, 0))
 
     def rows(self, name: str) -> list[str]:
-        """What a tree, list or table shows, row by row; columns are two spaces apart."""
+        """Returns the rows of a tree, list or table; columns are joined with two spaces."""
         view = self.widget(name)
         columns = 1 if isinstance(view, QListView) else view.model().columnCount()
         return ["  ".join(_texts(entry, columns)) for entry in _entries(view)]
 
     def wait_for_row(self, name: str, *texts: str) -> None:
-        """Waits until a row of a tree, list or table has all of these texts.
+        """Waits until a row of a tree, list or table contains all of the texts.
 
-        :raises TimedOut: there is none; the text has what is shown instead.
+        :raises TimedOut: there is none; the message has the rows.
         """
         try:
             self.wait_until(lambda: any(all(text in row for text in texts) for row in self.rows(name)), "")
@@ -120,28 +120,28 @@ class Driver:
             shown = "\n".join(self.rows(name))
             raise TimedOut(f"the window: no row of {name} has {texts}:\n{shown}") from None
 
-    def go_on(self, seconds: float) -> None:
-        """Lets the window go on for that time."""
+    def process_for(self, seconds: float) -> None:
+        """Processes events for that time (s)."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             _process()
 
-    def wait_until(self, condition: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
-        """Lets the window go on until the condition is true; returns its value.
+    def wait_until(self, condition: Callable[[], T], what: str, timeout: float = TIMEOUT) -> T:
+        """Processes events until the condition is true; returns its value.
 
-        :raises TimedOut: it is not true within `patience` (s); what each thread does is on stderr then.
+        :raises TimedOut: it is not true within `timeout` (s); the stacks of all threads are dumped to stderr.
         """
-        end = time.monotonic() + patience
+        end = time.monotonic() + timeout
         while not (value := condition()):
             if time.monotonic() > end:
                 faulthandler.dump_traceback()
-                raise TimedOut(f"the window: {what}: not within {patience:g} s")
+                raise TimedOut(f"the window: {what}: not within {timeout:g} s")
             _process()
         return value
 
 
 def _process() -> None:
-    """What there is for the window to do, and what comes within the next moment."""
+    """Processes pending events."""
     QApplication.processEvents(QEventLoop.AllEvents, 20)
     time.sleep(0.005)
 

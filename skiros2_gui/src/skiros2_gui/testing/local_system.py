@@ -1,4 +1,4 @@
-"""A whole system in this process, without ROS: the world model, robots with their skills, and what is told of them."""
+"""A system in this process, without ROS: the world model and robots with skills."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros.utils import ParamsEncoder, decodeParam
-from skiros2_gui.core.events import ConnectionChanged, ManagersChanged, Progressed, WorldChanged
-from skiros2_gui.core.inbox import Inbox
-from skiros2_gui.core.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
+from skiros2_gui.app.event_queue import EventQueue
+from skiros2_gui.app.events import ConnectionChanged, ManagersChanged, TaskProgress, WorldChanged
+from skiros2_gui.app.system import MANAGER, WORLD_MODEL, Manager, Part, Planner
 from skiros2_skill.command_line.description import Skill, read_skill
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.history import REFUSED, History, Record
-from skiros2_skill.core.inspection import NodeNow, inspect
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes, why_refused
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.diagnosis.inspection import NodeStatus, inspect
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.history import REFUSED, History, Record
+from skiros2_skill.core.runtime.request import SkillRequest, explain_refusal, make_nodes
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.core.changes import RESET, Change
 from skiros2_world_model.core.local_world_model import LocalWorldModel
@@ -58,7 +58,7 @@ class Node:
 
 @dataclass
 class Why:
-    """The answer to why."""
+    """The response of `Manager.why`."""
 
     ok: bool
     text: str
@@ -66,12 +66,12 @@ class Why:
 
 
 class LocalManager:
-    """A robot with skills, which are ticked by a thread; `close` ends it.
+    """A skill manager with a ticker thread; `close` ends it.
 
     :param name: the node name, with its slash.
     :param skills: classes of implementations.
-    :param told: called with each progress, in the thread that ticks.
-    :param robot: the label of the robot in the scene, which has to be there.
+    :param on_progress: called with each progress, in the ticker thread.
+    :param robot: the label of the robot, which is in the scene.
     """
 
     def __init__(
@@ -79,12 +79,12 @@ class LocalManager:
         wm: LocalWorldModel,
         name: str,
         skills: Sequence[type],
-        told: Callable[[Progressed], None],
+        on_progress: Callable[[TaskProgress], None],
         robot: str,
     ) -> None:
         self._name = name
         self._wm = wm
-        self._told = told
+        self._report = on_progress
         self._library = SkillLibrary(wm)
         for skill in skills:
             self._library.add(skill)
@@ -92,8 +92,8 @@ class LocalManager:
         self._registration = Registration(wm, prefix, local, name)
         self._registration.enter(self._library.implementations())
         self._history = History()
-        self._ticker = Ticker(on_progress=self._on_progress)
-        wm.add_listener(self._ticker.on_change)
+        self._scheduler = Scheduler(on_progress=self._on_progress)
+        wm.add_listener(self._scheduler.on_change)
 
     @property
     def name(self) -> str:
@@ -101,8 +101,8 @@ class LocalManager:
 
     def close(self) -> None:
         """Ends its tasks and its thread."""
-        self._wm.remove_listener(self._ticker.on_change)
-        self._ticker.stop()
+        self._wm.remove_listener(self._scheduler.on_change)
+        self._scheduler.stop()
 
     def skills(self) -> list[Skill]:
         return [
@@ -118,26 +118,26 @@ class LocalManager:
         ticks = 1 if action == "tick_once" else 0
         if action in ("start", "tick_once"):
             number = self._make(skills) if task_id == _ALL else task_id
-            self._ticker.start(number, ticks)
+            self._scheduler.start(number, ticks)
             return number
         if action not in ("preempt", "pause"):
             raise UnknownName(f"unknown action {action!r}, expected one of: start, preempt, pause, tick_once")
-        for number in [t.id for t in self._ticker.tasks()] if task_id == _ALL else [task_id]:
-            (self._ticker.preempt if action == "preempt" else self._ticker.pause)(number)
+        for number in [t.id for t in self._scheduler.tasks()] if task_id == _ALL else [task_id]:
+            (self._scheduler.preempt if action == "preempt" else self._scheduler.pause)(number)
         return task_id
 
     def tasks(self, task_id: int = _ALL) -> list[Sequence[Any]]:
-        return [self._nodes(task) for task in self._ticker.tasks() if task_id in (_ALL, task.id)]
+        return [self._nodes(task) for task in self._scheduler.tasks() if task_id in (_ALL, task.id)]
 
     def why(self, task_id: int) -> Any:
         record = self._history.get(task_id)
         return Why(True, str(record), json.dumps([e.to_dict() for e in record.explanations]))
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
-        return inspect(self._ticker.get(task_id), node_id, self._wm)
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
+        return inspect(self._scheduler.get(task_id), node_id, self._wm)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
-        known = self._ticker.breakpoints
+        known = self._scheduler.breakpoints
         if action == "add":
             number = known.add(Breakpoint(kind, pattern, when))
         elif action == "remove":
@@ -153,11 +153,11 @@ class LocalManager:
         try:
             nodes = make_nodes(requests, self._library, self._wm)
         except Exception as error:
-            explanation = why_refused(requests, self._library, self._wm, -1)
-            told = [explanation] if explanation is not None else []
-            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), told))
+            explanation = explain_refusal(requests, self._library, self._wm, -1)
+            explanations = [explanation] if explanation is not None else []
+            self._history.refuse(Record(REFUSED, "window", State.Idle, -1, str(error), explanations))
             raise Refused(f"start by window refused: {error}") from error
-        task = self._ticker.new_task(self._wm, "window")
+        task = self._scheduler.new_task(self._wm, "window")
         task.root.params.addParam("Robot", self._registration.robot, ParamTypes.Inferred)
         task.root(*nodes)
         self._history.begin(task)
@@ -166,7 +166,7 @@ class LocalManager:
     def _on_progress(self, task: Task) -> None:
         if task.ended.is_set():
             self._history.end(task)
-        self._told(Progressed(self._name, self._nodes(task), time.time()))
+        self._report(TaskProgress(self._name, self._nodes(task), time.time()))
 
     def _nodes(self, task: Task) -> list[Node]:
         return [
@@ -179,20 +179,20 @@ class LocalManager:
 
 
 class LocalSystem:
-    """The port over a world model of this process.
+    """Implements `app.system.System` with a world model of this process.
 
-    :param wm: the author of its changes is the window's.
+    :param wm: its author is the author of the window's changes.
     """
 
-    def __init__(self, inbox: Inbox, wm: LocalWorldModel | None = None) -> None:
-        self._inbox = inbox
+    def __init__(self, event_queue: EventQueue, wm: LocalWorldModel | None = None) -> None:
+        self._event_queue = event_queue
         self._wm = wm if wm is not None else LocalWorldModel("window")
         self._is_up = True
         self._since = time.time()
         self._managers: dict[str, LocalManager] = {}
         self.planner: Planner | None = None
-        #: The element that was marked last.
-        self.marked = ""
+        #: The argument of the last `set_movable`.
+        self.movable = ""
         self._wm.add_listener(self._on_change)
 
     @property
@@ -217,32 +217,32 @@ class LocalSystem:
         return dict(self._managers)
 
     def add_manager(self, name: str, skills: Sequence[type], robot: str = "skiros:test_robot") -> LocalManager:
-        """A robot comes up.
+        """Adds a manager, and its robot if it is not in the scene.
 
         :param name: the node name, with its slash.
-        :param robot: its label; one that is not there is added.
+        :param robot: the robot's label.
         """
         if not any(e.label == robot for e in self._robots()):
             element = Element("cora:Robot", robot)
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
             self._wm.add_element(element)
-        made = LocalManager(self._wm, name, skills, self._inbox.put, robot)
+        made = LocalManager(self._wm, name, skills, self._event_queue.put, robot)
         self._managers[name] = made
-        self._inbox.put(ManagersChanged())
+        self._event_queue.put(ManagersChanged())
         return made
 
     def remove_manager(self, name: str) -> None:
-        """A robot goes."""
+        """Removes a manager."""
         self._managers.pop(name).close()
-        self._inbox.put(ManagersChanged())
+        self._event_queue.put(ManagersChanged())
 
     def set_up(self, is_up: bool) -> None:
-        """The world model is there, or not, as the window hears of it."""
+        """Sets the status of the world model."""
         self._is_up, self._since = is_up, time.time()
-        self._inbox.put(ConnectionChanged())
+        self._event_queue.put(ConnectionChanged())
 
-    def mark(self, eid: str) -> None:
-        self.marked = eid
+    def set_movable(self, eid: str) -> None:
+        self.movable = eid
 
     def close(self) -> None:
         self._wm.remove_listener(self._on_change)
@@ -256,4 +256,4 @@ class LocalSystem:
     def _on_change(self, change: Change) -> None:
         is_other = change.action == RESET
         of_ontology = is_other or not (change.elements or change.relations)
-        self._inbox.put(WorldChanged((change,), is_other, of_ontology))
+        self._event_queue.put(WorldChanged((change,), is_other, of_ontology))

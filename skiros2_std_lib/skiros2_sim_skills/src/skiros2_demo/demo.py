@@ -13,10 +13,10 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.checking import Finding
-from skiros2_common.core.end_signals import status_of
 from skiros2_common.core.errors import Refused, SkirosError
+from skiros2_common.core.termination import exit_status
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.own_system import SystemDown
+from skiros2_common.ros.private_system import SystemDown
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.disturbances import Disturbance, Moved, Slip
@@ -204,7 +204,7 @@ def main(arguments: list[str]) -> int:
         return 0 if Demo(options, sys.stdout).run() else 1
     except KeyboardInterrupt as interrupt:
         sys.stderr.write("\npick_place_demo: stopped; everything that it started has ended\n")
-        return status_of(interrupt)
+        return exit_status(interrupt)
     except (SkirosError, rospy.ROSException, rospy.ServiceException) as error:
         sys.stderr.write(f"pick_place_demo: {error}\n")
         return 1

@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from skiros2_bags.core.action_call import Goal
 from skiros2_bags.core.checking import Finding
 from skiros2_bags.core.checking import check as look_for_gaps
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.goal import Goal
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.task_trace import FAILURE, SUCCESS, TaskTrace
+from skiros2_bags.core.task_run import FAILURE, SUCCESS, TaskRun
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_demo.plan_text import Step, name_of, steps_of
@@ -46,7 +46,7 @@ class Pursuit:
     after: WorldState
     plans: list[list[Step]] = field(default_factory=list)
     done: list[Step] = field(default_factory=list)
-    tasks: list[TaskTrace] = field(default_factory=list)
+    tasks: list[TaskRun] = field(default_factory=list)
 
 
 def read_run(bag: Path) -> Pursuit:
@@ -131,11 +131,11 @@ def _told(steps: list[tuple[str, str]]) -> str:
     return ", ".join(name if state == SUCCEEDED else f"{name} ({state})" for name, state in steps) or "nothing"
 
 
-def _skills(task: TaskTrace) -> str:
+def _skills(task: TaskRun) -> str:
     return ", ".join(node.name for node in task.nodes.values() if node.depth == 1)
 
 
-def _end(task: TaskTrace) -> str:
+def _end(task: TaskRun) -> str:
     return _ENDS.get(task.root.state, "stopped") if task.has_ended else "did not end"
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from skiros2_common.ros.own_system import OwnSystem
+from skiros2_common.ros.private_system import PrivateSystem
 
 #: How long the recorder may lag behind what is published (s).
 RECORDER_LAG = 1.0
 
 
-class System(OwnSystem):
+class System(PrivateSystem):
     """A running system; a context manager.
 
     :param folder: where the bag goes, and a log of each process.

@@ -9,7 +9,7 @@ from actionlib import CommState
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import State
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, ClientPrimitive
 
 __all__ = ["PrimitiveActionClient"]
@@ -100,11 +100,11 @@ class PrimitiveActionClient(ClientPrimitive):
         if not self.res.empty() or self._ended_untold():
             status, result = self.res.get()
             return self.onDone(status, result)
-        if self.client.gh is not None and self._watch.late_result(self.client.gh) > SERVER_TIMEOUT:
+        if self.client.gh is not None and self._watch.time_without_result(self.client.gh) > SERVER_TIMEOUT:
             return self.fail(f"The action server {self._watch.name} has ended the goal, but its result was lost", LOST)
-        if self.client.gh is not None and self._watch.untaken(self.client.gh) > SERVER_TIMEOUT:
+        if self.client.gh is not None and self._watch.time_without_ack(self.client.gh) > SERVER_TIMEOUT:
             return self.fail(f"The action server {self._watch.name} has not taken the goal: it was lost", LOST)
-        if self._watch.silence() > SERVER_TIMEOUT:
+        if self._watch.time_since_status() > SERVER_TIMEOUT:
             text = f"The action server {self._watch.name} has not been heard of for {SERVER_TIMEOUT} s"
             return self.fail(text, NO_ANSWER)
         return self.step(self._progress_msg)
@@ -166,7 +166,7 @@ class PrimitiveActionClient(ClientPrimitive):
             goal, self._goal = self._goal, None
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
             return self.step("Goal sent")
-        if watch.silence() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
+        if watch.time_since_status() > SERVER_TIMEOUT or watch.age() > _CONNECTION_TIMEOUT:
             return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
         return self.step(f"Waiting for the action server {watch.name}")
 

@@ -10,7 +10,7 @@ from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import same_node
 from skiros2_common.core.params import ParamTypes
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
 from skiros2_skill.core.manager_names import manager_of
 from skiros2_skill.core.processors import SerialStar
@@ -65,9 +65,9 @@ class task_plan(SkillBase):
         assert self._watch is not None
         if self._sent and self._client.gh.get_comm_state() == actionlib.CommState.DONE:
             return self._take(self._client.get_result())
-        if self._sent and self._watch.late_result(self._client.gh) > SERVER_TIMEOUT:
+        if self._sent and self._watch.time_without_result(self._client.gh) > SERVER_TIMEOUT:
             return self.fail(f"The plan of {self._watch.name} was made, but did not arrive", -103)
-        if self._watch.silence() > SERVER_TIMEOUT:
+        if self._watch.time_since_status() > SERVER_TIMEOUT:
             return self.fail(f"No task manager answers on {self._watch.name}", -101)
         if not self._sent and self._watch.is_connected():
             self._sent = True

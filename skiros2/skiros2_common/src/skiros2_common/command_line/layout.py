@@ -7,23 +7,23 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-#: No column is made narrower than so many letters.
-_NARROW = 8
+#: The minimum width of a column when a table is shrunk.
+_MIN_WIDTH = 8
 
 
 @dataclass(frozen=True)
 class Screen:
-    """What text is shown on.
+    """The output medium of text.
 
-    :param width: its columns; None: lines may be of any length, as in files and pipes.
-    :param fancy: it shows more letters than those of ASCII.
+    :param width: number of columns; None: unlimited, as in files and pipes.
+    :param fancy: whether it supports non-ASCII characters.
     """
 
     width: int | None = None
     fancy: bool = True
 
     def fitted(self, line: str) -> str:
-        """A text as one line, cut where the screen ends."""
+        """The text on one line, cut to the width."""
         line = plain(line)
         return line if self.width is None else cut(line, self.width)
 
@@ -32,7 +32,7 @@ class Screen:
 class Branch:
     """A node of a tree.
 
-    :param cells: what is shown of it: the first in the tree, the others in columns beside it.
+    :param cells: its texts: the first in the tree, the others in columns beside it.
     """
 
     cells: Sequence[str]
@@ -40,7 +40,7 @@ class Branch:
 
 
 def table(screen: Screen, rows: Iterable[Sequence[str]], headers: Sequence[str] = ()) -> list[str]:
-    """The rows in columns; what does not fit on the screen is cut, in the first column last."""
+    """Formats rows as columns; cells that exceed the screen are cut, those of the first column last."""
     lines = [[plain(cell) for cell in row] for row in ([headers] if headers else [])] + [
         [plain(cell) for cell in row] for row in rows
     ]
@@ -53,30 +53,30 @@ def table(screen: Screen, rows: Iterable[Sequence[str]], headers: Sequence[str] 
 
 
 def tree(screen: Screen, roots: Iterable[Branch]) -> list[str]:
-    """The trees, with the further cells in columns."""
+    """Formats trees with their other cells in columns."""
     return table(screen, [[text, *branch.cells[1:]] for branch, text in drawn(screen, roots)])
 
 
 def drawn(screen: Screen, roots: Iterable[Branch]) -> Iterator[tuple[Branch, str]]:
-    """The branches as they stand one below the other, each with its first cell as it is drawn."""
-    marks = ("├── ", "└── ", "│   ") if screen.fancy else ("|-- ", "`-- ", "|   ")
-    # (a branch, what stands before its own line, what stands before those of its branches)
-    waiting = [(root, "", "") for root in roots][::-1]
-    while waiting:
-        branch, before, below = waiting.pop()
-        yield branch, before + plain(branch.cells[0])
-        steps = [(marks[0], marks[2])] * (len(branch.branches) - 1) + [(marks[1], "    ")]
+    """The branches in order of lines, each with its first cell including the tree lines."""
+    lines = ("├── ", "└── ", "│   ") if screen.fancy else ("|-- ", "`-- ", "|   ")
+    # (a branch, the prefix of its own line, the prefix of its branches)
+    stack = [(root, "", "") for root in roots][::-1]
+    while stack:
+        branch, prefix, indent = stack.pop()
+        yield branch, prefix + plain(branch.cells[0])
+        steps = [(lines[0], lines[2])] * (len(branch.branches) - 1) + [(lines[1], "    ")]
         children = zip(branch.branches, steps, strict=False)
-        waiting += [(child, below + mark, below + bar) for child, (mark, bar) in children][::-1]
+        stack += [(child, indent + line, indent + bar) for child, (line, bar) in children][::-1]
 
 
 def plain(text: str) -> str:
-    """The text on one line, without what would steer a terminal."""
+    """The text on one line, with control characters escaped."""
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def columns_of(text: str) -> int:
-    """How many columns a text takes."""
+    """The number of columns of a text."""
     if text.isascii():
         return len(text)
     return sum(map(_columns_of_letter, text))
@@ -88,7 +88,7 @@ def _columns_of_letter(letter: str) -> int:
 
 
 def cut(text: str, width: int) -> str:
-    """The text in so many columns, with two dots where something is left out."""
+    """The text cut to `width` columns, with two dots at a cut."""
     if columns_of(text) <= width:
         return text
     room = width - 2
@@ -104,11 +104,11 @@ def _padded(text: str, width: int) -> str:
 
 
 def _fitting(widths: list[int], room: int | None) -> list[int]:
-    """The widths of columns, made so narrow that all fit: the widest first, but the first one last."""
+    """The column widths shrunk to fit: the widest column first, but the first one last."""
     if room is None:
         return widths
     room -= 2 * (len(widths) - 1)
-    while sum(widths) > room and max(widths) > _NARROW:
+    while sum(widths) > room and max(widths) > _MIN_WIDTH:
         widest = max(widths[1:], default=0)
-        widths[widths.index(widest, 1) if widest > _NARROW else 0] -= 1
+        widths[widths.index(widest, 1) if widest > _MIN_WIDTH else 0] -= 1
     return widths

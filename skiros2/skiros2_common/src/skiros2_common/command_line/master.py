@@ -1,4 +1,4 @@
-"""What a ROS master knows, asked without being a node, and without importing rospy."""
+"""Queries of the ROS master without a node and without importing rospy."""
 
 from __future__ import annotations
 
@@ -8,49 +8,46 @@ from typing import Any
 
 import rosgraph
 
-from skiros2_common.core.errors import SkirosError
-from skiros2_common.core.no_answer import NO_ANSWER
+from skiros2_common.command_line.command import Unavailable
+from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
-#: How long a master or a node may take to answer (s).
-PATIENCE = 2.0
-
-
-class NotThere(SkirosError):
-    """There is no master, or not the node that is asked for."""
+#: The timeout for a response of a master or node (s).
+TIMEOUT = 2.0
 
 
 def ask_master(call: str, *arguments: Any) -> Any:
-    """What the master answers to a call of its API; None when it knows no answer.
+    """The result of a call of the master's API; None if the call fails.
 
-    :raises NotThere: no master answers.
+    :raises Unavailable: no master answers.
     """
     uri = rosgraph.get_master_uri()
     try:
         return _ask(uri, call, *arguments)
-    except NO_ANSWER as error:
-        raise NotThere(f"no ROS master answers at {uri} ({_reason(error)}); start one, or set ROS_MASTER_URI") from None
+    except XMLRPC_ERRORS as error:
+        reason = _reason(error)
+        raise Unavailable(f"no ROS master answers at {uri} ({reason}); start one, or set ROS_MASTER_URI") from None
 
 
 def check_node(node: str, service: str, what: str) -> None:
-    """Makes sure that a node is there, lives and offers a service.
+    """Checks that a node runs and offers a service.
 
-    :param what: what the node is, for the message: "world model".
-    :raises NotThere: there is no master, or nobody on it who answers.
+    :param what: the kind of node for the message: "world model".
+    :raises Unavailable: the master or the node does not answer.
     """
     address = ask_master("lookupNode", node)
     if not address or not ask_master("lookupService", f"{node}/{service}"):
-        raise NotThere(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
+        raise Unavailable(f"there is no {what} {node} on the master {rosgraph.get_master_uri()}")
     try:
-        # A connection to the service that says nothing would be reported by the node as a failed one.
+        # A probe connection to the service would make the node report a failed connection.
         _ask(str(address), "getPid")
-    except NO_ANSWER as error:
-        raise NotThere(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
+    except XMLRPC_ERRORS as error:
+        raise Unavailable(f"the {what} {node} does not answer at {address} ({_reason(error)})") from None
 
 
 def _ask(uri: str, call: str, *arguments: Any) -> Any:
-    """The answer of a master or node; None when it is none."""
+    """The result of a call of a master or node; None if the call fails."""
     before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(PATIENCE)
+    socket.setdefaulttimeout(TIMEOUT)
     try:
         with xmlrpc.client.ServerProxy(uri) as server:
             code, _, value = getattr(server, call)("/command_line", *arguments)

@@ -1,4 +1,4 @@
-"""What runs a skill: its state, its progress and its hooks."""
+"""The base class of runnable skills: state, progress and hooks."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _RUNNING: State = State.Running
 
 
 class SkillCore(SkillDescription):
-    """A skill that runs: its state, its progress, and the hooks that authors override.
+    """A runnable skill with state, progress and hooks to override.
 
-    All hooks are called by the thread that ticks the task, one at a time. `getState`, `hasState`, `waitState`
-    and the progress properties may be read by any thread.
+    The thread that ticks the task calls all hooks, one at a time. `getState`, `hasState`, `waitState` and the progress
+    properties are thread-safe.
     """
 
     _declares_itself = False
 
-    #: What `wake` calls; set by the executor while the skill runs in a task.
+    #: Called by `wake`; set by the executor while the skill runs in a task.
     _waker: Callable[[], None] = staticmethod(lambda: None)
 
-    #: Of all skills; those that are waited for are few.
+    #: Shared by all skills, because few are waited for.
     _state_change = threading.Condition()
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class SkillCore(SkillDescription):
 
     @property
     def id(self) -> int:
-        """The number within the task; -1 when the skill is in none."""
+        """The number within the task; -1 outside of a task."""
         return self._id
 
     @property
@@ -74,12 +74,12 @@ class SkillCore(SkillDescription):
             log.error("%s: expected a State, got %r", self.printState(), state)
             state = as_state(state, State.Failure)
         self._state = state
-        if self._waiting:  # rarely; one that comes now finds the new state
+        if self._waiting:  # rare; a later waiter sees the new state
             with self._state_change:
                 self._state_change.notify_all()
 
     def waitState(self, state: State, isset: bool = True) -> None:
-        """Blocks until the skill has that state (`isset`), or no longer has it. Not to be called in a hook."""
+        """Blocks until the skill has the state (`isset`), or no longer has it. Must not be called in a hook."""
         with self._state_change:
             self._waiting += 1
             try:
@@ -89,19 +89,19 @@ class SkillCore(SkillDescription):
 
     @property
     def expand_on_start(self) -> bool:
-        """Whether a compound's subtree is made anew at each start."""
+        """Whether a compound expands its subtree again at each start."""
         return self._expand_on_start
 
     @property
-    def _works_on(self) -> bool:
-        """Whether code of the skill goes on outside of its hooks. If so when it has ended, it is not used again."""
+    def _is_working(self) -> bool:
+        """Whether the skill runs code outside of its hooks. If so after its end, the instance is not reused."""
         return False
 
     # -- progress ----------------------------------------------------------------------------------------------
 
     @property
     def progress_code(self) -> int:
-        """0 at the start, counted up by `step`, negative after a failure."""
+        """0 at the start, incremented by `step`, negative after a failure."""
         return self._progress_code
 
     @property
@@ -110,16 +110,16 @@ class SkillCore(SkillDescription):
 
     @property
     def progress_period(self) -> float:
-        """Time between the last two reports of progress (s)."""
+        """Time between the last two progress reports (s)."""
         return self._progress_period
 
     @property
     def progress_time(self) -> float:
-        """Time from the start to the last report of progress (s)."""
+        """Time from the start to the last progress report (s)."""
         return max(0.0, self._progressed_at - self._started_at)
 
     def _setProgress(self, msg: Any, code: int | None = None) -> None:
-        """Reports progress. Without a code the last one counts up by one."""
+        """Reports progress. Without a code, increments the last one."""
         now = time.monotonic()
         self._progress_code = self._progress_code + 1 if code is None else code
         self._progress_msg = msg if isinstance(msg, str) else str(msg)
@@ -131,13 +131,13 @@ class SkillCore(SkillDescription):
         self._progress_code, self._progress_msg, self._progress_period = 0, "", 0.0
 
     def startError(self, msg: str, code: int) -> bool:
-        """For `onStart`: reports why the skill cannot start and returns False."""
+        """For `onStart`: reports why the skill cannot start. Returns False."""
         self._setProgress(msg, -abs(int(code)))
         return False
 
     def step(self, msg: str = "") -> State:
-        """For `execute`: the skill goes on."""
-        now = time.monotonic()  # as `_setProgress`, but quicker: most ticks of most skills come here
+        """For `execute`: the skill continues."""
+        now = time.monotonic()  # `_setProgress` inlined for speed: most ticks call this
         self._progress_code += 1
         self._progress_msg = msg if msg.__class__ is str else str(msg)
         self._progress_period = now - self._progressed_at
@@ -145,34 +145,34 @@ class SkillCore(SkillDescription):
         return _RUNNING
 
     def fail(self, msg: str, code: int) -> State:
-        """For `execute`: the skill has failed. The code is made negative."""
+        """For `execute`: the skill failed. A positive code is negated."""
         self._setProgress(msg, -abs(int(code)))
         return State.Failure
 
     def success(self, msg: str = "") -> State:
-        """For `execute`: the skill has succeeded."""
+        """For `execute`: the skill succeeded."""
         self._setProgress(msg)
         return State.Success
 
     # -- description -------------------------------------------------------------------------------------------
 
     def setDescription(self, description: SkillDescription, label: str = "") -> None:  # type: ignore[override]
-        """Takes over what a description declares; the label, by default the class name, names the implementation."""
+        """Copies a description; the label, by default the class name, names the implementation."""
         description.generateDefParams()
-        description.generateDefConditions()  # of what was added to it since
+        description.generateDefConditions()  # for later additions to it
         SkillDescription.setDescription(self, *description.getDescription())
         self._options = {key: list(options) for key, options in description.options.items()}
         self._available_for_planning = description.available_for_planning
         self._duration = description.duration
-        self._places = dict(description._places)
+        self._source_locations = dict(description._source_locations)
         self._description = description
         self._label = label or self.__class__.__name__
 
     def modifyDescription(self, skill: Any) -> None:
-        """To override: adds parameters or conditions, or narrows a parameter's type, once the skill is described."""
+        """To override: adds parameters or conditions to the description, or narrows a parameter's type."""
 
     def _create(self) -> None:
-        """Declares everything once, when the skill is loaded."""
+        """Declares the description; called once when the skill is loaded."""
         self.createDescription()
         if not self._label:
             self._label = self.__class__.__name__
@@ -180,8 +180,8 @@ class SkillCore(SkillDescription):
         self.generateDefParams()
         self.generateDefConditions()
 
-    def _note_declared(self) -> None:
-        """The skill is loaded: what it has declared so far is what it starts with each time."""
+    def _save_declared(self) -> None:
+        """Saves the declared conditions and options for `_restore_declared`; called when the skill is loaded."""
         self._declared = (
             list(self._pre_conditions),
             list(self._hold_conditions),
@@ -190,7 +190,7 @@ class SkillCore(SkillDescription):
         )
 
     def _restore_declared(self, params: ParamHandler) -> None:
-        """The skill is to start: takes these parameters, and forgets conditions that it added as it ran before."""
+        """Sets the parameters of a new skill run and discards conditions that an earlier run added."""
         pre, hold, post, options = self._declared
         self._params = params
         self._pre_conditions, self._hold_conditions, self._post_conditions = list(pre), list(hold), list(post)
@@ -205,24 +205,24 @@ class SkillCore(SkillDescription):
         return bool(self._post_conditions)
 
     def checkPreCond(self, verbose: bool = False) -> list[str]:
-        """The keys of the pre-conditions that do not hold; these are reported as progress, with code -1."""
+        """The keys of unsatisfied pre-conditions, which are reported as progress with code -1."""
         return self._check(self._pre_conditions, "Pre-condition failed", -1, verbose)
 
     def checkHoldCond(self, verbose: bool = False) -> list[str]:
-        """The keys of the hold-conditions that do not hold; these are reported as progress, with code -2."""
+        """The keys of unsatisfied hold-conditions, which are reported as progress with code -2."""
         return self._check(self._hold_conditions, "Hold-condition failed", -2, verbose)
 
     def checkPostCond(self, verbose: bool = False) -> list[str]:
-        """The keys of the post-conditions that do not hold; these are reported as progress, with code -2."""
+        """The keys of unsatisfied post-conditions, which are reported as progress with code -2."""
         return self._check(self._post_conditions, "Post-condition failed", -2, verbose)
 
-    def _check(self, some: Sequence[Any], what: str, code: int, verbose: bool) -> list[str]:
-        failed = [c for c in some if not c.evaluate(self._params, self._wmi)]
-        if failed:
-            self._setProgress(f"{what}: " + "; ".join(c.getDescription() for c in failed), code)
+    def _check(self, conditions: Sequence[Any], title: str, code: int, verbose: bool) -> list[str]:
+        unsatisfied = [c for c in conditions if not c.evaluate(self._params, self._wmi)]
+        if unsatisfied:
+            self._setProgress(f"{title}: " + "; ".join(c.getDescription() for c in unsatisfied), code)
             if verbose:
                 log.info("%s: %s", self.printState(), self._progress_msg)
-        return list(dict.fromkeys(key for c in failed for key in c.getKeys()))
+        return list(dict.fromkeys(key for c in unsatisfied for key in c.getKeys()))
 
     # -- parameters --------------------------------------------------------------------------------------------
 
@@ -231,15 +231,15 @@ class SkillCore(SkillDescription):
         self._params.specify(key, values)
 
     def specifyParamDefault(self, key: str, values: Any) -> None:
-        """Sets a parameter and makes the values its default."""
+        """Sets a parameter and its default."""
         self._params.specifyDefault(key, values)
 
     def specifyParams(self, input_params: ParamHandler, keep_default: bool = True) -> None:
-        """Takes values from other parameters by key; with `keep_default`, a default stays."""
+        """Copies values from other parameters by key; with `keep_default`, defaults take precedence."""
         self._params.specifyParams(input_params, keep_default)
 
     def specifyParamsDefault(self, input_params: ParamHandler) -> None:
-        """Takes values from other parameters by key and makes them the defaults."""
+        """Copies values from other parameters by key and makes them the defaults."""
         self._params.specifyParamsDefault(input_params)
 
     # -- running -----------------------------------------------------------------------------------------------
@@ -251,12 +251,12 @@ class SkillCore(SkillDescription):
         return bool(self._children)
 
     def start(self, params: ParamHandler | None = None) -> State:
-        """Starts the skill: takes the parameters and calls `onStart`. Returns the state, Failure when it refuses.
+        """Starts the skill: sets the parameters and calls `onStart`. Returns the state: Failure if `onStart` fails.
 
-        :raises Refused: the skill runs already.
+        :raises Refused: the skill is running.
         """
         if self._state is State.Running:
-            raise Refused(f"{self._type}-{self._label} runs already")
+            raise Refused(f"{self._type}-{self._label} is already running")
         if params is not None:
             self.specifyParams(params, False)
         self._start_progress()
@@ -264,28 +264,28 @@ class SkillCore(SkillDescription):
         return self._state
 
     def preempt(self) -> State:
-        """Ends a running skill: `onPreempt` tells the state it ends with. Returns the state."""
+        """Ends a running skill with the state that `onPreempt` returns. Returns the state."""
         if self._state is State.Running:
             self._setState(as_state(self.onPreempt(), State.Failure))
         return self._state
 
     def reset(self) -> State:
-        """Makes the skill ready to start again. Returns the state."""
+        """Resets the skill to Idle. Returns the state."""
         self.onReset()
         self._start_progress()
         self._setState(State.Idle)
         return self._state
 
     def onReset(self) -> None:
-        """To override: called when the skill is made ready to start again."""
+        """To override: called when the skill is reset."""
 
     def onStart(self) -> bool | None:
-        """To override: called at the start, with all parameters set. False fails the start."""
+        """To override: called at the start, with all parameters set. Return False to fail the start."""
         return True
 
     def onPreempt(self) -> Any:
-        """To override: the skill is to end. Returns the state it ends with, Running when it needs more time,
-        or a bool (True: Success)."""
+        """To override: called to end the skill. Returns the final state (or a bool; True is Success), or Running if
+        the skill needs more time."""
         self._setProgress("Preempted", -1)
         return State.Failure
 
@@ -294,17 +294,17 @@ class SkillCore(SkillDescription):
         return State.Success
 
     def onEnd(self) -> bool | None:
-        """To override: called after the last `execute` or after the preemption. False makes it a failure."""
+        """To override: called after the last `execute` or the preemption. Return False to fail the skill."""
         return True
 
     def wake(self) -> None:
-        """Asks for a tick at once: what the skill waited for is there. Any thread; nothing when the task has ended."""
+        """Requests an immediate tick, when an awaited event occurred. Thread-safe; no effect after the task ended."""
         self._waker()
 
     # -- printing ----------------------------------------------------------------------------------------------
 
     def printState(self, verbose: bool = False) -> str:
-        """`type-label(State.X)`; with `verbose` the parameters too."""
+        """`type-label(State.X)`; with `verbose`, also the parameters."""
         text = f"{self._type}-{self._label}({self._state})"
         return f"{text}[{self._params.printState().strip()}]" if verbose else text
 
@@ -313,12 +313,12 @@ class SkillCore(SkillDescription):
         return f"{self.progress_code}: {self.progress_msg}"
 
 
-def as_state(answer: Any, default: State) -> State:
-    """The state that a hook's answer stands for: a state, a bool (True: Success), or None (the default)."""
-    if isinstance(answer, State):
-        return answer
-    if answer is None:
+def as_state(result: Any, default: State) -> State:
+    """Converts the result of a hook to a state: a state, a bool (True is Success), or None (the default)."""
+    if isinstance(result, State):
+        return result
+    if result is None:
         return default
-    if is_bool(answer):
-        return State.Success if answer else State.Failure
-    raise TypeError(f"expected a State, True, False or None, got {type(answer).__name__} {answer!r}")
+    if is_bool(result):
+        return State.Success if result else State.Failure
+    raise TypeError(f"expected a State, True, False or None, got {type(result).__name__} {result!r}")

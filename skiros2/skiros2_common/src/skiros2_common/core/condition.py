@@ -1,4 +1,4 @@
-"""A condition: a fact about the world model, the parameters that it speaks of, and whether it has to hold."""
+"""The base class of conditions: a fact about parameters and the world model, and whether it has to hold."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ from itertools import islice
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName, WrongType
-from skiros2_common.core.explanation import MOST_NAMED, Change, Finding, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, Finding, NearMatch
 from skiros2_common.core.names import ANY_TYPE, id_order
 from skiros2_common.core.params import ParamHandler
-from skiros2_common.core.places import Place
+from skiros2_common.core.source_location import SourceLocation
 from skiros2_common.core.world_element import Element
 
 
 class ConditionBase:
-    """A condition on one parameter. Subclasses define `holds`, the fact, and how to make it so.
+    """A condition on one parameter. Subclasses define the fact (`holds`) and how to apply it as an effect.
 
-    :param clabel: the condition's label, for people.
+    :param clabel: label for people.
     :param subj: key of the parameter.
-    :param desired_state: whether the fact has to hold or not to hold.
+    :param desired_state: True: the fact has to hold; False: it must not hold.
     """
 
-    #: Where it was added to a skill; None: not known.
-    place: Place | None = None
+    #: The call that added it to a skill; None if unknown.
+    source_location: SourceLocation | None = None
 
-    #: Whether it is for planners alone, and not checked.
+    #: Whether only planners use it; a running skill does not check it.
     only_exported = False
 
-    #: Whether the fact may change without a change of the world model or of a parameter.
+    #: Whether the fact may change while the world model and the parameters stay the same.
     volatile = False
 
     def __init__(self, clabel: str, subj: str, desired_state: bool) -> None:
         self._label = clabel
         self._subject_key = subj
         self._desired_state = desired_state
-        self._given_description = ""
+        self._custom_description = ""
         self._checked: dict[str, Any] = {}  # key -> its value at the last evaluation
         self._undo: list[Callable[[], None]] = []
 
     def __eq__(self, other: object) -> bool:
         return self.isEqual(other)
 
-    __hash__ = object.__hash__  # remaps change what is equal, so a set or dict keeps equal conditions apart
+    __hash__ = object.__hash__  # by identity: remaps change equality
 
     @property
     def label(self) -> str:
@@ -50,29 +50,29 @@ class ConditionBase:
 
     @property
     def _description(self) -> str:
-        # The text of `getDescription` without the label; libraries read it, and their own conditions assign it.
-        return self._given_description or f"{'' if self._desired_state else 'not '}{self.fact()}"
+        # The text of `getDescription` without the label; libraries read and assign it.
+        return self._custom_description or f"{'' if self._desired_state else 'not '}{self.fact()}"
 
     @_description.setter
     def _description(self, text: str) -> None:
-        self._given_description = text
+        self._custom_description = text
 
     @property
     def desired_state(self) -> bool:
         return self._desired_state
 
-    # -- what subclasses define --------------------------------------------------------------------------------
+    # -- to override -------------------------------------------------------------------------------------------
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        """Whether the fact holds, whatever the desired state."""
+        """Whether the fact holds, regardless of the desired state."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define holds")
 
     def fact(self) -> str:
-        """The fact in words, with what the parameters were at the last evaluation."""
+        """The fact as text, with the parameter values of the last evaluation."""
         return f"{self.__class__.__name__}({', '.join(self.getKeys())})"
 
     def _signature(self) -> tuple[Any, ...]:
-        """All that makes two conditions of this class speak of the same fact."""
+        """The values that identify the fact among conditions of this class."""
         return (self._subject_key,)
 
     # -- the contract's interface ------------------------------------------------------------------------------
@@ -83,18 +83,18 @@ class ConditionBase:
             self._remember(key, ph)
         return self.holds(ph, wmi) == self._desired_state
 
-    def suits_inference(self, ph: ParamHandler, wmi: Any) -> bool:
-        """Whether inference may set the parameters to what they are: as `evaluate`, where a condition says no more."""
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+        """Whether the current values are acceptable to inference; by default the same as `evaluate`."""
         return self.evaluate(ph, wmi)
 
     def getDescription(self) -> str:
-        """The condition with the elements that it was checked on last."""
+        """The condition with the elements of its last evaluation."""
         return f"[{self._label}] {self._description}"
 
-    # -- why it does not hold ----------------------------------------------------------------------------------
+    # -- explanation -------------------------------------------------------------------------------------------
 
     def explain(self, ph: ParamHandler, wmi: Any) -> Finding:
-        """What is to say when `evaluate` has answered False. Searches the scene for elements that would do.
+        """Explains why `evaluate` returned False. Searches the scene for near matches.
 
         :raises SkirosError: as `evaluate`.
         """
@@ -106,32 +106,32 @@ class ConditionBase:
             {key: self._name(key) for key in self.getKeys()},
             self.expected(),
             self.found(ph, wmi) or "it does not hold",
-            self._nearest(ph, wmi),
+            self._near_matches(ph, wmi),
             self._changes(ph, wmi),
         )
 
     def expected(self) -> str:
-        """What should be so, in words that follow on those of `found`."""
+        """The wanted state, as text that completes that of `found`."""
         return self.getDescription().removeprefix(f"[{self._label}] ")
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
-        """What is so, when `evaluate` has answered False; "" when no more is known."""
+        """The actual state, when `evaluate` returned False; "" if unknown."""
         return ""
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
-        """The condition in words that follow on a number of elements that a parameter may be."""
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
+        """The condition as text that follows a number of candidates for a parameter: "3 skiros:Part <text>"."""
         return f"for which [{self._label}] holds"
 
-    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
-        """As `found`, of the element in one parameter, without its name."""
+    def found_for(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+        """Same as `found`, for the element in one parameter and without its name."""
         return self.found(ph, wmi).removeprefix(self._name(key)).lstrip(": ")
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        """Elements of which it would hold, at most `MOST_NAMED`."""
+    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        """Elements that satisfy the condition, at most `MAX_EXAMPLES`."""
         return []
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        """What of the scene it depends on, whoever changed it."""
+        """The last changes of the facts that it depends on."""
         return []
 
     # -- effects and other forms -------------------------------------------------------------------------------
@@ -142,12 +142,12 @@ class ConditionBase:
             self._subject_key = target_key
 
     def getParamId(self, key: str) -> str:
-        """The id that the element in a parameter had at the last evaluation, "" when it had none."""
+        """The id of the element in a parameter at the last evaluation; "" if it had none."""
         value = self._checked.get(key)
         return value.id if isinstance(value, Element) else ""
 
     def getKeys(self) -> list[str]:
-        """The keys of the parameters it speaks of."""
+        """The keys of its parameters."""
         return [self._subject_key]
 
     def isEqual(self, other: Any) -> bool:
@@ -155,19 +155,19 @@ class ConditionBase:
         return self._same_fact(other) and bool(self._desired_state == other._desired_state)
 
     def hasConflict(self, other: Any) -> bool:
-        """Whether both cannot hold: the same fact with the other desired state."""
+        """Whether both cannot be satisfied: the same fact with the opposite desired state."""
         return self._same_fact(other) and bool(self._desired_state != other._desired_state)
 
     def setDesiredState(self, ph: ParamHandler) -> bool:
-        """Applies the effect to the elements in the parameters. False where that is not possible."""
+        """Applies the effect to the elements in the parameters. Returns False if that is impossible."""
         return False
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
-        """Applies the effect to the world model, as simulation does. False where that is not possible."""
+        """Applies the effect to the world model, for simulation. Returns False if that is impossible."""
         return self.evaluate(ph, wmi)
 
     def revert(self, ph: ParamHandler | None = None, wmi: Any = None) -> None:
-        """Takes back what `setTrue` changed."""
+        """Undoes `setTrue`."""
         while self._undo:
             self._undo.pop()()
 
@@ -179,7 +179,7 @@ class ConditionBase:
         return element
 
     def copy(self) -> Any:
-        """A copy, to be remapped and evaluated on its own."""
+        """An independent copy."""
         copy = self.__class__.__new__(self.__class__)
         copy.__dict__.update(self.__dict__)
         copy._checked, copy._undo = {}, []
@@ -207,32 +207,32 @@ class ConditionBase:
         """
         param = ph._params.get(key)
         if param is None:
-            raise UnknownName(f"condition {self._label!r} speaks of {key!r}; the skill has: {', '.join(ph.keys())}")
+            raise UnknownName(f"condition {self._label!r} uses {key!r}; the skill has: {', '.join(ph.keys())}")
         return param.value
 
     def _element(self, key: str, ph: ParamHandler, wmi: Any) -> Element | None:
-        """The element in a parameter; None when the parameter is unset or the world model has the element no more.
+        """The element in a parameter; None if the parameter is unset or the world model no longer has the element.
 
-        Changes that are not written count: an element without any is as the world model has it now.
+        An element with unwritten changes is returned as it is, any other in the world model's current state.
 
         :raises UnknownName: the skill has no such parameter.
-        :raises WrongType: the parameter holds something else.
+        :raises WrongType: the parameter holds another value.
         """
-        value = self._given(key, ph)
-        if value is None or value.isAbstract() or not finds(wmi) or _is_changed(value):
+        value = self._raw_element(key, ph)
+        if value is None or value.isAbstract() or not can_find_elements(wmi) or _has_changes(value):
             return value
         found: Element | None = wmi.refreshed(value) if hasattr(wmi, "refreshed") else wmi.find_element(value.id)
         return found
 
-    def _given(self, key: str, ph: ParamHandler) -> Element | None:
-        """The element in a parameter as it was read; raises as `_element`."""
+    def _raw_element(self, key: str, ph: ParamHandler) -> Element | None:
+        """The element in a parameter as it was read; raises the same errors as `_element`."""
         value = self._param_value(key, ph)
         if value is not None and not isinstance(value, Element):
             raise WrongType(f"condition {self._label!r}: parameter {key!r} is {value!r}, expected an element")
         return value
 
-    def _lacking(self, key: str, ph: ParamHandler, wmi: Any) -> str:
-        """Why a parameter holds no element of the scene, in words; "" when it holds one."""
+    def _missing_reason(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+        """Why a parameter holds no element of the scene; "" if it holds one."""
         value = self._param_value(key, ph)
         if value is None:
             return f"parameter {key!r} is unset"
@@ -240,9 +240,9 @@ class ConditionBase:
             return f"parameter {key!r} is {value!r}"
         if value.isAbstract():
             return f"parameter {key!r} is {self._name(key)}"
-        return "" if is_there(value, wmi) else f"{value!r} is not in the scene"
+        return "" if is_in_scene(value, wmi) else f"{value!r} is not in the scene"
 
-    def _others(
+    def _alternatives(
         self,
         key: str,
         ph: ParamHandler,
@@ -250,10 +250,10 @@ class ConditionBase:
         having: tuple[str, Any] | None = None,
         ids: Iterable[str] | None = None,
     ) -> Iterator[Element]:
-        """The elements of the scene that a parameter could hold instead, ordered by id.
+        """Other elements of the scene that suit a parameter, ordered by id.
 
-        :param having: a property and a value: only those that have it.
-        :param ids: only those of these.
+        :param having: a property and a value that the elements must have.
+        :param ids: the ids to select from; None: all.
         """
         param = ph._params.get(key)
         if param is None or not param.is_element:
@@ -266,37 +266,37 @@ class ConditionBase:
         else:
             known = (wmi.find_element(eid) for eid in set(ids))
             found = [e for e in known if e is not None and (wanted.type in ANY_TYPE or e.isInstance(wanted, wmi))]
-        present = {value.id for value in param.values}
+        current = {value.id for value in param.values}
         for element in sorted(found, key=lambda e: id_order(e.id)):
-            if element.id not in present:
+            if element.id not in current:
                 yield element
 
-    def _last(self, key: str, name: str, ph: ParamHandler, wmi: Any) -> list[Change]:
-        """The last change of a property or relation of the element in a parameter; who made it is asked later."""
+    def _last_change(self, key: str, name: str, ph: ParamHandler, wmi: Any) -> list[Change]:
+        """The last change of a property or relation of the element in a parameter, still without number and author."""
         value = self._param_value(key, ph)
         if not isinstance(value, Element) or value.isAbstract():
             return []
-        return [Change(value.id, name if is_there(value, wmi) else "")]
+        return [Change(value.id, name if is_in_scene(value, wmi) else "")]
 
 
-def finds(wmi: Any) -> bool:
-    """Whether a world model tells what an element is now; those of libraries and tests need not."""
+def can_find_elements(wmi: Any) -> bool:
+    """Whether a world model has `find_element`; those of libraries and tests may lack it."""
     return hasattr(type(wmi), "find_element")
 
 
-def is_there(element: Element, wmi: Any) -> bool:
-    """Whether an element has an id, and the world model, if it tells, has the element."""
-    return bool(element.id) and (not finds(wmi) or wmi.find_element(element.id) is not None)
+def is_in_scene(element: Element, wmi: Any) -> bool:
+    """Whether an element has an id and exists in the world model, as far as the world model can tell."""
+    return bool(element.id) and (not can_find_elements(wmi) or wmi.find_element(element.id) is not None)
 
 
-def _is_changed(element: Element) -> bool:
-    """Whether an element was made or changed here."""
-    if not element.touched:
+def _has_changes(element: Element) -> bool:
+    """Whether an element was created or changed in this process."""
+    if not element.may_be_changed:
         return False
     changes = element.changes()
     return changes is None or bool(changes)
 
 
-def some(elements: Iterable[Element], why: str = "") -> list[Near]:
-    """The first of the elements, at most `MOST_NAMED`."""
-    return [Near(repr(element), why) for element in islice(elements, MOST_NAMED)]
+def near_matches(elements: Iterable[Element], why: str = "") -> list[NearMatch]:
+    """The first `MAX_EXAMPLES` elements as near matches."""
+    return [NearMatch(repr(element), why) for element in islice(elements, MAX_EXAMPLES)]

@@ -1,8 +1,8 @@
 """Conditions of skills over the world model.
 
-A condition has a label, the keys of the parameters it speaks of, and a desired state. In all of them `ph` is the
-`ParamHandler` of the skill and `wmi` the world model. Facts are read from the world model at each evaluation. A fact
-about an unset parameter, a missing property or an element that does not exist is false.
+A condition has a label, the keys of its parameters, and a desired state. `ph` is always the `ParamHandler` of the skill
+and `wmi` the world model. Each evaluation reads the facts from the world model. A fact about an unset parameter, a
+missing property or a missing element is false.
 """
 
 from skiros2_common.core.condition import ConditionBase

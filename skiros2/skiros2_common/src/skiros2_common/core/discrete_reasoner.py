@@ -1,4 +1,4 @@
-"""Reasoners: plugins that own some properties and relations of elements and compute with them."""
+"""Reasoners: plugins that own properties of elements and compute relations between elements."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from skiros2_common.core.names import full_name, spellings
 
 log = logging.getLogger(__name__)
 
-#: The property in which an element names its reasoners.
+#: The property of an element that names its reasoners.
 REASONER_PROPERTY = "skiros:DiscreteReasoner"
 
-#: The module whose `load_reasoners` loads the reasoners that the ROS parameters name. Imported on first use, where ROS
-#: is installed.
+#: The module with `load_reasoners`, which loads the reasoners of the ROS parameter. Imported on first use, because ROS
+#: may not be installed.
 _LOADER = "skiros2_common.ros.reasoners"
 
-#: Time that a thread which was asked to stop has to end before the next one starts (s).
-_STOPPING = 2.0
+#: How long a stopped thread may take to end before the next one starts (s).
+_STOP_TIMEOUT = 2.0
 
-#: At most this number of names is remembered with their reasoners.
-_MOST_ANSWERS = 1000
+#: The maximum size of the lookup cache.
+_MAX_CACHED = 1000
 
 
 class DiscreteReasoner:
-    """Base of all reasoners. An element names the ones it uses in its property `skiros:DiscreteReasoner`.
+    """Base of all reasoners. An element names its reasoners in the property `skiros:DiscreteReasoner`.
 
-    In the world-model server `init` is called once, `execute` after each load of the scene, `parse` before any element
-    is added, updated or removed (under the world model's lock). In every process `getData`, `setData`, `hasData` and
-    `computeRelations` may be called from any thread.
+    The world-model server calls `init` once, `execute` after each load of the scene, and `parse` before each addition,
+    update or removal of an element (under the world model's lock). `getData`, `setData`, `hasData` and
+    `computeRelations` are called in all processes, from any thread.
     """
 
     _wmi: Any = None
@@ -42,43 +42,47 @@ class DiscreteReasoner:
         return self.__class__.__name__
 
     def init(self, wmi: Any) -> None:
-        """Called once before use. `wmi` is the world model that the reasoner serves."""
+        """Called once before use.
+
+        :param wmi: the world model of the reasoner.
+        """
         self._wmi = wmi
 
     def parse(self, element: Any, action: str) -> bool | None:
-        """To override: an element was changed. `action` is `add`, `update` or `remove`. False rejects the change."""
+        """To override: called for each changed element. `action` is `add`, `update` or `remove`. Return False to reject
+        the change."""
         raise self._missing("parse")
 
     @property
     def _stop_event(self) -> threading.Event:
-        # Made on first use, so that subclasses need not call a constructor of ours.
+        # Created on first use, because subclasses need not call a constructor.
         event: threading.Event = self.__dict__.setdefault("_stopped", threading.Event())
         return event
 
     @property
     def stopRequested(self) -> bool:
-        """Whether `run` has to end; a request is reported once."""
+        """Whether `run` has to end. Reading it clears the request."""
         requested = self._stop_event.is_set()
         if requested:
             self._stop_event.clear()
         return requested
 
     def stop(self) -> None:
-        """Asks `run` to end."""
+        """Requests the end of `run`."""
         self._stop_event.set()
 
     def execute(self) -> None:
-        """Starts a thread that calls `run`, and returns at once. A thread that was asked to stop ends before."""
+        """Starts a thread that calls `run`. Waits for the end of a stopped thread first."""
         if self._thread is not None and self._stop_event.is_set():
-            self._thread.join(_STOPPING)
+            self._thread.join(_STOP_TIMEOUT)
         self._stop_event.clear()
         self._thread = threading.Thread(target=self._run_logged, name=repr(self), daemon=True)
         self._thread.start()
 
     def wait_stopped(self, timeout: float) -> bool:
-        """Waits until `run` has returned; returns whether it has.
+        """Waits for the end of `run`. Returns whether it has ended.
 
-        :param timeout: in s.
+        :param timeout: s.
         """
         if self._thread is not None:
             self._thread.join(timeout)
@@ -90,25 +94,25 @@ class DiscreteReasoner:
         except NotImplementedError as error:
             log.debug("%s", error)
         except FOREIGN_ERRORS:
-            log.exception("reasoner %r has ended", self)
+            log.exception("reasoner %r: run raised an error and has ended", self)
 
     def run(self) -> None:
-        """To override: the reasoner's own loop. It ends when `stopRequested`."""
+        """To override: the reasoner's loop, which ends on `stopRequested`."""
         raise self._missing("run")
 
     def addProperties(self, element: Any) -> None:
-        """Makes the reasoner one of the element's and gives the element its properties."""
+        """Adds the reasoner and its properties to the element."""
         name = self.__class__.__name__
         if not element.hasProperty(REASONER_PROPERTY, name):
             element.appendProperty(REASONER_PROPERTY, name)
         self.onAddProperties(element)
 
     def onAddProperties(self, element: Any) -> None:
-        """To override: adds the reasoner's properties, where missing."""
+        """To override: adds the reasoner's missing properties."""
         raise self._missing("onAddProperties")
 
     def removeProperties(self, element: Any) -> None:
-        """Takes the reasoner and its properties away from the element."""
+        """Removes the reasoner and its properties from the element."""
         name = self.__class__.__name__
         if element.hasProperty(REASONER_PROPERTY, name):
             named = element.getProperty(REASONER_PROPERTY)
@@ -122,19 +126,19 @@ class DiscreteReasoner:
         raise self._missing("onRemoveProperties")
 
     def hasData(self, element: Any, get_code: str) -> bool:
-        """To override: whether the element has all data behind the code."""
+        """To override: whether the element has all data of the code."""
         raise self._missing("hasData")
 
     def getData(self, element: Any, get_code: str) -> Any:
-        """To override: the data behind the code, read from the element's properties."""
+        """To override: the data of the code, read from the element's properties."""
         raise self._missing("getData")
 
     def setData(self, element: Any, data: Any, set_code: str) -> Any:
-        """To override: writes the data behind the code into the element's properties."""
+        """To override: writes the data of the code to the element's properties."""
         raise self._missing("setData")
 
     def getAssociatedRelations(self) -> list[str]:
-        """To override: the relations that `computeRelations` may answer."""
+        """To override: the relations that `computeRelations` may return."""
         raise self._missing("getAssociatedRelations")
 
     def getAssociatedProperties(self) -> list[str]:
@@ -146,7 +150,7 @@ class DiscreteReasoner:
         raise self._missing("getAssociatedData")
 
     def computeRelations(self, sub: Any, obj: Any, with_metrics: bool = False) -> list[Any]:
-        """To override: the relations from `sub` to `obj`; with metrics, pairs of a relation and its distance(s)."""
+        """To override: the relations from `sub` to `obj`; with `with_metrics`, pairs of relation and distance(s)."""
         raise self._missing("computeRelations")
 
     def _missing(self, method: str) -> NotImplementedError:
@@ -154,28 +158,28 @@ class DiscreteReasoner:
 
 
 class ReasonerRegistry:
-    """The reasoners of this process, found by name, by code, by owned property or by relation.
+    """The reasoners of this process, by class name, code, owned property or relation.
 
-    A name that is not known makes it load the packages of the ROS parameter `wm/reasoners_pkgs`, where there is one.
-    Reasoners hold no element, so that all elements of the process can share them.
+    On the first unknown name it loads the packages of the ROS parameter `wm/reasoners_pkgs`, if set. Reasoners hold no
+    element, so all elements of the process share them.
     """
 
     def __init__(self) -> None:
         self._by_name: dict[str, DiscreteReasoner] = {}
         self._owners: dict[str, DiscreteReasoner] = {}
-        self._answers: dict[str, DiscreteReasoner | None] = {}
+        self._cache: dict[str, DiscreteReasoner | None] = {}
         self._loading = threading.RLock()
         self._is_loaded = False
 
     def add(self, reasoner: DiscreteReasoner) -> None:
-        """Adds a reasoner; one of the same class takes the place of the earlier one."""
+        """Adds a reasoner; it replaces an earlier one of the same class."""
         self._by_name[reasoner.__class__.__name__] = reasoner
         owners: dict[str, DiscreteReasoner] = {}
         for known in self._by_name.values():
             for name in (*codes_of(known), *data_of(known), *relations_of(known)):
                 owners.setdefault(name, known)
         self._owners = owners
-        self._answers = {}  # who still gives an old answer, writes it to the old ones
+        self._cache = {}  # a new dict: a concurrent lookup writes its old result to the old one
 
     def names(self) -> list[str]:
         return list(self._by_name)
@@ -184,42 +188,42 @@ class ReasonerRegistry:
         return list(self._by_name.values())
 
     def find(self, name: str) -> DiscreteReasoner | None:
-        """The reasoner with that class name, or that owns that code, property or relation, of those loaded."""
+        """The loaded reasoner that has this class name or owns this code, property or relation."""
         for spelling in (name, *spellings(name)):
             found = self._by_name.get(spelling) or self._owners.get(spelling)
             if found is not None:
                 return found
         return None
 
-    def find_written(self, name: str) -> DiscreteReasoner | None:
-        """As `find`, but loads reasoners first. Remembers the answers: most conditions ask. Any thread."""
-        answers = self._answers
+    def find_or_load(self, name: str) -> DiscreteReasoner | None:
+        """Same as `find`, but loads reasoners if needed and caches the result. Thread-safe."""
+        cache = self._cache
         try:
-            return answers[name]
+            return cache[name]
         except KeyError:
-            if len(answers) >= _MOST_ANSWERS:
-                answers.clear()
+            if len(cache) >= _MAX_CACHED:
+                cache.clear()
         found = self.find(name)
         if found is None and self._load():
-            return self.find_written(name)
-        answers[name] = found
+            return self.find_or_load(name)
+        cache[name] = found
         return found
 
     def get(self, name: str) -> DiscreteReasoner:
-        """As `find`, but loads reasoners first.
+        """Same as `find`, but loads reasoners if needed.
 
-        :raises UnknownName: no reasoner has that name.
+        :raises UnknownName: no reasoner has this name.
         """
         found = self.find(name)
         if found is None and self._load():
             found = self.find(name)
         if found is None:
             loaded = ", ".join(self._by_name) or "none"
-            raise UnknownName(f"no reasoner is called or owns {name!r}; loaded: {loaded}")
+            raise UnknownName(f"no reasoner has the name or owns {name!r}; loaded: {loaded}")
         return found
 
     def owner_of_data(self, name: str) -> str:
-        """The class name of the reasoner that owns a property (not a code or relation), "" when none does."""
+        """The class name of the reasoner that owns a property (not a code or relation); "" if none does."""
         full = full_name(name)
         for known in (self.find(name), *self.all()):
             if known is not None and full in map(full_name, data_of(known)):
@@ -229,34 +233,34 @@ class ReasonerRegistry:
         return ""
 
     def _load(self) -> bool:
-        """Loads the reasoners that the ROS parameters name. Returns whether they were loaded by this call."""
+        """Loads the reasoners of the ROS parameter. Returns whether this call loaded them."""
         with self._loading:
             if self._is_loaded:
                 return False
-            self._is_loaded = True  # also while it loads: reasoners may ask for others
+            self._is_loaded = True  # already while loading: reasoners may look up others
             try:
                 self._is_loaded = importlib.import_module(_LOADER).load_reasoners(self.names(), self.add)
             except ImportError as error:
-                log.debug("there is no ROS that names reasoners: %s", error)
+                log.debug("no reasoners are loaded, because ROS is not installed: %s", error)
             return self._is_loaded
 
 
 def codes_of(reasoner: DiscreteReasoner) -> Sequence[str]:
-    """The codes of a reasoner's data; none when it does not define them."""
-    return _told(reasoner.getAssociatedProperties)
+    """The codes of a reasoner's data; () if it does not define them."""
+    return _names_of(reasoner.getAssociatedProperties)
 
 
 def data_of(reasoner: DiscreteReasoner) -> Sequence[str]:
-    """The properties that a reasoner owns; none when it does not define them."""
-    return _told(reasoner.getAssociatedData)
+    """The properties that a reasoner owns; () if it does not define them."""
+    return _names_of(reasoner.getAssociatedData)
 
 
 def relations_of(reasoner: DiscreteReasoner) -> Sequence[str]:
-    """The relations that a reasoner computes; none when it does not define them."""
-    return _told(reasoner.getAssociatedRelations)
+    """The relations that a reasoner computes; () if it does not define them."""
+    return _names_of(reasoner.getAssociatedRelations)
 
 
-def _told(method: Callable[[], Sequence[str] | None]) -> Sequence[str]:
+def _names_of(method: Callable[[], Sequence[str] | None]) -> Sequence[str]:
     try:
         return method() or ()
     except NotImplementedError:
@@ -264,7 +268,7 @@ def _told(method: Callable[[], Sequence[str] | None]) -> Sequence[str]:
 
 
 def set_reasoners(element: Any, names: Sequence[str]) -> None:
-    """Makes these the reasoners of an element: new ones add their properties, those that are gone remove theirs."""
+    """Sets the reasoners of an element: added ones add their properties, removed ones remove theirs."""
     before = list(element.getProperty(REASONER_PROPERTY).values) if element.hasProperty(REASONER_PROPERTY) else []
     for name in dict.fromkeys([*before, *names]):
         if (name in before) == (name in names):
@@ -279,9 +283,9 @@ def set_reasoners(element: Any, names: Sequence[str]) -> None:
         else:
             reasoner.removeProperties(element)
     if not element.hasProperty(REASONER_PROPERTY):
-        element.appendProperty(REASONER_PROPERTY, str)  # no name yet: nothing else is done
+        element.appendProperty(REASONER_PROPERTY, str)  # without a name yet
     element.getProperty(REASONER_PROPERTY).setValues(list(names))
 
 
-#: The reasoners of this process. World-model interfaces and servers fill it from their plugin packages.
+#: The reasoners of this process, filled by world-model interfaces and servers from their plugin packages.
 reasoners = ReasonerRegistry()

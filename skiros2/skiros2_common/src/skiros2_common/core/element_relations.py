@@ -1,4 +1,4 @@
-"""Relation dicts: how they are compared and looked up. Names are kept as written and compared in full."""
+"""Comparison and lookup of relation dicts. Names are kept as written and compared by their full form."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 
 from skiros2_common.core.names import full_name
 
-#: A relation as libraries read it: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
+#: A relation in the contract's form: src, type, dst (str; "-1" is the element itself), state, abstract (bool).
 RelationDict = dict[str, Any]
 
-#: What stands for the element itself where an end of a relation is asked for.
-_ITSELF = ("-1", "")
+#: Ids that denote the element itself in a lookup.
+_SELF = ("-1", "")
 
 
 def relation_key(relation: RelationDict) -> tuple[Any, ...]:
-    """Equal for equal relations, however their names are written and whether they have all five parts."""
+    """A key that is equal for equal relations, in any spelling and with or without the optional parts."""
     return (
         relation["src"],
         full_name(relation["type"]),
@@ -45,15 +45,15 @@ def selected(relations: Iterable[RelationDict], subj: str, pred: str | Sequence[
 def holds(
     relations: Iterable[RelationDict], eid: str, subj: str, pred: str, obj: str, value: bool, abstract: bool
 ) -> bool:
-    """Whether there is exactly that relation; "-1" and "" as subject, else as object, stand for the element.
+    """Whether exactly that relation exists; "-1" or "" as subject, otherwise as object, denotes the element.
 
     :param eid: the element's id.
     """
     subjects, objects = {subj}, {obj}
-    itself = {"-1", eid} if eid else {"-1"}
-    if subj in _ITSELF:
-        subjects |= itself
-    elif obj in _ITSELF:
-        objects |= itself
+    own_ids = {"-1", eid} if eid else {"-1"}
+    if subj in _SELF:
+        subjects |= own_ids
+    elif obj in _SELF:
+        objects |= own_ids
     wanted = {(s, full_name(pred), o, bool(value), bool(abstract)) for s in subjects for o in objects}
     return any(relation_key(r) in wanted for r in relations)

@@ -1,19 +1,19 @@
-"""The errors of the platform: one tree, each also the built-in that fits.
+"""The errors of the platform. Most of them are also the matching built-in exception.
 
     SkirosError
-    ├── UnknownName         also KeyError      a name, id, key or code that nobody knows
+    ├── UnknownName         also KeyError      an unknown name, id, key or code
     ├── WrongType           also TypeError     a value of another type than declared
-    ├── WrongValue          also ValueError    a value of the right type that cannot be used
-    ├── Refused             also RuntimeError  a request that the present state does not allow
-    │   └── Conflict                           a request on something that has been changed meanwhile
-    ├── TimedOut            also TimeoutError  no answer within the time given
-    ├── ConfigurationError  also ValueError    a mistake in parameters or files that no restart mends
-    │   └── MissingPackage  also ImportError   a Python package that is not there, or cannot be imported
-    ├── WmException                            what the world model answers (skiros2_world_model)
-    │   └── WmConflict                         likewise, when it is a conflict
-    └── BagError                               a recorded run that cannot be read (skiros2_bags)
+    ├── WrongValue          also ValueError    an unusable value of the right type
+    ├── Refused             also RuntimeError  a request that the current state does not allow
+    │   └── Conflict                           a request based on an outdated revision
+    ├── TimedOut            also TimeoutError  no response before the timeout
+    ├── ConfigurationError  also ValueError    a mistake in parameters or files that a restart cannot fix
+    │   └── MissingPackage  also ImportError   a missing Python package, or one that cannot be imported
+    ├── WmException                            an error response of the world model (skiros2_world_model)
+    │   └── WmConflict                         a conflict reported by the world model
+    └── BagError                               an unreadable recorded run (skiros2_bags)
 
-The text of each names what was asked, where, and what was expected.
+Each error text names the request, the object concerned and the expectation.
 """
 
 
@@ -21,12 +21,12 @@ class SkirosError(Exception):
     """Base of all errors that the platform raises on purpose. `str(error)` is plain text for a user."""
 
     def __str__(self) -> str:
-        # KeyError would show the repr of its argument.
+        # `KeyError.__str__` would return the repr of its argument.
         return " ".join(str(a) for a in self.args)
 
 
 class UnknownName(SkirosError, KeyError):
-    """A name, id, key or code that nobody knows."""
+    """An unknown name, id, key or code."""
 
 
 class WrongType(SkirosError, TypeError):
@@ -34,17 +34,17 @@ class WrongType(SkirosError, TypeError):
 
 
 class WrongValue(SkirosError, ValueError):
-    """A value of the right type that cannot be used."""
+    """An unusable value of the right type."""
 
 
 class Refused(SkirosError, RuntimeError):
-    """A request that the present state does not allow."""
+    """A request that the current state does not allow."""
 
 
 class Conflict(Refused):
-    """A request that was based on something that has been changed meanwhile. The text begins with `MARK`."""
+    """A request based on data that has changed since it was read. The text begins with `MARK`."""
 
-    #: How the error is known again where only its text arrives.
+    #: Identifies the error where only its text is transmitted.
     MARK = "conflict: "
 
     def __str__(self) -> str:
@@ -52,16 +52,16 @@ class Conflict(Refused):
 
 
 class TimedOut(SkirosError, TimeoutError):
-    """No answer within the time given."""
+    """No response before the timeout."""
 
 
 class ConfigurationError(SkirosError, ValueError):
-    """A mistake in launch parameters, files or names, which no restart mends."""
+    """A mistake in launch parameters, files or names that a restart cannot fix."""
 
 
 class MissingPackage(ConfigurationError, ImportError):
-    """A Python package that is not there, or cannot be imported."""
+    """A missing Python package, or one that cannot be imported."""
 
 
-#: What code of libraries may raise without ending the thread or the node that calls it; `sys.exit()` is an exception.
+#: The exceptions of library code that callers catch; `SystemExit` because library code may call `sys.exit()`.
 FOREIGN_ERRORS = (Exception, SystemExit)

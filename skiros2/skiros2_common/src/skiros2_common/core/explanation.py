@@ -1,4 +1,4 @@
-"""Why a node of a tree failed. Plain data, which travels as JSON; made on failure only."""
+"""The explanation of a node's failure: plain data with a JSON form, created on failure only."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from dataclasses import dataclass, field
 
 from skiros2_common.core.json_data import JsonData
 
-#: Where in the life of a node it failed: no implementation or `onStart` refused, a parameter does not fit, no elements
-#: were found for unset parameters, a condition does not hold, the skill's own `fail` or a bool for an answer, a hook
-#: that raised, and the end from outside.
+#: The stage of a skill run that failed: START (no implementation, or `onStart` failed), PARAMETER (a value of the wrong
+#: type), INFERENCE (no elements for unset parameters), PRE, HOLD and POST (unsatisfied condition), EXECUTE (`fail` or a
+#: returned bool), EXCEPTION (a hook raised), PREEMPT.
 START, PARAMETER, INFERENCE, PRE, HOLD = "start", "parameter", "inference", "pre", "hold"
 EXECUTE, POST, EXCEPTION, PREEMPT = "execute", "post", "exception", "preempt"
 STAGES = (START, PARAMETER, INFERENCE, PRE, HOLD, EXECUTE, POST, EXCEPTION, PREEMPT)
 
-#: Where the value of a parameter came from: from the one who started the task, from `specify` in a tree, from the
-#: declaration, from a node above (where a sibling may have put it), from the conditions, from the skill's own code.
-GIVEN, FIXED, DEFAULT, ABOVE, INFERRED, CHANGED, UNSET = (
+#: The sources of a parameter's value: the client that started the task, `specify` in a tree, the declared default, an
+#: ancestor (which may hold a sibling's output), the conditions, the skill's own code. The values are stored data.
+GIVEN, SPECIFIED, DEFAULT, PULLED, INFERRED, CHANGED, UNSET = (
     "given", "fixed", "default", "above", "inferred", "changed", "unset",
 )  # fmt: skip
 
-#: So many elements are named where there are more.
-MOST_NAMED = 3
+#: The number of elements that a text lists before it says how many more there are.
+MAX_EXAMPLES = 3
 
 
 @dataclass
-class Near:
-    """An element that comes near to what was wanted.
+class NearMatch:
+    """An element that satisfies the failed condition, or most of the conditions.
 
-    :param element: as `id-label`.
-    :param why: what is so of it.
+    :param element: `id-label`.
+    :param why: the relevant facts about it.
     """
 
     element: str
@@ -42,13 +42,13 @@ class Near:
 
 @dataclass
 class Change:
-    """The last change of a fact, as far as it is known.
+    """The last known change of a fact.
 
-    :param element: the id of the element that the fact is about.
-    :param name: the property or relation; "" when the fact is about the element as a whole.
-    :param number: of the change in the world model; -1: not known.
-    :param stamp: when (s since the epoch); 0.0: not known.
-    :param author: who made it; "": not known.
+    :param element: the id of the element.
+    :param name: the property or relation; "" for the element as a whole.
+    :param number: of the change in the world model; -1 if unknown.
+    :param stamp: time of the change (s since the epoch); 0.0 if unknown.
+    :param author: of the change; "" if unknown.
     """
 
     element: str
@@ -58,22 +58,22 @@ class Change:
     author: str = ""
 
     def __str__(self) -> str:
-        what = " ".join(part for part in (self.element, self.name) if part)
-        when = time.strftime(" at %Y-%m-%d %H:%M:%S", time.localtime(self.stamp)) if self.stamp else ""
-        who = f" by {self.author}" if self.author else ""
-        return f"{what} was last changed{when}{who}"
+        fact = " ".join(part for part in (self.element, self.name) if part)
+        time_text = time.strftime(" at %Y-%m-%d %H:%M:%S", time.localtime(self.stamp)) if self.stamp else ""
+        author = f" by {self.author}" if self.author else ""
+        return f"{fact} was last changed{time_text}{author}"
 
 
 @dataclass
 class Finding:
-    """A condition that does not hold.
+    """An unsatisfied condition.
 
     :param kind: its class, such as `ConditionRelation`.
-    :param values: what the parameters were that it speaks of, by key.
-    :param expected, found: what should be so, and what is so, in words.
-    :param nearest: elements of which it would hold, or nearly.
-    :param changes: who last changed what it speaks of.
-    :param parts: for a condition made of others, what is to say of these.
+    :param values: the values of its parameters, by key.
+    :param expected, found: the wanted and the actual state, as text.
+    :param nearest: elements that satisfy it.
+    :param changes: the last changes of its facts.
+    :param parts: the findings of its parts, for a condition composed of others.
     """
 
     kind: str
@@ -81,7 +81,7 @@ class Finding:
     values: dict[str, str]
     expected: str
     found: str
-    nearest: list[Near] = field(default_factory=list)
+    nearest: list[NearMatch] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     parts: list[Finding] = field(default_factory=list)
 
@@ -100,11 +100,12 @@ class Finding:
 
 
 @dataclass
-class Left:
-    """How many candidates a condition left, of those that the ones before it had left.
+class FilterStep:
+    """One condition that filters the candidates.
 
-    :param condition: as it is said of one candidate.
-    :param label: of the condition.
+    :param condition: its `filter_text`.
+    :param count: the number of candidates that remain after it.
+    :param label: its label.
     """
 
     condition: str
@@ -116,20 +117,20 @@ class Left:
 
 
 @dataclass
-class Candidates:
-    """What the scene had for one unset parameter.
+class InferenceFailure:
+    """Why inference found no element for an unset parameter.
 
-    :param wanted: the class, and the label where one was asked for.
-    :param total: how many elements of the scene are so.
-    :param left: what the conditions left, one after the other, up to the first that left none.
-    :param nearest: of those left before that one, the ones that most conditions hold of.
+    :param wanted: the class, and the label if one was given.
+    :param total: the number of such elements in the scene.
+    :param left: the filter steps in order, up to the first that rejects all remaining candidates.
+    :param nearest: near matches: of the candidates before that step, those that satisfy most conditions.
     """
 
     key: str
     wanted: str
     total: int
-    left: list[Left] = field(default_factory=list)
-    nearest: list[Near] = field(default_factory=list)
+    left: list[FilterStep] = field(default_factory=list)
+    nearest: list[NearMatch] = field(default_factory=list)
 
     def __str__(self) -> str:
         if not self.total:
@@ -140,18 +141,18 @@ class Candidates:
 
     @property
     def emptied(self) -> bool:
-        """Whether nothing is left."""
+        """Whether no candidate remains."""
         return not self.total or bool(self.left and not self.left[-1].count)
 
 
 @dataclass
-class Origin:
-    """Where the value of a parameter came from.
+class Provenance:
+    """The source of a parameter's value.
 
-    :param value: as a text; "" when unset.
-    :param source: `GIVEN`, `FIXED`, `DEFAULT`, `ABOVE`, `INFERRED`, `CHANGED` or `UNSET`.
-    :param by: for `ABOVE` the node that put it there, for `INFERRED` the conditions that speak of it, for `CHANGED` the
-        node below that did; [] when it was the skill's own code.
+    :param value: as text; "" if unset.
+    :param source: `GIVEN`, `SPECIFIED`, `DEFAULT`, `PULLED`, `INFERRED`, `CHANGED` or `UNSET`.
+    :param by: for `PULLED` the node that set it, for `INFERRED` the conditions on it, for `CHANGED` the descendant that
+        changed it, [] when the skill's own code did.
     """
 
     key: str
@@ -160,13 +161,15 @@ class Origin:
     by: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        return f"{self.key} = {self.value} ({self.words})" if self.value else f"{self.key} is unset"
+        return f"{self.key} = {self.value} ({self.source_text})" if self.value else f"{self.key} is unset"
 
     @property
-    def words(self) -> str:
-        """The source in words."""
+    def source_text(self) -> str:
+        """The source for people."""
         by = ", ".join(self.by)
-        if self.source == ABOVE:
+        if self.source == SPECIFIED:
+            return "specified"
+        if self.source == PULLED:
             return f"from {by}"
         if self.source == INFERRED:
             return f"inferred by {by}" if by else "inferred"
@@ -178,19 +181,19 @@ class Explanation(JsonData):
     """Why a node failed.
 
     :param stage: one of `STAGES`.
-    :param type, label: of the skill; the label is that of the implementation, "" when none was chosen.
-    :param node: its id in the task; -1: not known.
+    :param type, label: of the skill; the label is the implementation's, "" if none was selected.
+    :param node: its id in the task; -1 if unknown.
     :param code, message: its progress code and message.
-    :param path: the nodes that it is in, the outermost first, and itself.
-    :param findings: the conditions that do not hold.
-    :param candidates: for `INFERENCE`, what the scene had for each unset parameter.
-    :param params: where the values of the parameters came from.
-    :param tried: where there were several implementations, one for each that was tried.
-    :param stamp: when it failed with this message first (s since the epoch).
-    :param times: how often it failed so, with this message or one that is other in numbers alone.
+    :param path: the names of its ancestors, root first, and its own.
+    :param findings: the unsatisfied conditions.
+    :param candidates: for `INFERENCE`, the inference failure of each unset parameter.
+    :param params: the provenance of its parameters.
+    :param tried: the explanations of the rejected implementations, if there were several.
+    :param stamp: time of the first failure with this message (s since the epoch).
+    :param times: the number of failures with this message; messages that differ only in numbers count as the same.
     """
 
-    _called = "explanation"
+    _data_name = "explanation"
 
     stage: str
     type: str
@@ -200,8 +203,8 @@ class Explanation(JsonData):
     message: str
     path: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
-    candidates: list[Candidates] = field(default_factory=list)
-    params: list[Origin] = field(default_factory=list)
+    candidates: list[InferenceFailure] = field(default_factory=list)
+    params: list[Provenance] = field(default_factory=list)
     tried: list[Explanation] = field(default_factory=list)
     stamp: float = field(default_factory=time.time)
     times: int = 1
@@ -218,14 +221,14 @@ class Explanation(JsonData):
     def lines(self) -> Iterator[str]:
         """The lines of the text."""
         times = f", {self.times} times" if self.times > 1 else ""
-        place = " > ".join(self.path) or self.name
-        yield f"{place} failed ({self.stage}, code {self.code}{times})"
+        path = " > ".join(self.path) or self.name
+        yield f"{path} failed ({self.stage}, code {self.code}{times})"
         yield from (f"  {line}" for line in self._reasons() or self.message.splitlines())
-        for origin in self.params:
-            yield f"  parameter {origin}"
+        for provenance in self.params:
+            yield f"  parameter {provenance}"
 
     def _reasons(self) -> list[str]:
-        """What is known beyond the message, which says it in one line."""
+        """The findings, inference failures and rejected implementations."""
         lines = [line for finding in self.findings for line in finding.lines()]
         lines += map(str, self.candidates)
         for tried in self.tried:
@@ -233,7 +236,7 @@ class Explanation(JsonData):
         return lines
 
     def all_changes(self) -> Iterator[Change]:
-        """The changes in it and in what was tried."""
+        """The changes of all findings, including those of rejected implementations."""
         for tried in self.tried:
             yield from tried.all_changes()
         waiting = list(self.findings)

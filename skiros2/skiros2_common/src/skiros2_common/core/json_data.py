@@ -1,4 +1,4 @@
-"""Dataclasses of plain values that travel as JSON: texts, numbers, truth values, lists, dicts and others such."""
+"""JSON form of dataclasses whose fields are strings, numbers, booleans, lists, dicts and such dataclasses."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Self = TypeVar("Self", bound="JsonData")
 
 
 class JsonData:
-    """What a dataclass inherits to be written as JSON and read again."""
+    """Mixin that writes a dataclass as JSON and reads it again."""
 
-    #: What it is called in error messages.
-    _called = "data"
+    #: The name of the data in error messages.
+    _data_name = "data"
 
     def to_dict(self) -> dict[str, Any]:
-        """It as JSON has it: dicts, lists, texts and numbers."""
+        """The data as dicts, lists, strings, numbers and booleans."""
         return asdict(self)  # type: ignore[call-overload, no-any-return]
 
     def to_json(self) -> str:
@@ -28,50 +28,50 @@ class JsonData:
     @classmethod
     def from_dict(cls: type[Self], data: Any) -> Self:
         """
-        :raises WrongType: something is of another type than declared.
-        :raises WrongValue: something is missing, or is not declared.
+        :raises WrongType: a value has another type than declared.
+        :raises WrongValue: a field is missing or not declared.
         """
-        made: Self = _read(cls, data, cls._called)
-        return made
+        read: Self = _read(cls, data, cls._data_name)
+        return read
 
     @classmethod
     def from_json(cls: type[Self], text: str) -> Self:
         """
-        :raises WrongValue: the text is no JSON, or something is missing or not declared.
-        :raises WrongType: something is of another type than declared.
+        :raises WrongValue: the text is not JSON, or a field is missing or not declared.
+        :raises WrongType: a value has another type than declared.
         """
         try:
             data = read_json(text)
         except ValueError as error:
-            raise WrongValue(f"{cls._called}: {error}") from error
+            raise WrongValue(f"{cls._data_name}: {error}") from error
         return cls.from_dict(data)
 
 
-def _read(declared: Any, data: Any, place: str) -> Any:
-    """The value of a declared type that JSON data stand for."""
+def _read(declared: Any, data: Any, path: str) -> Any:
+    """Converts JSON data to the declared type."""
     if get_origin(declared) is list:
         (item,) = get_args(declared)
-        return [_read(item, value, f"{place}[{i}]") for i, value in enumerate(_checked(data, list, place))]
+        return [_read(item, value, f"{path}[{i}]") for i, value in enumerate(_checked(data, list, path))]
     if get_origin(declared) is dict:
         _, item = get_args(declared)
-        return {key: _read(item, value, f"{place}.{key}") for key, value in _checked(data, dict, place).items()}
+        return {key: _read(item, value, f"{path}.{key}") for key, value in _checked(data, dict, path).items()}
     if declared in (str, int, bool):
-        return _checked(data, declared, place)
+        return _checked(data, declared, path)
     if declared is float:
-        return float(_checked(data, (int, float), place))
+        return float(_checked(data, (int, float), path))
     types = get_type_hints(declared)
-    unknown = _checked(data, dict, place).keys() - {f.name for f in fields(declared)}
+    unknown = _checked(data, dict, path).keys() - {f.name for f in fields(declared)}
     if unknown:
-        raise WrongValue(f"{place}: {', '.join(sorted(unknown))} is no part of {declared.__name__}")
-    values = {key: _read(types[key], value, f"{place}.{key}") for key, value in data.items()}
+        raise WrongValue(f"{path}: {', '.join(sorted(unknown))} is no field of {declared.__name__}")
+    values = {key: _read(types[key], value, f"{path}.{key}") for key, value in data.items()}
     try:
         return declared(**values)
     except TypeError as error:
-        raise WrongValue(f"{place}: {error}") from error
+        raise WrongValue(f"{path}: {error}") from error
 
 
-def _checked(data: Any, expected: Any, place: str) -> Any:
+def _checked(data: Any, expected: Any, path: str) -> Any:
     if not isinstance(data, expected) or (isinstance(data, bool) and expected is not bool):
         name = getattr(expected, "__name__", "number")
-        raise WrongType(f"{place}: expected a {name}, got {type(data).__name__}")
+        raise WrongType(f"{path}: expected a {name}, got {type(data).__name__}")
     return data

@@ -1,4 +1,4 @@
-"""JSON texts of others."""
+"""Parsing of untrusted JSON."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import json
 import re
 from typing import Any
 
-#: How deep lists and dicts may be in one another.
-_MOST_NESTED = 500
-#: Texts, so that what is in them does not count, and the beginnings and ends of lists and dicts.
+#: The maximum nesting depth of lists and dicts.
+_MAX_DEPTH = 500
+#: Strings (whose brackets do not count) and brackets.
 _TOKENS = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{\]}]', re.DOTALL)
 
 
 def read_json(text: str) -> Any:
-    """The value that a JSON text holds.
+    """Parses a JSON text.
 
-    :raises ValueError: it is no JSON, or nested too deeply to be read.
+    :raises ValueError: the text is not JSON, or is nested too deeply.
     """
-    # Python's parser recurses on the C stack: where the recursion limit was raised, as for deep trees of skills, a text
-    # nested without end would end the process.
-    if text.count("[") + text.count("{") > _MOST_NESTED and _nesting(text) > _MOST_NESTED:
+    # Python's parser recurses on the C stack: with a raised recursion limit (deep skill trees need one), deep nesting
+    # would crash the process.
+    if text.count("[") + text.count("{") > _MAX_DEPTH and _depth(text) > _MAX_DEPTH:
         raise ValueError("nested too deeply")
     return json.loads(text)
 
 
-def _nesting(text: str) -> int:
+def _depth(text: str) -> int:
     depth = deepest = 0
     for token in _TOKENS.finditer(text):
-        mark = token.group()
-        if mark in "[{":
+        bracket = token.group()
+        if bracket in "[{":
             depth += 1
             deepest = max(deepest, depth)
-        elif mark in "]}":
+        elif bracket in "]}":
             depth -= 1
     return deepest

@@ -1,6 +1,6 @@
-"""Names of the ontology as people write them.
+"""Names of ontology terms, elements and ROS nodes.
 
-A name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
+An ontology name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from typing import Any
 
 DEFAULT_PREFIX = "skiros"
 
-#: What an abstract element has as its class when it stands for elements of any class.
+#: The classes of an abstract element that stands for elements of any class.
 ANY_TYPE = ("", "Unknown", "skiros:Unknown")
 
-#: The highest number of an id. More digits than that are a part of the name.
+#: The highest number of an id. A longer sequence of digits is part of the name.
 LAST_ID_NUMBER = 10**18 - 1
 
 
 @lru_cache(maxsize=10_000)
 def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
-    """`contain` and `:contain` as `skiros:contain`; a name with a prefix, an IRI and "" stay as they are."""
+    """The name with its prefix: `contain` gives `skiros:contain`. A prefixed name, an IRI and "" stay unchanged."""
     if not name:
         return name
     prefix, colon, local = name.partition(":")
@@ -34,14 +34,14 @@ def full_name(name: str, default: str = DEFAULT_PREFIX) -> str:
 
 @lru_cache(maxsize=10_000)
 def spellings(name: str) -> tuple[str, ...]:
-    """The ways in which a name may be written, its full form first: `skiros:contain`, `contain`, `:contain`."""
+    """All spellings of a name, the full one first: `skiros:contain`, `contain`, `:contain`."""
     full = full_name(name)
     prefix, colon, local = full.partition(":")
     return (full, local, f":{local}") if colon and prefix == DEFAULT_PREFIX else (full,)
 
 
 def same_node(one: str, other: str) -> bool:
-    """Whether two names are of one ROS node. One without leading slash is the last part of a name, or all of it.
+    """Whether two names denote the same ROS node. A name without a leading slash may be the last part of the full name.
 
     Scenes name skill managers in both forms.
     """
@@ -52,7 +52,7 @@ def same_node(one: str, other: str) -> bool:
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
-    """The known names that are most like a name, in any case of letters, the nearest first; [] where none is near."""
+    """The known names closest to a name, ignoring case, the closest first; [] if none is close."""
     folded = {k.casefold(): k for k in reversed([*known])}
     return [folded[n] for n in difflib.get_close_matches(name.casefold(), folded, count)]
 
@@ -65,20 +65,20 @@ def local_name(name: str) -> str:
 def is_of_class(name: str, wanted: str, wmi: Any) -> bool:
     """Whether a class is the wanted one (see `ANY_TYPE`) or a subclass of it.
 
-    :param wmi: the world model, asked when the names differ; None: it is none.
+    :param wmi: the world model, queried if the names differ; None: different names are different classes.
     """
     name, wanted = full_name(name), full_name(wanted)
     if name == wanted or wanted in ANY_TYPE:
         return True
     if wmi is None:
         return False
-    if hasattr(type(wmi), "is_subclass"):  # quicker; a world model of a library has only what the contract lists
+    if hasattr(type(wmi), "is_subclass"):  # faster, but a library's own world model may lack it
         return bool(wmi.is_subclass(name, wanted))
     return name in map(full_name, wmi.get_sub_classes(wanted, True))
 
 
 def id_number(eid: str) -> int:
-    """The number at the end of an id, or -1 when it has none."""
+    """The number at the end of an id, or -1 if it has none."""
     _, dash, number = eid.rpartition("-")
     return int(number) if dash and number.isascii() and number.isdigit() and len(number) <= 18 else -1
 

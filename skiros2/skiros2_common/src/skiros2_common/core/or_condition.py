@@ -1,4 +1,4 @@
-"""A condition of which one part has to hold."""
+"""A disjunction of conditions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skiros2_common.core.world_element import Element
 
 
 class ConditionOr(ConditionBase):
-    """True when one of its parts holds."""
+    """True if one of its parts holds."""
 
     def __init__(self, desired_state: bool) -> None:
         super().__init__("or", "", desired_state)
@@ -43,8 +43,8 @@ class ConditionOr(ConditionBase):
         return self._matches(other) and bool(self._desired_state != other._desired_state)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        checked = [c.evaluate(ph, wmi) for c in self._conditions]  # all, so that the description names them all
-        return any(checked)
+        results = [c.evaluate(ph, wmi) for c in self._conditions]  # all of them, for the description
+        return any(results)
 
     def fact(self) -> str:
         return "(" + " or ".join(c.getDescription() for c in self._conditions) + ")"

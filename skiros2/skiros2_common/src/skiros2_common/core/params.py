@@ -1,4 +1,4 @@
-"""Parameters of skills, and the set of parameters that a skill has."""
+"""Parameters of skills."""
 
 from __future__ import annotations
 
@@ -11,30 +11,31 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import nearest
 from skiros2_common.core.property import Property
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)
 
 ParamTypes = Enum("ParamTypes", "Required Optional Inferred")
 
-#: How parameter types are written on the wire and in the world model.
+#: The codes of parameter types in messages and in the world model.
 PARAM_TYPE_CODES = {ParamTypes.Required: 0, ParamTypes.Optional: 1, ParamTypes.Inferred: 2}
 
 _KINDS = {code: kind for kind, code in PARAM_TYPE_CODES.items()}
 
 
 class Param(Property):
-    """A parameter: a property with a description, a type, and the default that it was declared with.
+    """A property with a description, a parameter type and a declared default.
 
     :param value: a default, a Python type (no default), a list of one type, or an abstract `Element`.
-    :param param_type: one of `ParamTypes`, or its code on the wire.
+    :param param_type: one of `ParamTypes`, or its code.
     """
 
     __slots__ = (
-        "_default", "_description", "_last_update", "_param_type", "assigned", "given_by", "is_inferred", "lent"
+        "_default", "_description", "_last_update", "_param_type", "assigned", "is_inferred", "set_by",
+        "shared_snapshot",
     )  # fmt: skip
 
     def __init__(self, key: str, description: str, value: Any, param_type: Any) -> None:
@@ -43,20 +44,20 @@ class Param(Property):
         self._param_type: Any = _KINDS.get(param_type, param_type) if isinstance(param_type, int) else param_type
         self._default: list[Any] = list(self._values)
         self._last_update = time_module.time()
-        #: Whether a setter was called since this was last set to False.
+        #: Set to True by each setter; the caller resets it.
         self.assigned = False
-        #: On a blackboard: the label of the node that has put the values there, and whether it has inferred them.
-        self.given_by = ""
+        #: On a blackboard: the label of the node that set the values, and whether it inferred them.
+        self.set_by = ""
         self.is_inferred = False
-        #: What the list of values held when it was last looked at; None while nobody has it who may change it.
-        self.lent: list[Any] | None = None
+        #: A copy of the value list from the last check for changes in place; None while nobody else holds the list.
+        self.shared_snapshot: list[Any] | None = None
 
     @property
     def values(self) -> list[Any]:
         """All values: the list itself, no copy."""
-        if self.lent is None:
-            self.lent = list(self._values)
-            mutations.note()
+        if self.shared_snapshot is None:
+            self.shared_snapshot = list(self._values)
+            local_revision.advance()
         return self._values
 
     @values.setter
@@ -75,13 +76,13 @@ class Param(Property):
 
     @property
     def last_update(self) -> datetime:
-        """When a setter was last called; before, when the parameter was made. Local time."""
+        """The time of the last setter call, or of the creation. Local time."""
         return datetime.fromtimestamp(self._last_update)
 
     def hasChanges(self, time: Any, tolerance: float = 1) -> bool:
         """Whether a setter was called since `time` (a datetime, seconds since the epoch, or a ROS time).
 
-        :param tolerance: µs by which a call has to be later to count.
+        :param tolerance: a call counts if it is later by more than this (µs).
         """
         if isinstance(time, datetime):
             since = time.timestamp()
@@ -89,45 +90,45 @@ class Param(Property):
             since = time.to_sec() if hasattr(time, "to_sec") else float(time)
         return self._last_update - since > tolerance * 1e-6
 
-    def _note(self) -> None:
+    def _record_set(self) -> None:
         self.assigned = True
         self._last_update = time_module.time()
 
     def _set(self, values: list[Any]) -> None:
         self._values = values
-        self._note()
-        mutations.note()
+        self._record_set()
+        local_revision.advance()
 
     def setValue(self, value: Any, index: int = 0) -> None:
         super().setValue(value, index)
-        self._note()
+        self._record_set()
 
     def setValues(self, value: Any) -> None:
         super().setValues(value)
-        self._note()
+        self._record_set()
         if self._values is value:
-            self.lent = list(value)  # the caller has it
+            self.shared_snapshot = list(value)  # the caller holds the list
 
     def removeValue(self, value: Any) -> None:
         super().removeValue(value)
-        self._note()
+        self._record_set()
 
     def is_bound(self) -> bool:
-        """Whether there is a value that is not an abstract element."""
+        """Whether it has a value that is not an abstract element."""
         return bool(self._values) and not _is_abstract(self._values[0])
 
     def hasSpecifiedDefault(self) -> bool:
-        """Whether there is a default; an abstract element is one."""
+        """Whether it has a default; an abstract element counts."""
         return bool(self._default)
 
     def has_bound_default(self) -> bool:
-        """Whether there is a default that is not an abstract element."""
+        """Whether it has a default that is not an abstract element."""
         return bool(self._default) and not _is_abstract(self._default[0])
 
     def getDefaultValue(self, index: int = 0) -> Any:
-        """The default at `index`, or None when there is no default at all.
+        """The default at `index`, or None if there is no default.
 
-        :raises IndexError: there are defaults, but none at that index.
+        :raises IndexError: there are defaults, but none at this index.
         """
         return self._default[index] if self._default else None
 
@@ -135,20 +136,20 @@ class Param(Property):
         return self._default
 
     def keeps_default(self, values: list[Any]) -> bool:
-        """Whether the parameter keeps its default when values are offered: it has one, which is neither an abstract
-        element nor elements with the ids of those that are offered."""
+        """Whether the default takes precedence over new values: it exists, is not an abstract element, and its elements
+        differ in id from the new ones."""
         default = self._default
         if not default or _is_abstract(default[0]):
             return False
         return not (isinstance(default[0], Element) and [e.id for e in default] == [_id_of(v) for v in values])
 
     def hasDefaultValues(self) -> bool:
-        """Whether each value is the default at its place; an element with that id, class and label is."""
+        """Whether the values equal the defaults; elements are compared by id, class and label."""
         return len(self._values) <= len(self._default) and all(map(_is_same, self._values, self._default))
 
     def makeDefault(self, values: Any) -> None:
-        """Sets the values, and makes a copy of the list the default. Values of another type are refused with a logged
-        error, and the present ones become the default."""
+        """Sets the values and copies the list to the default. Values of another type are rejected with a logged error;
+        then the current values become the default."""
         self.setValues(values)
         self._default = list(self._values)
 
@@ -157,19 +158,19 @@ class Param(Property):
         self._set(self._new_default())
 
     def _new_default(self) -> list[Any]:
-        # The skill may change what it gets: an abstract element, a dict. What was declared stays as it is.
-        return [_own(v) for v in self._default]
+        # A copy, because the skill may change an abstract element or a dict in place.
+        return [_copied(v) for v in self._default]
 
     def clone(self) -> Param:
-        """A copy with a value list of its own (the values themselves are shared)."""
+        """A copy with its own value list (the values themselves are shared)."""
         return self._copy(list(self._values))
 
     def at_default(self) -> Param:
-        """A copy that is set to the default."""
+        """A copy with the default values."""
         return self._copy(self._new_default())
 
     def _copy(self, values: list[Any]) -> Param:
-        copy = Param.__new__(Param)  # in the place of __init__, since each start of a skill makes some
+        copy = Param.__new__(Param)  # faster than __init__: each skill run copies its parameters
         copy._key = self._key
         copy._data_type = self._data_type
         copy._values = values
@@ -178,9 +179,9 @@ class Param(Property):
         copy._default = self._default
         copy._last_update = self._last_update
         copy.assigned = False
-        copy.given_by = ""
+        copy.set_by = ""
         copy.is_inferred = False
-        copy.lent = None
+        copy.shared_snapshot = None
         return copy
 
     @property
@@ -201,7 +202,7 @@ class Param(Property):
 
     @property
     def element_type(self) -> str:
-        """The class that an element value has to be of, "" when the parameter does not say."""
+        """The required class of element values; "" if the parameter does not state it."""
         for value in (*self._default, *self._values):
             if isinstance(value, Element):
                 return value.type
@@ -210,7 +211,7 @@ class Param(Property):
     def toElement(self) -> Element:
         """The parameter as an element of the world model (type `skiros:Parameter`).
 
-        `skiros:DataType` has the class of an element parameter as its value; of others the data type, without a value.
+        The value of `skiros:DataType` is the class of an element parameter; for others it has a data type and no value.
         """
         element = Element("skiros:Parameter", self.key)
         element.setProperty("rdfs:comment", self._description)
@@ -230,9 +231,10 @@ class Param(Property):
 
 
 class ParamHandler:
-    """The parameters of one skill, by key, in the order they were declared.
+    """The parameters of one skill by key, in the order of declaration.
 
-    :param is_strict: `handler[key]` of an unknown key raises, as in the hooks of a running skill; else it is logged.
+    :param is_strict: whether `handler[key]` raises for an unknown key, as in the hooks of a running skill; otherwise
+        it logs an error and returns None.
     """
 
     def __init__(self, params: dict[str, Param] | None = None, is_strict: bool = False) -> None:
@@ -240,7 +242,7 @@ class ParamHandler:
         self._is_strict = is_strict
 
     def __getitem__(self, key: str) -> Any:
-        # Any, so that an author's `self.params["Speed"].value` passes a type check.
+        # Returns Any, so that `self.params["Speed"].value` passes a type check.
         param = self._params.get(key)
         if param is not None:
             return param
@@ -267,7 +269,7 @@ class ParamHandler:
         return self._params.items()
 
     def reset(self, copy: dict[str, Param] | ParamHandler) -> None:
-        """Takes these parameters, the dict itself, in the place of its own."""
+        """Replaces the parameters by these; a dict is taken itself, not copied."""
         self._params = copy._params if isinstance(copy, ParamHandler) else copy
 
     def getCopy(self) -> dict[str, Param]:
@@ -279,9 +281,9 @@ class ParamHandler:
         return self._params
 
     def merge(self, other: ParamHandler) -> dict[str, Param]:
-        """Copies of the parameters with the values that `other` has for them, and the other parameters of `other`.
+        """Copies of the parameters with the values of `other`, and the remaining parameters of `other`.
 
-        A parameter that is unset in `other` is left out. Values of another type are refused with a logged error.
+        Omits parameters that are unset in `other`. Rejects values of another type with a logged error.
         """
         merged = self.getCopy()
         for key, param in other._params.items():
@@ -294,7 +296,7 @@ class ParamHandler:
         return merged
 
     def remap(self, initial_key: str, target_key: str) -> None:
-        """Moves a parameter to another key, in the place of one that is there. Nothing when there is no such key."""
+        """Moves a parameter to another key and replaces the parameter there. Does nothing if the key is unknown."""
         moved = self._params.get(initial_key)
         if moved is None or initial_key == target_key:
             return
@@ -303,12 +305,11 @@ class ParamHandler:
         self._params = {param._key: param for param in self._params.values()}
 
     def specifyParams(self, other: ParamHandler, keep_default: bool = False) -> None:
-        """Takes the values that `other` has for the keys of this one; one that is unset there is unset.
+        """Copies the values of `other` for the common keys; a parameter that is unset there becomes unset.
 
-        Values of another type are refused with a logged error.
+        Rejects values of another type with a logged error.
 
-        :param keep_default: a parameter with a default keeps its value, unless the default is an abstract element or
-            elements with the same ids.
+        :param keep_default: skip parameters with a default, unless it is an abstract element or has the same ids.
         """
         for key, param in self._params.items():
             given = other._params.get(key)
@@ -316,7 +317,7 @@ class ParamHandler:
                 param.setValues(given.values)
 
     def specifyParamsDefault(self, other: ParamHandler) -> None:
-        """Takes the values that `other` has for the keys of this one, also none, and makes them the defaults."""
+        """Copies the values of `other` for the common keys, also empty ones, and makes them the defaults."""
         for key, param in self._params.items():
             if key in other._params:
                 param.makeDefault(other._params[key].values)
@@ -325,47 +326,47 @@ class ParamHandler:
         return key in self._params
 
     def setDefault(self, key: str | list[str] | None = None) -> None:
-        """Sets one parameter, some, or all back to the default.
+        """Resets one, several or all parameters to the default.
 
-        :raises UnknownName: there is no such key.
+        :raises UnknownName: unknown key.
         """
         keys = list(self._params) if key is None else [key] if isinstance(key, str) else key
         for param in [self._get(k) for k in keys]:
             param.setDefault()
 
     def addParam(self, key: str, value: Any, param_type: Any, description: str = "") -> None:
-        """Declares a parameter; one of that key is redefined."""
+        """Declares a parameter, or redefines it."""
         self._params[key] = Param(key, description, value, param_type)
-        mutations.note()
+        local_revision.advance()
 
     def getParam(self, key: str) -> Param | None:
-        """The parameter, or None, with a logged error, when there is none of that key."""
+        """The parameter, or None with a logged error if the key is unknown."""
         param = self._params.get(key)
         if param is None:
             log.error("%s", self.unknown(key))
         return param
 
     def specifyDefault(self, key: str, values: Any) -> None:
-        """Sets a parameter and makes the values its default. An unknown key is logged."""
+        """Sets a parameter and its default. An unknown key is logged."""
         param = self.getParam(key)
         if param is not None:
             param.makeDefault(values)
 
     def specify(self, key: str, values: Any) -> None:
-        """Sets a parameter; None unsets it. An unknown key, or values of another type, are logged."""
+        """Sets a parameter; None unsets it. An unknown key and values of another type are logged."""
         param = self.getParam(key)
         if param is not None:
             param.setValues(values)
 
     def isSpecified(self, key: str) -> bool:
-        """Whether the parameter has a value; an abstract element is one.
+        """Whether the parameter has a value; an abstract element counts.
 
-        :raises UnknownName: there is no such key.
+        :raises UnknownName: unknown key.
         """
         return self._get(key).isSpecified()
 
     def is_bound(self, key: str) -> bool:
-        """Whether there is such a parameter, with a value that is not an abstract element."""
+        """Whether the parameter exists and has a value that is not an abstract element."""
         param = self._params.get(key)
         return param is not None and param.is_bound()
 
@@ -380,16 +381,16 @@ class ParamHandler:
         return param.values if param is not None else None
 
     def getElementParams(self) -> dict[str, Param]:
-        """The parameters whose present value is an element, by key."""
+        """The parameters whose current value is an element, by key."""
         return {key: param for key, param in self._params.items() if isinstance(param.value, Element)}
 
     def getParamMapFiltered(self, type_filter: Any) -> dict[str, Param]:
-        """The parameters of one type, or several, by key."""
+        """The parameters of one or several types, by key."""
         wanted = type_filter if isinstance(type_filter, (list, tuple, set)) else [type_filter]
         return {key: param for key, param in self._params.items() if param.paramType in wanted}
 
     def printState(self) -> str:
-        """`key:[values] ` of each parameter; of one with an element `key: id-label `."""
+        """`key:[values] ` for each parameter; `key: id-label ` for an element."""
         return "".join(
             f"{key}: {param.value.printState()} " if isinstance(param.value, Element) else f"{param.printState()} "
             for key, param in self._params.items()
@@ -402,7 +403,7 @@ class ParamHandler:
         return param
 
     def unknown(self, key: str) -> UnknownName:
-        """The error for a key that no parameter has; it names the nearest ones."""
+        """The error for an unknown key; it names the closest ones."""
         near = nearest(str(key), self._params)
         known = f"near: {', '.join(near)}" if near else f"there are: {', '.join(self._params) or 'none'}"
         return UnknownName(f"no parameter {key!r}; {known}")
@@ -422,8 +423,8 @@ def _is_same(value: Any, default: Any) -> bool:
     return value is default or bool(value == default)
 
 
-def _own(value: Any) -> Any:
-    """A value that may be changed in place, with a copy in its place."""
+def _copied(value: Any) -> Any:
+    """A copy of a value of a mutable type; another value itself."""
     if isinstance(value, Element):
         return value.view()
     return deepcopy(value) if isinstance(value, (dict, list, set)) else value

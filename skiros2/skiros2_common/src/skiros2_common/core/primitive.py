@@ -1,4 +1,4 @@
-"""Primitives: skills that are code."""
+"""Primitives: the leaves of a skill tree."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PrimitiveBase(SkillCore):
     """
 
     def init(self, wmi: Any, _: Any = None) -> bool:
-        """Loads the primitive: declares its description and calls `onInit`. False: it cannot be used."""
+        """Loads the primitive: declares its description and calls `onInit`. Returns False if it cannot be used."""
         self._wmi = wmi
         self._create()
         if self.onInit() is False:
@@ -28,14 +28,14 @@ class PrimitiveBase(SkillCore):
         return True
 
     def tick(self) -> State:
-        """One `execute`, when the skill runs. Returns the state."""
+        """Calls `execute` once if the skill runs. Returns the state."""
         if self._state is State.Running:
-            answer = self.execute()
-            if not isinstance(answer, State):
-                raise TypeError(f"{self._label}.execute returned {answer!r}, expected a State")
-            self._setState(answer)
+            result = self.execute()
+            if not isinstance(result, State):
+                raise TypeError(f"{self._label}.execute returned {result!r}, expected a State")
+            self._setState(result)
         return self._state
 
     def onInit(self) -> bool | None:
-        """To override: called once when the primitive is loaded. False: it cannot be used."""
+        """To override: called once when the primitive is loaded. Return False if it cannot be used."""
         return True

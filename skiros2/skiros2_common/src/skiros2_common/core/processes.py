@@ -1,4 +1,4 @@
-"""Processes that a program has started, and their end."""
+"""Stopping child processes and their descendants."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from pathlib import Path
 
 
 def end_processes(processes: Sequence[subprocess.Popen[bytes]], timeout: float) -> None:
-    """Ends processes and all that they have started: asks all, waits for the last one first, and kills what stays.
+    """Stops processes and their descendants: sends SIGINT to all, waits in reverse order, and kills the remaining ones.
 
-    :param timeout: how long each is waited for (s).
+    :param timeout: the wait for each process (s).
     """
-    families = [descendants(process.pid) if process.poll() is None else [] for process in processes]
+    trees = [descendants(process.pid) if process.poll() is None else [] for process in processes]
     for process in processes:
-        process.send_signal(signal.SIGINT)  # no harm to one that has ended
-    for process, family in reversed(list(zip(processes, families, strict=True))):
+        process.send_signal(signal.SIGINT)  # ignored by a process that has ended
+    for process, descendant_ids in reversed(list(zip(processes, trees, strict=True))):
         try:
             process.wait(timeout)
         except subprocess.TimeoutExpired:
-            family += descendants(process.pid)
+            descendant_ids += descendants(process.pid)
             process.kill()
         process.wait()
-        _kill(family)
+        _kill(descendant_ids)
 
 
 def descendants(pid: int) -> list[int]:
-    """The processes that a process has started, and those that these have."""
+    """The ids of all descendants of a process."""
     try:
         children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except OSError:
         return []
-    return children + [below for child in children for below in descendants(child)]
+    return children + [pid for child in children for pid in descendants(child)]
 
 
 def _kill(pids: Sequence[int]) -> None:

@@ -11,24 +11,24 @@ from sys import intern
 from typing import Any
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 
 log = logging.getLogger(__name__)
 
 _TRUE_TEXTS = ("true", "1")
 _FALSE_TEXTS = ("false", "0")
 
-#: Characters of the values that `printState` shows.
-MOST_PRINTED = 500
+#: The maximum number of characters in `printState`.
+MAX_PRINTED = 500
 
-_shown = reprlib.Repr()
-_shown.maxstring = _shown.maxother = _shown.maxlong = 200
+_formatter = reprlib.Repr()
+_formatter.maxstring = _formatter.maxother = _formatter.maxlong = 200
 
 
 def as_type(value: Any, datatype: type) -> Any:
-    """`value` as a `datatype`, where nothing is lost by it (int to float, NumPy numbers to Python's).
+    """Converts `value` to `datatype` without loss (int to float, NumPy numbers to Python numbers).
 
-    :raises WrongType: it is of another type.
+    :raises WrongType: the value has another type.
     """
     if type(value) is datatype:
         return value
@@ -46,42 +46,42 @@ def as_type(value: Any, datatype: type) -> Any:
             return bool(value)
     elif isinstance(value, datatype):
         return value
-    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {shown(value)}")
+    raise WrongType(f"expected a value of type {datatype.__name__}, got {type(value).__name__} {format_value(value)}")
 
 
 def is_bool(value: Any) -> bool:
-    """Whether a value is a bool of Python or of NumPy."""
+    """Whether a value is a Python or NumPy bool."""
     return isinstance(value, bool) or (
         type(value).__module__ == "numpy" and type(value).__name__ in ("bool_", "bool")
     )
 
 
-def shown(value: Any) -> str:
-    """A value in the text of an error: short, however long or deep it is."""
-    return _shown.repr(value)
+def format_value(value: Any) -> str:
+    """Formats a value for people; abbreviates long and deeply nested values."""
+    return _formatter.repr(value)
 
 
 def from_text(text: str, datatype: type) -> Any:
-    """The value of a `datatype` that `text` writes ("False" is False).
+    """Parses a value of type `datatype` ("False" gives False).
 
-    :raises WrongValue: the text is no such value.
+    :raises WrongValue: the text does not represent such a value.
     """
     if datatype is bool:
         if text.strip().lower() in _TRUE_TEXTS:
             return True
         if text.strip().lower() in _FALSE_TEXTS:
             return False
-        raise WrongValue(f"expected True or False, got {shown(text)}")
+        raise WrongValue(f"expected True or False, got {format_value(text)}")
     try:
         if datatype is dict:
             return dict(literal_eval(text))
         return datatype(text)
     except (TypeError, ValueError, SyntaxError) as error:
-        raise WrongValue(f"{shown(text)} is no {datatype.__name__}") from error
+        raise WrongValue(f"{format_value(text)} is no {datatype.__name__}") from error
 
 
 def same_value(one: Any, other: Any) -> bool:
-    """Whether two values are equal; numbers and bools equal their text, as scenes in the field write them."""
+    """Whether two values are equal; a number or bool equals its text, because existing scenes mix both."""
     if type(one) is type(other):
         return bool(one == other)
     if isinstance(one, str) != isinstance(other, str):
@@ -98,20 +98,20 @@ def same_value(one: Any, other: Any) -> bool:
 
 
 class Property:
-    """A key with a list of values, all of the type that the first one, or a given Python type, fixed.
+    """A key with a list of values of one type.
 
-    The list is handed out, not copied: what is done to it in place is done to the property. Setters refuse a value of
-    another type: they log an error and change nothing. `assign` raises instead.
+    The list is returned itself, not copied: changes in place change the property. Setters reject a value of another
+    type: they log an error and change nothing. `assign` raises instead.
 
     :param key: the name, such as `skiros:PositionX`.
     :param value: a Python type (no value yet), one value, or a list of values of one type.
-    :raises WrongValue: the list holds values of several types.
+    :raises WrongValue: the list has values of several types.
     """
 
     __slots__ = ("_data_type", "_key", "_values")
 
     def __init__(self, key: str, value: Any) -> None:
-        self._key = intern(key)  # a scene has many of one key
+        self._key = intern(key)  # a scene repeats the same keys
         self._values: list[Any] = []
         if isinstance(value, type):
             self._data_type: type = value
@@ -125,7 +125,7 @@ class Property:
                 try:
                     self._values = list(self._checked(value))
                 except WrongType as error:
-                    raise WrongValue(f"{error}: the values of a list are of one type") from None
+                    raise WrongValue(f"{error}: the values of a list must have one type") from None
         elif value is None:
             self._data_type = str
         else:
@@ -133,7 +133,7 @@ class Property:
             self._values = [value]
 
     def clone(self) -> Property:
-        """A copy with a value list of its own (the values themselves are shared)."""
+        """A copy with its own value list (the values themselves are shared)."""
         clone = self.__class__.__new__(self.__class__)
         clone._key = self._key
         clone._data_type = self._data_type
@@ -179,23 +179,23 @@ class Property:
         return self._data_type
 
     def dataTypeIs(self, vtype: Any) -> bool:
-        """Whether the data type is just that type, or, given a value, whether the value is of the data type."""
+        """Whether the data type is exactly this type or, given a value, whether the value has the data type."""
         return self._data_type is vtype if isinstance(vtype, type) else isinstance(vtype, self._data_type)
 
     def unset(self) -> None:
-        """Removes all values: the property gets a new, empty list."""
+        """Removes all values by assigning a new empty list."""
         self._set([])
 
     def assign(self, value: Any) -> None:
         """Sets all values, from a list, a tuple or one value; None removes all.
 
-        :raises WrongType: a value is of another type; nothing has changed then.
+        :raises WrongType: a value has another type; the property is unchanged.
         """
         self._set([] if value is None else list(self._checked(self._as_list(value))))
 
     def setValue(self, value: Any, index: int = 0) -> None:
-        """Sets the value at `index`, in the same list. A negative index counts from the end; one after the last value
-        adds it. None is refused with a logged error."""
+        """Sets the value at `index`, in the same list. A negative index counts from the end; an index past the end
+        appends the value. None is rejected with a logged error."""
         values = self._values
         if value is None:
             log.error("%s: None is no value; unset() removes the values", self._key)
@@ -207,19 +207,19 @@ class Property:
                 values[index] = checked[0]
             elif checked:
                 values.append(checked[0])
-        mutations.note()
+        local_revision.advance()
 
     def setValueFromStr(self, value: str, index: int = 0) -> None:
-        """Sets the value at `index` from its text, that of a dict from a literal of Python.
+        """Sets the value at `index` from its text; a dict from a Python literal.
 
-        :raises WrongValue: the text is no such value.
+        :raises WrongValue: the text does not represent such a value.
         """
         self.setValue(from_text(value, self._data_type), index)
 
     def setValuesFromStr(self, values: str) -> None:
-        """Sets all values from one text, in which `;` separates them; "" removes all.
+        """Sets all values from a text separated by `;`; "" removes all.
 
-        :raises WrongValue: a text is no such value; nothing has changed then.
+        :raises WrongValue: a part does not represent such a value; the property is unchanged.
         """
         found = [from_text(item, self._data_type) for item in values.split(";")] if values else []
         self.unset()
@@ -227,9 +227,9 @@ class Property:
             self.setValue(item, index)
 
     def setValues(self, value: Any) -> None:
-        """Sets all values: takes a list itself, no copy, or one value; None removes all.
+        """Sets all values to a list (taken itself, not copied) or one value; None removes all.
 
-        A tuple, or values of another type, are refused with a logged error.
+        A tuple and values of another type are rejected with a logged error.
         """
         if value is None:
             self._set([])
@@ -240,24 +240,24 @@ class Property:
             self._set(checked)
 
     def removeValue(self, value: Any) -> None:
-        """Removes the first such value from the list, if there is one."""
+        """Removes the first equal value, if any."""
         index = self.find(value)
         if index >= 0:
             del self._values[index]
-        mutations.note()
+        local_revision.advance()
 
     def find(self, value: Any) -> int:
-        """The index of the first such value, or -1."""
+        """The index of the first equal value, or -1."""
         return self._values.index(value) if value in self._values else -1
 
     def addValue(self, value: Any) -> None:
-        """Adds a value at the end of the list."""
+        """Appends a value."""
         self.setValue(value, len(self._values))
 
     def getValue(self, index: int = 0) -> Any:
-        """The value at `index` (negative: from the end), or None when there is no value at all.
+        """The value at `index` (negative: from the end), or None if there is no value.
 
-        :raises IndexError: there are values, but none at that index.
+        :raises IndexError: there are values, but none at this index.
         """
         if not self._values:
             return None
@@ -271,21 +271,21 @@ class Property:
         return self.values
 
     def getValuesStr(self) -> str:
-        """All values as one text, as `setValuesFromStr` takes it."""
+        """All values as one text, in the form of `setValuesFromStr`."""
         return ";".join(str(v) for v in self._values)
 
     def printState(self) -> str:
-        """`key:[values]`, of which at most 500 characters."""
+        """`key:[values]`; the values are cut at 500 characters."""
         text = str(self._values)
-        return f"{self._key}:{text}" if len(text) <= MOST_PRINTED else f"{self._key}:{text[:MOST_PRINTED]} ...]"
+        return f"{self._key}:{text}" if len(text) <= MAX_PRINTED else f"{self._key}:{text[:MAX_PRINTED]} ...]"
 
     def __repr__(self) -> str:
         return self.printState()
 
     def _set(self, values: list[Any]) -> None:
-        """Takes another list as the values."""
+        """Replaces the value list."""
         self._values = values
-        mutations.note()
+        local_revision.advance()
 
     def _as_list(self, value: Any) -> list[Any]:
         if not isinstance(value, (list, tuple)):
@@ -295,21 +295,54 @@ class Property:
         return list(value)
 
     def _checked(self, values: list[Any]) -> list[Any]:
-        """The values as values of the data type: the list itself where nothing has to be converted."""
+        """The values converted to the data type; the list itself if no value needs a conversion."""
         datatype = self._data_type
         if len(values) == 1 and type(values[0]) is datatype:
             return values
         try:
-            converted = [as_type(v, datatype) for v in values]
+            converted_property = [as_type(v, datatype) for v in values]
         except WrongType as error:
             raise WrongType(f"{self._key}: {error}") from None
-        return values if all(map(is_, converted, values)) else converted
+        return values if all(map(is_, converted_property, values)) else converted_property
 
     def _checked_or_log(self, values: list[Any]) -> list[Any] | None:
         try:
-            if self._data_type is int and bool in map(type, values):  # a bool is an int of Python
+            if self._data_type is int and bool in map(type, values):  # Python's bool is a subclass of int
                 values = [int(v) if type(v) is bool else v for v in values]
             return self._checked(values)
         except WrongType as error:
-            log.error("%s. It stays %s.", error, self._values)
+            log.error("%s. The values stay %s.", error, self._values)
             return None
+
+
+#: The Python types of the XSD datatypes that `Element.setProperty` accepts.
+DATATYPES: dict[str, type] = {
+    "xsd:float": float,
+    "xsd:double": float,
+    "xsd:decimal": float,
+    "xsd:int": int,
+    "xsd:integer": int,
+    "xsd:boolean": bool,
+    "xsd:string": str,
+}
+
+
+def converted_property(key: str, value: Any, datatype: type) -> Property:
+    """A property of type `datatype` with the converted value or values.
+
+    :raises WrongValue: a value cannot be converted.
+    """
+    prop = Property(key, datatype)
+    if value is not None and not isinstance(value, type):
+        prop.assign([_convert(key, v, datatype) for v in (value if isinstance(value, (list, tuple)) else [value])])
+    return prop
+
+
+def _convert(key: str, value: Any, datatype: type) -> Any:
+    try:
+        return from_text(value, datatype) if isinstance(value, str) else as_type(value, datatype)
+    except (WrongValue, WrongType):
+        try:
+            return datatype(value)
+        except (TypeError, ValueError) as error:
+            raise WrongValue(f"{key}: {value!r} cannot be made a {datatype.__name__}") from error

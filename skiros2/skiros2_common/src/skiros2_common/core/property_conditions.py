@@ -8,7 +8,7 @@ from typing import Any
 
 from skiros2_common.core.condition import ConditionBase
 from skiros2_common.core.errors import UnknownName
-from skiros2_common.core.explanation import MOST_NAMED, Change, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name
 from skiros2_common.core.params import ParamHandler, ParamTypes
 from skiros2_common.core.property import same_value
@@ -24,7 +24,7 @@ OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
 
 
 class _OfProperty(ConditionBase):
-    """What conditions on a property share."""
+    """Base of the conditions on a property."""
 
     def __init__(self, clabel: str, olabel: str, subj: str, desired_state: bool) -> None:
         super().__init__(clabel, subj, desired_state)
@@ -32,31 +32,40 @@ class _OfProperty(ConditionBase):
 
     @property
     def property(self) -> str:
-        """The property's name in full."""
+        """The full name of the property."""
         return full_name(self._owl_label)
 
-    def suits(self, element: Element) -> bool:
-        """Whether the desired state holds of an element as it is given here."""
-        return self.is_of(element) == self._desired_state
+    def satisfied_by(self, element: Element) -> bool:
+        """Whether an element, as passed, satisfies the condition."""
+        return self.holds_for(element) == self._desired_state
 
-    def is_of(self, element: Element) -> bool:
-        """Whether the fact holds of an element as it is given here."""
+    def holds_for(self, element: Element) -> bool:
+        """Whether the fact holds for an element, as passed."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define is_of")
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
-        lacking = self._lacking(self._subject_key, ph, wmi)
+        missing = self._missing_reason(self._subject_key, ph, wmi)
         element = self._element(self._subject_key, ph, wmi)
-        if lacking or element is None:
-            return lacking
-        return f"{self._name(self._subject_key)}: {self.property} is {self._told(element)}"
+        if missing or element is None:
+            return missing
+        return f"{self._name(self._subject_key)}: {self.property} is {self._values_text(element)}"
 
-    def _told(self, element: Element) -> str:
-        """The values of the property."""
+    def _values_text(self, element: Element) -> str:
+        """The values of the property, as text."""
         values = element.getProperty(self.property).values if element.hasProperty(self.property) else []
         return ", ".join(map(repr, values)) or "missing"
 
+    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        others = self._alternatives(self._subject_key, ph, wmi, self._indexed_value())
+        matching = islice((e for e in others if self.holds_for(e) == self._desired_state), MAX_EXAMPLES)
+        return [NearMatch(repr(e), f"{self.property} is {self._values_text(e)}") for e in matching]
+
+    def _indexed_value(self) -> tuple[str, Any] | None:
+        """The property and value that the index can look up; None if there is none."""
+        return None
+
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        return self._last(self._subject_key, self.property, ph, wmi)
+        return self._last_change(self._subject_key, self.property, ph, wmi)
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -78,11 +87,11 @@ class _OfProperty(ConditionBase):
         return self._describe(element) if element.isAbstract() else self._apply(element)
 
     def _describe(self, element: Element) -> bool:
-        """Puts what the condition wants on an abstract element. False where that is not possible."""
+        """Adds the wanted state to an abstract element. Returns False if that is impossible."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define _describe")
 
     def _apply(self, element: Element) -> bool:
-        """Changes the element so that the desired state holds. False where that is not possible."""
+        """Changes the element so that it satisfies the condition. Returns False if that is impossible."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define _apply")
 
     def toElement(self) -> Element:
@@ -92,11 +101,11 @@ class _OfProperty(ConditionBase):
 
 
 class ConditionProperty(_OfProperty):
-    """True when a property compares so with a value; `=` means that the value is among the property's.
+    """True if the comparison of a property with a value holds; `=` tests whether the property has the value.
 
     :param olabel: the property.
     :param operator: one of `= > < >= <=`.
-    :raises UnknownName: the operator is another one.
+    :raises UnknownName: unknown operator.
     """
 
     def __init__(self, clabel: str, olabel: str, subj: str, operator: str, value: Any, desired_state: bool) -> None:
@@ -108,16 +117,16 @@ class ConditionProperty(_OfProperty):
 
     @property
     def value(self) -> Any:
-        """The value that the property is compared with."""
+        """The value to compare the property with."""
         return self._value
 
     @property
     def is_value(self) -> bool:
-        """Whether the property has to have a value, a text, number or bool: these an index finds."""
+        """Whether the property must equal a string, number or bool, which the index can look up."""
         is_plain = isinstance(self._value, (str, int, float)) and self._value != ""
         return is_plain and self._operator == "=" and self._desired_state
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         has = "with" if self._desired_state else "without"
         return f"{has} {self.property} {self._operator} {self._value!r}"
 
@@ -130,28 +139,28 @@ class ConditionProperty(_OfProperty):
             return False
         if self._desired_state or self._operator == "=":
             return True
-        element = self._element(self._subject_key, ph, wmi)  # a missing value is neither more nor less
+        element = self._element(self._subject_key, ph, wmi)  # a missing value satisfies no comparison
         return element is not None and element.value_of(self.property) is not None
 
-    def suits(self, element: Element) -> bool:
+    def satisfied_by(self, element: Element) -> bool:
         if self._operator != "=" and element.value_of(self.property) is None:
             return False
-        return super().suits(element)
+        return super().satisfied_by(element)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.is_of(element)
+        return element is not None and self.holds_for(element)
 
-    def is_of(self, element: Element) -> bool:
+    def holds_for(self, element: Element) -> bool:
         if self._operator == "=":
             return element.hasProperty(self.property, self._value)
         value = element.value_of(self.property)
-        compared = OPERATORS[self._operator]
+        operator = OPERATORS[self._operator]
         try:
-            return bool(compared(float(value), float(self._value)))
+            return bool(operator(float(value), float(self._value)))
         except (TypeError, ValueError):
             is_text = isinstance(value, str) and isinstance(self._value, str)
-            return is_text and bool(compared(value, self._value))
+            return is_text and bool(operator(value, self._value))
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} {self.property} {self._operator} {self._value}"
@@ -160,15 +169,12 @@ class ConditionProperty(_OfProperty):
         compared = "" if self._operator == "=" else f"{self._operator} "
         return f"{'' if self._desired_state else 'not '}{compared}{self._value!r}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        having = (self.property, self._value) if self.is_value else None
-        others = self._others(self._subject_key, ph, wmi, having)
-        fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
+    def _indexed_value(self) -> tuple[str, Any] | None:
+        return (self.property, self._value) if self.is_value else None
 
     def _apply(self, element: Element) -> bool:
         if self._operator in (">", "<"):
-            return False  # no single value follows from it
+            return False  # determines no value
         if self._desired_state:
             element.setProperty(self.property, self._value, force_convertion=True)
         elif same_value(self._value, True) or same_value(self._value, False):
@@ -195,7 +201,7 @@ class ConditionProperty(_OfProperty):
 
 
 class ConditionHasProperty(_OfProperty):
-    """True when a property has a value; for a parameter without an element, true when it is optional."""
+    """True if a property has a value; for a parameter without an element, True if it is optional."""
 
     def _signature(self) -> tuple[Any, ...]:
         return (self._subject_key, self.property)
@@ -210,9 +216,9 @@ class ConditionHasProperty(_OfProperty):
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._element(self._subject_key, ph, wmi)
-        return element is not None and self.is_of(element)
+        return element is not None and self.holds_for(element)
 
-    def is_of(self, element: Element) -> bool:
+    def holds_for(self, element: Element) -> bool:
         return element.hasProperty(self.property, not_none=True)
 
     def fact(self) -> str:
@@ -221,19 +227,14 @@ class ConditionHasProperty(_OfProperty):
     def expected(self) -> str:
         return f"{'a' if self._desired_state else 'no'} value"
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         return f"with {self.expected()} of {self.property}"
-
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        others = self._others(self._subject_key, ph, wmi)
-        fitting = (e for e in others if self.is_of(e) == self._desired_state)
-        return [Near(repr(e), f"{self.property} is {self._told(e)}") for e in islice(fitting, MOST_NAMED)]
 
     def _apply(self, element: Element) -> bool:
         if not self._desired_state:
             element.removeProperty(self.property)
             return True
-        return element.hasProperty(self.property, not_none=True)  # no value follows from it
+        return element.hasProperty(self.property, not_none=True)  # determines no value
 
     def _describe(self, element: Element) -> bool:
         if self._desired_state and not element.hasProperty(self.property):
@@ -242,7 +243,7 @@ class ConditionHasProperty(_OfProperty):
 
 
 def _restore_property(before: Element, key: str, wmi: Any) -> None:
-    """Sets a property of the element in the world model to what it was in `before`."""
+    """Sets a property of the element in the world model to its values in `before`."""
     element = wmi.get_element(before.id)
     if before.hasProperty(key):
         prop = before.getProperty(key)

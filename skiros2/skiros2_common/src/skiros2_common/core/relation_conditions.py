@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase, finds, is_there, some
+from skiros2_common.core.condition import ConditionBase, can_find_elements, is_in_scene, near_matches
 from skiros2_common.core.discrete_reasoner import reasoners
-from skiros2_common.core.explanation import MOST_NAMED, Change, Near
+from skiros2_common.core.explanation import MAX_EXAMPLES, Change, NearMatch
 from skiros2_common.core.names import full_name, id_order
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
 
 class ConditionRelation(ConditionBase):
-    """True when a relation, or one under it, holds between two parameters.
+    """True if a relation, or a subproperty of it, holds between two parameters.
 
-    An abstract side means "some element of exactly its class". A relation that a reasoner owns is asked of it.
+    An abstract side stands for "some element of exactly its class". A reasoner computes the relations that it owns.
 
     :param olabel: the relation.
     :param obj: key of the object parameter.
@@ -31,7 +31,7 @@ class ConditionRelation(ConditionBase):
 
     @property
     def relation(self) -> str:
-        """The relation's name in full."""
+        """The full name of the relation."""
         return full_name(self._owl_label)
 
     @property
@@ -54,8 +54,8 @@ class ConditionRelation(ConditionBase):
         return (self._subject_key, self.relation, self._object_key)
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
-        # Of a relation that the scene holds, the ids are all that counts: one that is gone has none.
-        read = self._given if self.is_stored() else lambda key, ph: self._element(key, ph, wmi)
+        # For a stored relation, only the ids matter: a removed element has no relations.
+        read = self._raw_element if self.is_stored() else lambda key, ph: self._element(key, ph, wmi)
         subj, obj = read(self._subject_key, ph), read(self._object_key, ph)
         return subj is not None and obj is not None and self._links(subj, obj, wmi)
 
@@ -65,13 +65,13 @@ class ConditionRelation(ConditionBase):
     def found(self, ph: ParamHandler, wmi: Any) -> str:
         if not self._desired_state:
             return self.fact()
-        told = [text for key in dict.fromkeys(self.getKeys()) if (text := self._lacking(key, ph, wmi))]
+        reasons = [text for key in dict.fromkeys(self.getKeys()) if (text := self._missing_reason(key, ph, wmi))]
         subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
-        if subj is not None and obj is not None and all(not e.id or is_there(e, wmi) for e in (subj, obj)):
-            told += self._related(subj, obj, wmi)
-        return "; ".join(told)
+        if subj is not None and obj is not None and all(not e.id or is_in_scene(e, wmi) for e in (subj, obj)):
+            reasons += self._related(subj, obj, wmi)
+        return "; ".join(reasons)
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         for other in self.getKeys():
             self._remember(other, ph)
         relation = self.relation if self._desired_state else f"not {self.relation}"
@@ -80,22 +80,22 @@ class ConditionRelation(ConditionBase):
         return f"with {self._name(self._subject_key)} {relation} it"
 
     def _related(self, subj: Element, obj: Element, wmi: Any) -> list[str]:
-        """What the elements have along the relation, in words."""
-        reasoner = reasoners.find_written(self.relation)
+        """The actual relations of the two elements, as text."""
+        reasoner = reasoners.find_or_load(self.relation)
         if reasoner is not None and subj.id and obj.id:
             names = [r["type"] for r in wmi.get_reasoner_relations(subj, reasoner.__class__.__name__, obj)]
             return [f"{subj!r} {', '.join(names) or 'has no known relation to'} {obj!r}"]
-        told = []
+        texts = []
         if reasoner is None and subj.id:
-            told.append(f"{subj!r} {self.relation} {self._objects(subj, wmi)}")
+            texts.append(f"{subj!r} {self.relation} {self._objects(subj, wmi)}")
         if reasoner is None and obj.id:
-            told.append(f"{self._subjects(obj, wmi)} {self.relation} {obj!r}")
-        return told
+            texts.append(f"{self._subjects(obj, wmi)} {self.relation} {obj!r}")
+        return texts
 
-    def instead(self, key: str, ph: ParamHandler, wmi: Any) -> str:
+    def found_for(self, key: str, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(key, ph, wmi)
         if element is None or not element.id or not self._desired_state or not self.is_stored():
-            return super().instead(key, ph, wmi)
+            return super().found_for(key, ph, wmi)
         if key == self._subject_key:
             return f"{self.relation} {self._objects(element, wmi)}"
         return f"{self._subjects(element, wmi)} {self.relation} it"
@@ -107,25 +107,25 @@ class ConditionRelation(ConditionBase):
         return _named((r["src"] for r in wmi.get_relations("", self.relation, obj.id)), wmi)
 
     def is_stored(self) -> bool:
-        """Whether the scene holds the relation, so that it has an index of it; no reasoner computes it."""
-        return not self.abstract and reasoners.find_written(self.relation) is None
+        """Whether the scene stores and indexes the relation, so that no reasoner computes it."""
+        return not self.abstract and reasoners.find_or_load(self.relation) is None
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
+    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
         subj, obj = self._element(self._subject_key, ph, wmi), self._element(self._object_key, ph, wmi)
         if subj is None or obj is None or not (self.abstract or self.is_stored()):
-            return []  # a reasoner may take long
+            return []  # a reasoner may be slow
         state = self._desired_state
         relation = self.relation if state else f"not {self.relation}"
         is_indexed = state and not self.abstract
         ids = [r["src"] for r in wmi.get_relations("", self.relation, obj.id)] if is_indexed and obj.id else None
-        subjects = self._others(self._subject_key, ph, wmi, ids=ids)
-        fitting = (e for e in subjects if self._links(e, obj, wmi) == state)
-        near = some(fitting, f"{relation} {self._name(self._object_key)}")
+        subjects = self._alternatives(self._subject_key, ph, wmi, ids=ids)
+        matching = (e for e in subjects if self._links(e, obj, wmi) == state)
+        near = near_matches(matching, f"{relation} {self._name(self._object_key)}")
         if subj.id and is_indexed:
             ids = [r["dst"] for r in wmi.get_relations(subj.id, self.relation, "")]
-            objects = self._others(self._object_key, ph, wmi, ids=ids)
-            near += some(objects, f"{self._name(self._subject_key)} {relation} it")
-        return near[:MOST_NAMED]
+            objects = self._alternatives(self._object_key, ph, wmi, ids=ids)
+            near += near_matches(objects, f"{self._name(self._subject_key)} {relation} it")
+        return near[:MAX_EXAMPLES]
 
     def _links(self, subj: Element, obj: Element, wmi: Any) -> bool:
         is_pair = bool(subj.id and obj.id)
@@ -141,7 +141,7 @@ class ConditionRelation(ConditionBase):
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
         if not self.is_stored():
             return []
-        return [change for key in self.getKeys() for change in self._last(key, self.relation, ph, wmi)]
+        return [change for key in self.getKeys() for change in self._last_change(key, self.relation, ph, wmi)]
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -173,7 +173,7 @@ class ConditionRelation(ConditionBase):
         return self._relate(subj, obj)
 
     def _relate(self, subj: Element, obj: Element) -> bool:
-        """Applies the effect to two elements. False where that is not possible."""
+        """Applies the effect to two elements. Returns False if that is impossible."""
         if self._desired_state:
             subj.addRelation("-1", self._owl_label, obj.id)
         else:
@@ -188,11 +188,11 @@ class ConditionRelation(ConditionBase):
 
 
 class AbstractConditionRelation(ConditionRelation):
-    """True when the ontology allows the relation between the classes. Inference asks for one between templates."""
+    """True if the ontology allows the relation between the classes. Inference checks it between templates."""
 
     abstract = True
 
-    def suits_inference(self, ph: ParamHandler, wmi: Any) -> bool:
+    def satisfied_for_inference(self, ph: ParamHandler, wmi: Any) -> bool:
         for key in self.getKeys():
             self._remember(key, ph)
         subj, obj = (self._element(key, ph, wmi) for key in self.getKeys())
@@ -209,13 +209,13 @@ class AbstractConditionRelation(ConditionRelation):
         return [f"the ontology does not allow {subj.type} {self.relation} {obj.type}"]
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
-        return self.evaluate(ph, wmi)  # the ontology is not an effect
+        return self.evaluate(ph, wmi)  # an effect cannot change the ontology
 
     def _relate(self, subj: Element, obj: Element) -> bool:
         return False
 
 
-#: A restriction of a class on a relation, by which the ontology allows it; see `Ontology.allows`.
+#: The class restrictions by which the ontology allows a relation; see `Ontology.allows`.
 _ALLOWED = """SELECT ?filler WHERE {{
     {{ {0} rdfs:subClassOf* ?class }} UNION {{ ?class rdfs:subClassOf* {0} }}
     ?class rdfs:subClassOf ?restriction .
@@ -227,8 +227,8 @@ _ALLOWED = """SELECT ?filler WHERE {{
 
 
 def _is_exactly(eid: str, etype: str, wmi: Any) -> bool:
-    """Whether an element of the scene is of exactly that class."""
-    if finds(wmi):
+    """Whether an element of the scene has exactly that class."""
+    if can_find_elements(wmi):
         found = wmi.find_element(eid)
         return found is not None and full_name(found.type) == full_name(etype)
     return eid.rpartition("-")[0] == full_name(etype)
@@ -240,9 +240,9 @@ def _set_relations(relations: Sequence[Any], state: bool, wmi: Any) -> None:
 
 
 def _named(ids: Iterable[str], wmi: Any) -> str:
-    """The elements of some ids, ordered, as a text; of many the first and how many more there are."""
+    """The elements with these ids, ordered, as text; of many, the first ones and the number of the rest."""
     ordered = sorted(set(ids), key=id_order)
-    found = ((eid, wmi.find_element(eid)) for eid in ordered[:MOST_NAMED])
+    found = ((eid, wmi.find_element(eid)) for eid in ordered[:MAX_EXAMPLES])
     names = [repr(element) if element is not None else eid for eid, element in found]
-    more = f" and {len(ordered) - MOST_NAMED} more" if len(ordered) > MOST_NAMED else ""
+    more = f" and {len(ordered) - MAX_EXAMPLES} more" if len(ordered) > MAX_EXAMPLES else ""
     return (", ".join(names) or "nothing") + more

@@ -1,19 +1,19 @@
-"""Conditions on what a parameter holds."""
+"""Conditions on the value of a parameter."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.core.condition import ConditionBase, is_there, some
-from skiros2_common.core.explanation import Change, Near
+from skiros2_common.core.condition import ConditionBase, is_in_scene, near_matches
+from skiros2_common.core.explanation import Change, NearMatch
 from skiros2_common.core.names import full_name, is_of_class
 from skiros2_common.core.params import ParamHandler
 from skiros2_common.core.world_element import Element
 
 
 class ConditionIsSpecified(ConditionBase):
-    """True when a parameter holds an element of the scene."""
+    """True if a parameter holds an element of the scene."""
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._param_value(self._subject_key, ph)
@@ -26,14 +26,14 @@ class ConditionIsSpecified(ConditionBase):
         return "an element of the scene" if self._desired_state else "no element"
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
-        lacking = self._lacking(self._subject_key, ph, wmi)
-        return lacking or f"parameter {self._subject_key!r} is {self._name(self._subject_key)}"
+        missing = self._missing_reason(self._subject_key, ph, wmi)
+        return missing or f"parameter {self._subject_key!r} is {self._name(self._subject_key)}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        return some(self._others(self._subject_key, ph, wmi)) if self._desired_state else []
+    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        return near_matches(self._alternatives(self._subject_key, ph, wmi)) if self._desired_state else []
 
     def _changes(self, ph: ParamHandler, wmi: Any) -> list[Change]:
-        return self._last(self._subject_key, "", ph, wmi)
+        return self._last_change(self._subject_key, "", ph, wmi)
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -58,14 +58,14 @@ class ConditionIsSpecified(ConditionBase):
 
 
 class ConditionGenerate(ConditionIsSpecified):
-    """As `ConditionIsSpecified`; as an effect the skill makes the element (true) or removes it (false).
+    """Same as `ConditionIsSpecified`, but as an effect, the skill creates (True) or removes (False) the element.
 
-    An element that the world model has no more counts as removed.
+    An element missing from the world model counts as removed.
     """
 
     def holds(self, ph: ParamHandler, wmi: Any) -> bool:
         element = self._param_value(self._subject_key, ph)
-        return is_there(element, wmi) if isinstance(element, Element) else element is not None
+        return is_in_scene(element, wmi) if isinstance(element, Element) else element is not None
 
     def setTrue(self, ph: ParamHandler, wmi: Any) -> bool:
         if self.evaluate(ph, wmi):
@@ -75,22 +75,22 @@ class ConditionGenerate(ConditionIsSpecified):
             return False
         before = list(param.values)
         if self._desired_state:
-            made = (param.value or param.default or Element("sumo:Object")).copy()
-            made._id = ""
-            wmi.add_element(made)
-            param.assign(made)
-            self._undo.append(lambda: wmi.remove_element(made))
+            created = (param.value or param.default or Element("sumo:Object")).copy()
+            created._id = ""
+            wmi.add_element(created)
+            param.assign(created)
+            self._undo.append(lambda: wmi.remove_element(created))
         else:
             branch = wmi.get_branch(param.value.id)
             wmi.remove_element(branch[0].id)
-            gone = [e for e in branch if not wmi.is_scene_element(e.id)]  # what something else holds has stayed
-            self._undo.append(lambda: wmi.add_elements([_as_new(e) for e in gone]))
+            removed = [e for e in branch if not wmi.is_scene_element(e.id)]  # others have a second parent
+            self._undo.append(lambda: wmi.add_elements([_as_new(e) for e in removed]))
         self._undo.append(lambda: param.assign(before))
         return self.evaluate(ph, wmi)
 
 
 class ConditionOnType(ConditionBase):
-    """True when the value's class is the given one or under it.
+    """True if the value's class is the given one or a subclass of it.
 
     :param value: the class.
     """
@@ -101,7 +101,7 @@ class ConditionOnType(ConditionBase):
 
     @property
     def wanted_type(self) -> str:
-        """The class's name in full."""
+        """The full name of the class."""
         return full_name(self._value)
 
     def _signature(self) -> tuple[Any, ...]:
@@ -115,7 +115,7 @@ class ConditionOnType(ConditionBase):
         return is_of_class(element.type, self._value, wmi)
 
     def hasConflict(self, other: Any) -> bool:
-        return False  # a value may be of both classes
+        return False  # a value may have both classes
 
     def fact(self) -> str:
         return f"{self._name(self._subject_key)} is a {self.wanted_type}"
@@ -123,18 +123,18 @@ class ConditionOnType(ConditionBase):
     def expected(self) -> str:
         return f"a {self.wanted_type}"
 
-    def said_of(self, key: str, ph: ParamHandler) -> str:
+    def filter_text(self, key: str, ph: ParamHandler) -> str:
         return f"of class {self.wanted_type}"
 
     def found(self, ph: ParamHandler, wmi: Any) -> str:
         element = self._element(self._subject_key, ph, wmi)
         if element is None:
-            return self._lacking(self._subject_key, ph, wmi)
+            return self._missing_reason(self._subject_key, ph, wmi)
         return f"{self._name(self._subject_key)} is a {element.type}"
 
-    def _nearest(self, ph: ParamHandler, wmi: Any) -> list[Near]:
-        others = self._others(self._subject_key, ph, wmi)
-        return some((e for e in others if self._covers(e, wmi)), self.expected())
+    def _near_matches(self, ph: ParamHandler, wmi: Any) -> list[NearMatch]:
+        others = self._alternatives(self._subject_key, ph, wmi)
+        return near_matches((e for e in others if self._covers(e, wmi)), self.expected())
 
     def toElement(self) -> Element:
         element = super().toElement()
@@ -151,10 +151,10 @@ class ConditionOnType(ConditionBase):
 
 
 class ConditionFunction(ConditionBase):
-    """True when a function of the keys' values gives the desired state.
+    """True if a function of the parameters' values returns the desired state.
 
-    :param keys: the parameters whose (first) values the function gets, in that order.
-    :param function: called in the tick; it must be quick.
+    :param keys: the parameters whose (first) values are passed to the function, in this order.
+    :param function: called in the tick; it must be fast.
     """
 
     volatile = True
@@ -190,12 +190,12 @@ class ConditionFunction(ConditionBase):
         return f"{self.fact()} is {not self._desired_state}"
 
 
-def _as_new(gone: Element) -> Element:
-    """A removed element to be added again, under its old id and with its relations."""
-    element = Element(gone.type, gone.label, gone.id)
-    for prop in gone.properties:
+def _as_new(removed: Element) -> Element:
+    """A removed element, ready to be added again with its id and relations."""
+    element = Element(removed.type, removed.label, removed.id)
+    for prop in removed.properties:
         element.setProperty(prop.key, prop.dataType())
         element.getProperty(prop.key).assign(prop.values)
-    for relation in gone.getRelations():
+    for relation in removed.getRelations():
         element.addRelation(relation["src"], relation["type"], relation["dst"])
     return element

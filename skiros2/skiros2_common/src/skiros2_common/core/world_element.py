@@ -1,4 +1,4 @@
-"""An element: an individual of the ontology, in the scene or about to be."""
+"""An element: an individual of the ontology, in the scene or to be added to it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
-from skiros2_common.core.datatypes import DATATYPES, converted
 from skiros2_common.core.discrete_reasoner import REASONER_PROPERTY, DiscreteReasoner, reasoners, set_reasoners
-from skiros2_common.core.element_changes import ElementChanges
-from skiros2_common.core.element_content import ElementContent
+from skiros2_common.core.element_content import ElementChanges, ElementContent
 from skiros2_common.core.element_relations import RelationDict, holds, relation_key, selected
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.mutations import mutations
 from skiros2_common.core.names import full_name, id_number, is_of_class, spellings
-from skiros2_common.core.property import Property, same_value
+from skiros2_common.core.property import DATATYPES, Property, converted_property, same_value
+from skiros2_common.core.revision import local_revision
 
 log = logging.getLogger(__name__)
 
@@ -26,9 +24,9 @@ __all__ = ["REASONER_PROPERTY", "Element", "ElementChanges", "RelationDict"]
 class Element(ElementContent):
     """An individual: a class, a label, an id, typed properties and relations.
 
-    Without an id the element is abstract: in a parameter it stands for "some element of this type". An element
-    that a world model gave out shares its content with the world model until something is changed; `changes()`
-    tells what was. Elements are not locked: one thread at a time.
+    An element without an id is abstract: in a parameter it stands for "some element of this type". An element read
+    from a world model shares its content with the world model and copies it on write; `changes()` lists the changes.
+    Not thread-safe.
     """
 
     def __init__(self, etype: str = "Unknown", elabel: str = "", eid: str = "") -> None:
@@ -38,7 +36,7 @@ class Element(ElementContent):
 
     @property
     def id(self) -> str:
-        """`<type>-<number>`, or "" for an abstract element."""
+        """`<type>-<number>`; "" for an abstract element."""
         return self._id
 
     @property
@@ -49,49 +47,49 @@ class Element(ElementContent):
     @type.setter
     def type(self, etype: str) -> None:
         self._type = etype
-        mutations.note()
+        local_revision.advance()
 
     @property
     def label(self) -> str:
-        """The template that the element came from, or a free name."""
+        """The element's template, or a free name."""
         return self._label
 
     @label.setter
     def label(self, label: str) -> None:
         self._label = label
-        mutations.note()
+        local_revision.advance()
 
     def isAbstract(self) -> bool:
         """Whether the element has no id."""
         return not self._id
 
     def getIdNumber(self) -> int:
-        """The number in the id, or -1."""
+        """The number in the id; -1 without one."""
         return id_number(self._id)
 
     def setUri(self, eid: int) -> None:
-        """Gives the element the id `<type>-<eid>`."""
+        """Sets the id to `<type>-<eid>`."""
         self._id = f"{self._type}-{eid}"
 
     def getLastUpdate(self) -> datetime:
-        """When the content was last changed in the world model; 1970 when that is not known."""
+        """The time of the last change in the world model; 1970 if unknown."""
         return datetime.fromtimestamp(self._last_update)
 
     def __repr__(self) -> str:
         return f"{self._id or self._type}-{self._label}"
 
     def printState(self, verbose: bool = False, filter: str = "") -> str:
-        """The element as text; with `verbose` a line for each property (`filter`: the one of that key) and relation."""
+        """The element as text; with `verbose`, a line for each property (`filter`: only this key) and relation."""
         if not verbose:
             return repr(self)
-        shown = [p.printState() for key, p in self._props.items() if filter in ("", key)]
-        return "\n".join([repr(self), *shown, *map(str, self._rels)])
+        lines = [p.printState() for key, p in self._props.items() if filter in ("", key)]
+        return "\n".join([repr(self), *lines, *map(str, self._rels)])
 
     # -- properties --------------------------------------------------------------------------------------------
 
     @property
     def available_properties(self) -> list[str]:
-        """The keys of all properties, as they were written."""
+        """The keys of all properties, as written."""
         return list(self._props)
 
     @property
@@ -100,7 +98,7 @@ class Element(ElementContent):
         return list(self._properties.values())
 
     def hasProperty(self, key: str, value: Any = None, not_none: bool = False) -> bool:
-        """Whether the property is there; with `value`, whether it has that one; with `not_none`, whether it has one."""
+        """Whether the property exists; with `value`, whether it has this value; with `not_none`, whether it has any."""
         prop = self._find(key)
         if prop is None:
             return False
@@ -111,7 +109,7 @@ class Element(ElementContent):
     def getProperty(self, key: str) -> Property:
         """The property.
 
-        :raises UnknownName: the element has none of that key.
+        :raises UnknownName: the element has no such property.
         """
         known = self._key_of(key)
         if known is None:
@@ -119,20 +117,20 @@ class Element(ElementContent):
         return self._own(known)
 
     def value_of(self, key: str) -> Any:
-        """The first value of a property, or None when it, or a value, is missing."""
+        """The first value of a property; None if the property is missing or has no value."""
         prop = self._find(key)
         return prop.value if prop is not None else None
 
     def setProperty(self, key: str, value: Any, datatype: str | None = None, force_convertion: bool = False) -> None:
-        """Sets a property to a value or a list of values. The key is kept as it is written.
+        """Sets a property to a value or a list of values. The key is stored as written.
 
-        :param value: a Python type makes a new property without a value; None unsets one that is there.
-        :param datatype: an XSD datatype, such as `xsd:float`, of the property, which is made new.
-        :param force_convertion: each value is converted to the property's type.
-        :raises WrongValue: `force_convertion`, and a value cannot be converted.
+        A value of another type than the property's is rejected with a logged error. When `skiros:DiscreteReasoner` is
+        set, added reasoners add their properties and removed ones remove theirs.
 
-        A value of another type than the property's is refused with a logged error. The reasoners that
-        `skiros:DiscreteReasoner` names from now on add their properties; those no longer named remove theirs.
+        :param value: a Python type creates a property without a value; None unsets an existing one.
+        :param datatype: an XSD datatype, such as `xsd:float`, of a new property, which replaces the old one.
+        :param force_convertion: whether to convert each value to the property's type.
+        :raises WrongValue: `force_convertion` is set and a value cannot be converted.
         """
         if full_name(key) == REASONER_PROPERTY and not isinstance(value, type):
             set_reasoners(self, [] if value is None else value if isinstance(value, list) else [value])
@@ -157,23 +155,23 @@ class Element(ElementContent):
 
     def _put_converted(self, key: str, value: Any, datatype: builtins.type, strict: bool) -> None:
         try:
-            prop = converted(key, value, datatype)
+            prop = converted_property(key, value, datatype)
         except WrongValue as error:
             if strict:
                 raise
-            log.error("%s. It has no value.", error)
+            log.error("%s. The property has no value.", error)
             prop = Property(key, datatype)
         self._put(key, prop)
 
     def appendProperty(self, key: str, value: Any) -> None:
-        """Adds a value to a property, which is made when missing."""
+        """Appends a value to a property; creates the property if missing."""
         if self._find(key) is not None:
             self.getProperty(key).addValue(value)
         else:
             self._put(key, Property(key, value))
 
     def removeProperty(self, key: str) -> None:
-        """Removes a property, if it is there; with `skiros:DiscreteReasoner` also what its reasoners have added."""
+        """Removes a property, if it exists; with `skiros:DiscreteReasoner`, also the properties of its reasoners."""
         if self._find(key) is None:
             return
         if full_name(key) == REASONER_PROPERTY:
@@ -181,28 +179,28 @@ class Element(ElementContent):
         self._own_dict()
         for name in spellings(key):
             self._props.pop(name, None)
-        mutations.note()
+        local_revision.advance()
 
     # -- relations ---------------------------------------------------------------------------------------------
 
     @property
     def local_relations(self) -> list[tuple[str, str, Element]]:
-        """(subject, relation, object) with elements kept aside, to be written when this one is; "-1" is this one."""
+        """(subject, relation, object) with elements to be written together with this one; "-1" is this element."""
         return [(r["src"], r["type"], r["dst"]) for r in self._local_relations]
 
     def clear_local_relations(self) -> None:
-        """Forgets the elements kept aside; called when they have been written."""
+        """Forgets the local relations; called after writing them."""
         self._local_relations = []
 
     def addRelation(self, subj: str, predicate: str, obj: Any, value: bool = True, abstract: bool = False) -> None:
-        """Adds a relation between ids, unless it is there; "-1" is this element.
+        """Adds a relation between ids, unless it exists; "-1" is this element.
 
-        :param obj: an `Element` is kept aside and written as a child of this one; `subj` is ignored then.
-        :raises WrongValue: an end is neither a text nor an element.
+        :param obj: an id, or an `Element` to write later as a child of this one (`subj` is then ignored).
+        :raises WrongValue: a subject or object is neither an id nor an element.
         """
         if isinstance(obj, Element):
             self._local_relations.append({"src": "-1", "type": predicate, "dst": obj})
-            mutations.note()
+            local_revision.advance()
             return
         if not isinstance(subj, str) or not isinstance(obj, str):
             raise WrongValue(f"{self!r}: {predicate} relates ids, got {subj!r} and {obj!r}")
@@ -212,7 +210,7 @@ class Element(ElementContent):
             self._own_relations().append(relation)
 
     def setRelation(self, subj: str, predicate: str, obj: Any) -> None:
-        """Adds a relation in the place of those along the predicate with the same side "-1" (of all, with none)."""
+        """Adds a relation; it replaces those of the same predicate with the same side "-1" (all, without a "-1")."""
         source, target = ("-1" if side == "-1" else "" for side in (subj, obj))
         self.removeRelations(selected(self._rels, source, predicate, target))
         self.addRelation(subj, predicate, obj)
@@ -220,37 +218,37 @@ class Element(ElementContent):
     def getRelations(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> list[RelationDict]:
         """The relations with that subject, predicate (one or several) and object; an empty one matches any.
 
-        The dicts are the element's own: what is changed in them is changed on the element.
+        The dicts belong to the element: changes in place change the element.
         """
         found = selected(self._rels, subj, pred, obj)
         if found and not self._owns_relations:
             found = selected(self._own_relations(), subj, pred, obj)
         elif found:
-            mutations.note()
+            local_revision.advance()
         return found
 
     def getRelation(self, subj: str = "", pred: str | Sequence[str] = [], obj: str = "") -> RelationDict | None:
-        """The first of `getRelations`, or None."""
+        """The first relation of `getRelations`, or None."""
         found = self.getRelations(subj, pred, obj)
         return found[0] if found else None
 
     def hasRelation(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> bool:
-        """Whether there is exactly that relation; "-1" or "" as subject, else as object, stands for this element."""
+        """Whether exactly this relation exists; "-1" or "" as subject, otherwise as object, is this element."""
         return holds(self._rels, self._id, subj, predicate, obj, value, abstract)
 
     def removeRelations(self, relations: Sequence[RelationDict]) -> None:
-        """Removes those relations that are there."""
-        gone = {relation_key(r) for r in relations}
-        if any(relation_key(r) in gone for r in self._rels):
+        """Removes those of the relations that exist."""
+        removed = {relation_key(r) for r in relations}
+        if any(relation_key(r) in removed for r in self._rels):
             own = self._own_relations()
-            own[:] = [r for r in own if relation_key(r) not in gone]
+            own[:] = [r for r in own if relation_key(r) not in removed]
 
     def removeRelation(self, relation: RelationDict) -> None:
-        """Removes a relation, if it is there."""
+        """Removes a relation, if it exists."""
         self.removeRelations([relation])
 
     def removeRelation2(self, subj: str, predicate: str, obj: str, value: bool = True, abstract: bool = False) -> None:
-        """Removes the relation of exactly these parts; a missing one is logged."""
+        """Removes exactly this relation; a missing one is logged."""
         wanted = {"src": subj, "type": predicate, "dst": obj, "state": value, "abstract": abstract}
         if not any(relation_key(r) == relation_key(wanted) for r in self._rels):
             log.warning("%r has no relation %s %s %s to remove", self, subj, predicate, obj)
@@ -262,41 +260,41 @@ class Element(ElementContent):
         return reasoners.get(get_code)
 
     def getAssociatedReasonerId(self, key: str) -> str:
-        """The name of the reasoner that owns a property, "" when none does."""
+        """The name of the reasoner that owns a property; "" if none does."""
         return reasoners.owner_of_data(key)
 
     def setReasoner(self, name: str) -> None:
-        """Makes a reasoner one of this element's, which adds its properties.
+        """Adds a reasoner and its properties to this element.
 
-        :raises UnknownName: no reasoner is called so.
+        :raises UnknownName: unknown reasoner.
         """
         reasoners.get(name).addProperties(self)
 
     def unsetReasoner(self, name: str) -> None:
-        """Takes a reasoner and its properties away from this element.
+        """Removes a reasoner and its properties from this element.
 
-        :raises UnknownName: no reasoner is called so.
+        :raises UnknownName: unknown reasoner.
         """
         reasoners.get(name).removeProperties(self)
 
     def hasData(self, get_code: str) -> bool:
-        """Whether all data behind a reasoner's code are there.
+        """Whether the element has all data of a reasoner's code.
 
         :raises UnknownName: no reasoner has the code.
         """
         return self._getReasoner(get_code).hasData(self, get_code)
 
     def getData(self, get_code: str) -> Any:
-        """The data behind a reasoner's code, such as `:Position`.
+        """The data of a reasoner's code, such as `:Position`.
 
         :raises UnknownName: no reasoner has the code.
         """
         return self._getReasoner(get_code).getData(self, get_code)
 
     def setData(self, set_code: str, data: Any) -> Any:
-        """Writes the data behind a reasoner's code; the element gains that reasoner's properties.
+        """Writes the data of a reasoner's code and adds the reasoner's properties.
 
-        :returns: what the reasoner's `setData` returns.
+        :returns: the result of the reasoner's `setData`.
         :raises UnknownName: no reasoner has the code.
         """
         reasoner = self._getReasoner(set_code)
@@ -306,12 +304,12 @@ class Element(ElementContent):
     # -- comparison --------------------------------------------------------------------------------------------
 
     def isInstance(self, abstract: Element, wmi: Any) -> bool:
-        """Whether this element is one that `abstract` describes.
+        """Whether this element matches the description `abstract`.
 
-        Its class is the same or a subclass, its label is equal where the abstract one has one, and it has all its
-        property values and all its relations.
+        It matches if its class is the same or a subclass, its label is equal (unless `abstract` has none), and it has
+        all property values and relations of `abstract`.
 
-        :param wmi: the world model, which is asked for subclasses.
+        :param wmi: the world model, queried for subclasses.
         """
         if not is_of_class(self._type, abstract.type, wmi):
             return False

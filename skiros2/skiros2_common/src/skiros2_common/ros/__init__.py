@@ -1,1 +1,1 @@
-"""What the platform's nodes share: wire formats, logging, start-up."""
+"""Shared code of ROS nodes: wire formats, logging, start-up and shutdown."""

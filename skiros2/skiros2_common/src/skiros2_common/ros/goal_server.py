@@ -1,4 +1,4 @@
-"""An action server whose goals and cancellations are taken by a thread of its own."""
+"""An action server that handles goals and cancellations in its own thread."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ log = logging.getLogger(__name__)
 #: States of goals that have not ended.
 ACTIVE = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 
-#: So many feedbacks may wait to be sent; those of large trees are large.
-_MOST_FEEDBACK = 1000
+#: The queue size of feedback; that of large trees is large.
+_FEEDBACK_QUEUE_SIZE = 1000
 
-#: How long the last results have to reach the sockets (s of wall time).
-_SENDING_SECONDS = 0.5
+#: The timeout for writing the last results to the sockets (s of wall time).
+_FLUSH_TIMEOUT = 0.5
 
-#: How often the status is told where the simulated clock may stand still (s of wall time).
+#: The period of status messages where the simulated clock may be paused (s of wall time).
 _STATUS_PERIOD = 0.2
 
 
 class GoalServer:
-    """Takes goals and cancellations in their order. Subclasses say what becomes of them.
+    """Handles goals and cancellations in their order. Subclasses define how.
 
-    actionlib calls with a lock held that other threads need to give feedback and results, so nothing is done in its
-    calls. actionlib tells the status by the ROS clock; where that is simulated it is told by the wall clock here: so
-    clients do not take a server for lost when the world is paused or its clock begins anew.
+    actionlib calls back with a lock held that other threads need to publish feedback and results, so the callbacks only
+    queue the request. actionlib publishes the status by the ROS clock; if that is simulated, this class publishes it by
+    the wall clock, so that clients do not lose the server while the simulation is paused or restarts its clock.
 
     :param name: of the action, `~name` for a private one.
     :param spec: the action's class.
-    :param most_results: so many may wait to be sent. actionlib's own 50 are too few where many goals end at once.
+    :param result_queue_size: for results; actionlib's own 50 are too few if many goals end at once.
     """
 
-    def __init__(self, name: str, spec: Any, most_results: int = 1000) -> None:
+    def __init__(self, name: str, spec: Any, result_queue_size: int = 1000) -> None:
         self._name = name
-        self._most_results = most_results
+        self._result_queue_size = result_queue_size
         self._requests: queue.SimpleQueue[tuple[Callable[[Any], None], Any] | None] = queue.SimpleQueue()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=name.strip("~/"), daemon=True)
@@ -54,46 +54,46 @@ class GoalServer:
             auto_start=False,
         )
 
-    # -- what subclasses say, in the thread of the action --------------------------------------------------------
+    # -- to override, called in the action's thread --------------------------------------------------------------
 
     def _begin(self, handle: Any) -> None:
-        """Accepts or rejects a goal. Called for goals that were not cancelled before."""
+        """Accepts or rejects a goal that was not cancelled before."""
         raise NotImplementedError
 
     def _cancel(self, handle: Any) -> None:
-        """Ends a goal before its time, if it is still carried out."""
+        """Preempts a goal, if it is still active."""
         raise NotImplementedError
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
-        """The result for a goal that was not carried out, or not to its end."""
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
+        """The result of a goal that was not executed, or not to its end."""
         return None
 
-    def _left(self) -> Iterable[Any]:
-        """The handles of goals that were begun and perhaps have no result yet. Called by `close`, last."""
+    def _unfinished_handles(self) -> Iterable[Any]:
+        """The handles of accepted goals that may lack a result. Called last by `close`."""
         raise NotImplementedError
 
     # -- any thread ----------------------------------------------------------------------------------------------
 
     @property
-    def is_listened_to(self) -> bool:
-        """Whether anybody would hear feedback."""
+    def has_subscribers(self) -> bool:
+        """Whether feedback has subscribers."""
         return bool(self._server.feedback_pub.get_num_connections() > 0)
 
     def start(self) -> None:
-        """Takes goals from now on."""
+        """Starts to accept goals."""
         self._thread.start()
         self._server.start()
         if not rospy.rostime.is_wallclock():
             self._server.status_timer.shutdown()
-            threading.Thread(target=self._tell_status, name=f"{self._thread.name} status", daemon=True).start()
-        # Before anybody is connected.
-        self._server.result_pub.impl.set_queue_size(self._most_results)
-        self._server.feedback_pub.impl.set_queue_size(_MOST_FEEDBACK)
+            threading.Thread(target=self._publish_status, name=f"{self._thread.name} status", daemon=True).start()
+        # Before the first connection.
+        self._server.result_pub.impl.set_queue_size(self._result_queue_size)
+        self._server.feedback_pub.impl.set_queue_size(_FEEDBACK_QUEUE_SIZE)
 
     def close(self, timeout: float = 1.0) -> None:
-        """Takes no more goals, answers those that are left, and ends when the answers were sent.
+        """Stops accepting goals, aborts or rejects the remaining ones, and waits until the results are sent.
 
-        :param timeout: s to wait at most for a request that is being served.
+        :param timeout: s to wait at most for the current request.
         """
         if self._thread.ident is None:
             return  # never started
@@ -101,8 +101,8 @@ class GoalServer:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         message = f"{rospy.get_name()} ended before the goal did"
-        result = self._unserved(False, message)
-        for handle in self._left():
+        result = self._unserved_result(False, message)
+        for handle in self._unfinished_handles():
             if handle.get_goal_status().status in ACTIVE:
                 handle.set_aborted(result, message)
         for act, handle in self._waiting():
@@ -120,16 +120,16 @@ class GoalServer:
             try:
                 act(handle)
             except Exception:
-                log.exception("a request to %s", self._name)
+                log.exception("action %s: a request raised an error", self._name)
 
     def _take(self, handle: Any) -> None:
         if handle.get_goal_status().status == GoalStatus.RECALLING:
-            message = "cancelled before it was begun"
-            handle.set_canceled(self._unserved(True, message), message)
+            message = "cancelled before its start"
+            handle.set_canceled(self._unserved_result(True, message), message)
         else:
             self._begin(handle)
 
-    def _tell_status(self) -> None:
+    def _publish_status(self) -> None:
         while not self._closed.wait(_STATUS_PERIOD):
             self._server.publish_status_async(None)
 
@@ -141,9 +141,9 @@ class GoalServer:
                 yield request
 
     def _flush(self) -> None:
-        # rospy writes in threads of its own, and drops what they have not begun to write when a topic is closed.
-        end = time.monotonic() + _SENDING_SECONDS
+        # rospy writes in its own threads and drops queued messages when a topic is closed.
+        deadline = time.monotonic() + _FLUSH_TIMEOUT
         connections = self._server.result_pub.impl.connections
-        while any(getattr(c, "_queue", None) for c in connections) and time.monotonic() < end:
+        while any(getattr(c, "_queue", None) for c in connections) and time.monotonic() < deadline:
             time.sleep(0.005)
-        time.sleep(0.01)  # what was taken from the queue last is being written
+        time.sleep(0.01)  # the last message taken from the queue is being written

@@ -1,4 +1,4 @@
-"""A ROS master that was started anew knows no node; this one registers with it again, which rospy does not do."""
+"""Registers this node again after a restart of the ROS master, which rospy does not do."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import rosgraph
 import rospy
 from rospy.impl.registration import get_registration_listeners, get_service_manager, get_topic_manager
 
-from skiros2_common.core.no_answer import NO_ANSWER
+from skiros2_common.core.xmlrpc_errors import XMLRPC_ERRORS
 
 log = logging.getLogger(__name__)
 
-#: How often the master is looked at (s of wall time).
+#: The period of the checks (s of wall time).
 CHECK_PERIOD = 1.0
 
-#: How long the end of the node waits for a master that does not answer (s).
-_PATIENCE = 1.0
+#: How long the shutdown waits for a call of the master (s).
+_STOP_TIMEOUT = 1.0
 
-_NO_ANSWER = (*NO_ANSWER, rosgraph.MasterException)
+_ERRORS = (*XMLRPC_ERRORS, rosgraph.MasterException)
 
 _lock = threading.Lock()
 _watch: MasterWatch | None = None
@@ -29,9 +29,9 @@ _watch: MasterWatch | None = None
 def watch_master() -> None:
     """Registers the publishers, subscribers and services of this process with each new master, until shutdown.
 
-    To be called after `rospy.init_node`, from any thread; calls after the first do nothing, nor do those of a process
-    that is no node. Connections that are open stay so, and nothing is published twice. The private parameters that the
-    node has at the first call are set again where a new master has none; others are lost with the old one.
+    Call it after `rospy.init_node`. Thread-safe; further calls, and calls in a process that is not a node, do nothing.
+    Open connections stay open. If the new master lacks the node's private parameters, they are restored as of the first
+    call; other parameters are lost.
     """
     global _watch
     with _lock:
@@ -42,7 +42,7 @@ def watch_master() -> None:
 
 
 class MasterWatch(threading.Thread):
-    """The thread that looks at the master. It ends with the node."""
+    """The thread that checks the master until the node ends."""
 
     def __init__(self) -> None:
         super().__init__(name="master watch", daemon=True)
@@ -50,29 +50,29 @@ class MasterWatch(threading.Thread):
         self._parameters: dict[str, Any] = {}
         self._ended = threading.Event()
         self._pid = 0
-        self._is_away = False
+        self._is_unreachable = False
 
     def stop(self) -> None:
-        """Ends it, before rospy takes the registrations back. Waits for a call of the master that is under way."""
+        """Ends the thread before rospy unregisters the node. Waits for a call in progress."""
         self._ended.set()
-        self.join(_PATIENCE)
+        self.join(_STOP_TIMEOUT)
 
     def run(self) -> None:
         while not self._ended.is_set():
             try:
-                self._look()
-                self._is_away = False
-            except _NO_ANSWER as error:
-                if not self._is_away:
+                self._check()
+                self._is_unreachable = False
+            except _ERRORS as error:
+                if not self._is_unreachable:
                     log.warning("the ROS master %s does not answer: %s", self._master.master_uri, error)
-                self._is_away = True
+                self._is_unreachable = True
             self._ended.wait(CHECK_PERIOD)
 
-    def _look(self) -> None:
-        """Registers again if this is another master than before, or one that does not know this node.
+    def _check(self) -> None:
+        """Registers again if the master's process has changed or the master does not know this node.
 
-        The process number alone does not tell: in containers it is always the same. Nor does the node's name, which a
-        new master has as soon as anything is registered.
+        Both checks are needed: in containers, the process id is always the same, and a new master knows the node's name
+        as soon as anything of it is registered.
         """
         pid = self._master.getPid()
         if self._pid in (0, pid) and self._knows_this_node():
@@ -83,10 +83,10 @@ class MasterWatch(threading.Thread):
         self._restore_parameters()
         _register_all(self._master)
         self._pid = pid
-        log.warning("a new ROS master is there; %s has registered with it", rospy.get_name())
+        log.warning("%s has registered with a restarted ROS master", rospy.get_name())
 
     def _restore_parameters(self) -> None:
-        """For the node's next life, and for others that read them."""
+        """Sets the private parameters for the node's next start and for other readers."""
         for key, value in self._parameters.items():
             name = f"{rospy.get_name()}/{key}"
             if not self._master.hasParam(name):
@@ -95,15 +95,15 @@ class MasterWatch(threading.Thread):
     def _knows_this_node(self) -> bool:
         try:
             self._master.lookupNode(rospy.get_name())
-        except rosgraph.MasterError:  # it answers, but with "unknown"
+        except rosgraph.MasterError:  # an answer, with the code for an unknown node
             return False
         return True
 
 
 def _register_all(master: Any) -> None:
-    """Registers what rospy has in this process, as `rospy.impl.registration.RegManager.start` does at its start.
+    """Registers all topics and services of this process, like `rospy.impl.registration.RegManager.start`.
 
-    Under the two locks, as there, so that nothing is registered that is being taken back.
+    It holds both locks, so that a concurrent unregistration is not undone.
     """
     topics, services, uri = get_topic_manager(), get_service_manager(), rospy.get_node_uri()
     with topics.lock, services.lock:
@@ -112,6 +112,6 @@ def _register_all(master: Any) -> None:
         for name, kind in topics.get_subscriptions():
             publishers = master.registerSubscriber(name, kind, uri)
             for registration in get_registration_listeners().listeners:
-                registration.publisher_update(name, publishers)  # connects to those that it is not connected to
+                registration.publisher_update(name, publishers)  # connects to new ones
         for name, service_uri in services.get_services():
             master.registerService(name, service_uri, uri)

@@ -1,4 +1,4 @@
-"""The reasoners that the ROS parameters name, for programs that use elements without a world model interface."""
+"""Loading reasoners from the packages of a ROS parameter."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from skiros2_common.tools.plugin_loader import PluginLoader
 
 log = logging.getLogger(__name__)
 
-#: The packages of reasoners, relative to the namespace of the process.
+#: The packages with reasoners, relative to the process's namespace.
 PARAMETER = "wm/reasoners_pkgs"
 
 
 def load_reasoners(known: Collection[str], add: Callable[[DiscreteReasoner], None]) -> bool:
-    """Makes one of each kind of reasoner in the packages of the parameter.
+    """Creates the reasoners in the packages of the parameter.
 
-    :param known: class names of reasoners that are there already.
+    :param known: class names to skip.
     :param add: called with each new reasoner.
     :returns: whether the parameter is set; False without a master.
     """
     try:
-        # Not `rospy.get_param`, which keeps the master of its first call, also one that was not there.
+        # Not `rospy.get_param`, which keeps using the master of its first call.
         packages = rosgraph.Master(rospy.get_name()).getParam(rospy.resolve_name(PARAMETER))
     except (rosgraph.MasterException, OSError) as error:
         log.debug("parameter %s cannot be read: %s", PARAMETER, error)
@@ -39,7 +39,7 @@ def load_reasoners(known: Collection[str], add: Callable[[DiscreteReasoner], Non
 
 
 def available_reasoners(packages: Collection[str], known: Collection[str] = ()) -> list[DiscreteReasoner]:
-    """As `new_reasoners`; a package that cannot be imported is reported and skipped."""
+    """Same as `new_reasoners`, but logs and skips a package that cannot be imported."""
     found: list[DiscreteReasoner] = []
     for package in packages:
         try:
@@ -50,11 +50,11 @@ def available_reasoners(packages: Collection[str], known: Collection[str] = ()) 
 
 
 def new_reasoners(packages: Collection[str], known: Collection[str] = ()) -> list[DiscreteReasoner]:
-    """An instance of each reasoner class of the packages that no other class of its package is derived from.
+    """Creates an instance of each reasoner class of the packages that has no subclass in its package.
 
-    A module that cannot be imported, and a class whose constructor fails, are reported and skipped.
+    Logs and skips a module that cannot be imported and a class whose constructor fails.
 
-    :param known: the names of classes that are not wanted.
+    :param known: class names to skip.
     :raises ConfigurationError: a package cannot be imported.
     """
     found: list[DiscreteReasoner] = []
@@ -72,5 +72,5 @@ def new_reasoners(packages: Collection[str], known: Collection[str] = ()) -> lis
 
 
 def _names(packages: Any) -> list[str]:
-    """Names of packages from the parameter: a list, or a text as launch files may write it."""
+    """The package names in the parameter: a list, or a text, as launch files may write it."""
     return re.findall(r"[\w.]+", packages) if isinstance(packages, str) else list(packages or [])

@@ -1,7 +1,7 @@
 """Wire formats: parameters, properties, elements and relations as JSON and as messages.
 
-A parameter travels as one JSON object, an element as one inside it or as a `WmElement`. Types travel by name; a name
-that is none of the built-in ones or of a registered class is refused: nothing named by a message is ever called.
+A parameter is one JSON object, an element a JSON object inside it or a `WmElement`. Types are given by name: of a
+built-in type or a registered class. Other names are rejected, so a message cannot name code to call.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from skiros2_common.core.element_relations import is_fact
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import PARAM_TYPE_CODES, Param, ParamHandler
-from skiros2_common.core.property import Property, as_type, shown
+from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_msgs import msg as msgs
 
@@ -30,7 +30,7 @@ _decoders: dict[str, Callable[[Any], Any]] = {}
 
 
 def json_loads_byteified(json_text: str) -> Any:
-    """The value that a JSON text holds; None when it is no JSON, or nested too deeply to be read."""
+    """Parses a JSON text; None if it is not JSON or nested too deeply."""
     try:
         return read_json(json_text)
     except (TypeError, ValueError):
@@ -38,7 +38,7 @@ def json_loads_byteified(json_text: str) -> Any:
 
 
 class ParamsEncoder(json.JSONEncoder):
-    """Encodes parameters, properties, elements and values of registered classes, others as "NotSerializable"."""
+    """Encodes parameters, properties, elements and values of registered classes; others as "NotSerializable"."""
 
     def default(self, obj: Any) -> Any:
         for cls in type(obj).__mro__:
@@ -48,17 +48,17 @@ class ParamsEncoder(json.JSONEncoder):
 
 
 def registerDecoder(name: str, func: Callable[[Any], Any]) -> None:
-    """`func` makes a value of the type with that wire name from its JSON form."""
+    """Registers `func`, which creates a value of the type with this wire name from its JSON form."""
     _decoders[name] = func
 
 
 def registerEncoder(ctype: type, func: Callable[..., Any]) -> None:
-    """`func(encoder, value)` makes the JSON form of a value of that class."""
+    """Registers `func(encoder, value)`, which returns the JSON form of a value of this class."""
     _encoders[ctype] = func
 
 
 def registerCtype(name: str, class_type: type) -> None:
-    """Gives a class its wire name."""
+    """Registers the wire name of a class."""
     _types[name] = class_type
 
 
@@ -68,15 +68,15 @@ def registerClass(
     encoder: Callable[..., Any] | None = None,
     decoder: Callable[[Any], Any] | None = None,
 ) -> None:
-    """Gives a Python class a wire name, so that values of it may travel in parameters.
+    """Registers a Python class with a wire name, so that parameters can hold its values.
 
-    A name or class that is registered already is reported and stays as it is.
+    A name or class that is already registered is logged and unchanged.
 
-    :param encoder: `encoder(json_encoder, value)` gives a value that JSON can hold.
-    :param decoder: `decoder(json_value)` gives the value back.
+    :param encoder: `encoder(json_encoder, value)` returns the JSON form.
+    :param decoder: `decoder(json_value)` returns the value.
     """
     if name in _types or class_type in _types.values():
-        log.warning("class %s is not registered as %r: one of them is registered already", class_type.__name__, name)
+        log.warning("class %s is not registered as %r: one of them is already registered", class_type.__name__, name)
         return
     registerCtype(name, class_type)
     if encoder is not None:
@@ -88,7 +88,7 @@ def registerClass(
 def getStrFromType(obj: Any) -> str:
     """The wire name of a type, or of a value's type.
 
-    :raises UnknownName: the type has none.
+    :raises UnknownName: the type has no wire name.
     """
     wanted = obj if isinstance(obj, type) else type(obj)
     for cls in wanted.__mro__:
@@ -99,9 +99,9 @@ def getStrFromType(obj: Any) -> str:
 
 
 def getTypeFromStr(name: str) -> Any:
-    """A new value of the type with that wire name: `"int"` gives 0.
+    """A new value of the type with this wire name: `"int"` gives 0.
 
-    :raises UnknownName: no type has it, or a value of it cannot be made without arguments.
+    :raises UnknownName: unknown wire name, or its constructor requires arguments.
     """
     datatype = type_named(name)
     try:
@@ -111,9 +111,9 @@ def getTypeFromStr(name: str) -> Any:
 
 
 def type_named(name: str) -> type:
-    """The type with that wire name.
+    """The type with this wire name.
 
-    :raises UnknownName: no type has it.
+    :raises UnknownName: unknown wire name.
     """
     if name not in _types:
         raise UnknownName(f"unknown type name {name!r}; known: {', '.join(sorted(_types))}")
@@ -134,17 +134,17 @@ def encodeParam(encoder: Any, obj: Param) -> dict[str, Any]:
 def decodeParam(p: Any) -> Param:
     """A parameter from its JSON form (a dict or a text).
 
-    :raises WrongValue: a part is missing or of a wrong type.
+    :raises WrongValue: a field is missing or has the wrong type.
     :raises UnknownName: the type name is unknown.
     """
     p = _loaded(p, "parameter")
-    key = _part(p, "key", str, "parameter")
-    code = _part(p, "specType", int, f"parameter {key!r}")
+    key = _field(p, "key", str, "parameter")
+    code = _field(p, "specType", int, f"parameter {key!r}")
     if code not in _PARAM_TYPES:
         raise WrongValue(f"parameter {key!r}: specType {code}, expected 0 (required), 1 (optional) or 2 (inferred)")
-    name = _part(p, "type", str, f"parameter {key!r}")
+    name = _field(p, "type", str, f"parameter {key!r}")
     param = Param(key, str(p.get("description", "")), type_named(name), _PARAM_TYPES[code])
-    param.assign(_decoded_values(name, _part(p, "values", list, f"parameter {key!r}")))
+    param.assign(_decoded_values(name, _field(p, "values", list, f"parameter {key!r}")))
     param.makeDefault(param.values)
     return param
 
@@ -157,14 +157,14 @@ def encodeProperty(encoder: Any, obj: Property) -> dict[str, Any]:
 def decodeProperty(p: Any) -> Property:
     """A property from its JSON form (a dict or a text).
 
-    :raises WrongValue: a part is missing or of a wrong type.
+    :raises WrongValue: a field is missing or has the wrong type.
     :raises UnknownName: the type name is unknown.
     """
     p = _loaded(p, "property")
-    key = _part(p, "key", str, "property")
-    name = _part(p, "type", str, f"property {key!r}")
+    key = _field(p, "key", str, "property")
+    name = _field(p, "type", str, f"property {key!r}")
     prop = Property(key, type_named(name))
-    prop.assign(_decoded_values(name, _part(p, "values", list, f"property {key!r}")))
+    prop.assign(_decoded_values(name, _field(p, "values", list, f"property {key!r}")))
     return prop
 
 
@@ -183,19 +183,19 @@ def encodeElement(encoder: Any, obj: Element) -> dict[str, Any]:
 def decodeElement(json_string: Any) -> Element:
     """An element from its JSON form (a dict or a text).
 
-    :raises WrongValue: a part is missing or of a wrong type.
+    :raises WrongValue: a field is missing or has the wrong type.
     :raises UnknownName: the type name of a property is unknown.
     """
     e = _loaded(json_string, "element")
     element = Element(
-        _part(e, "type", str, "element"), _part(e, "label", str, "element"), _part(e, "id", str, "element")
+        _field(e, "type", str, "element"), _field(e, "label", str, "element"), _field(e, "id", str, "element")
     )
-    for prop in _part(e, "properties", dict, f"element {element!r}").values():
+    for prop in _field(e, "properties", dict, f"element {element!r}").values():
         decoded = decodeProperty(prop)
         element._put(decoded.key, decoded)
-    for r in _part(e, "relations", list, f"element {element!r}"):
+    for r in _field(e, "relations", list, f"element {element!r}"):
         r = _loaded(r, "relation")
-        src, pred, dst = (_part(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
+        src, pred, dst = (_field(r, name, str, f"relation of {element!r}") for name in ("src", "type", "dst"))
         element.addRelation(src, pred, dst, bool(r.get("state", True)), bool(r.get("abstract", False)))
     try:
         element._last_update = as_type(e.get("last_update") or 0.0, float)
@@ -219,7 +219,7 @@ def serializeParamMap(param_map: Mapping[str, Param] | ParamHandler) -> list[Any
 def deserializeParamMap(params: Iterable[Any]) -> dict[str, Param]:
     """Parameters by key, from `Param` messages.
 
-    :raises WrongValue: a message is no parameter, or two have one key.
+    :raises WrongValue: a message is not a parameter, or two have the same key.
     :raises UnknownName: a type name is unknown.
     """
     decoded: dict[str, Param] = {}
@@ -242,11 +242,11 @@ def serializePropertyMap(p_map: Mapping[str, Property]) -> list[Any]:
 def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
     """Properties by key, from `Property` messages.
 
-    :raises WrongValue: values are no JSON list.
+    :raises WrongValue: values are not a JSON list.
     :raises UnknownName: a type name is unknown.
-    :raises WrongType: a value is not of the type that the message names.
+    :raises WrongType: a value does not have the message's type.
 
-    Of several errors a `WrongValue` has all texts.
+    Several errors are raised as one `WrongValue` with all texts.
     """
     properties: dict[str, Property] = {}
     errors: list[SkirosError] = []
@@ -255,7 +255,7 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
             prop = Property(message.key, type_named(message.dataType))
             values = json_loads_byteified(message.dataValue)
             if not isinstance(values, list):
-                raise WrongValue(f"{shown(message.dataValue)} is no JSON list")
+                raise WrongValue(f"{format_value(message.dataValue)} is no JSON list")
             prop.assign(_decoded_values(message.dataType, values))
             properties[message.key] = prop
         except SkirosError as error:
@@ -268,7 +268,7 @@ def deserializePropertyMap(msg: Iterable[Any]) -> dict[str, Property]:
 
 
 def element2msg(element: Element) -> Any:
-    """An element as a `WmElement`. Elements kept aside as children are not in it."""
+    """An element as a `WmElement`, without its local relations."""
     return msgs.WmElement(
         element.id,
         element.type,
@@ -319,7 +319,7 @@ def makeRelationMsg(subj: str, pred: str, obj: str) -> Any:
 
 
 def makeStatementMsg(subj: str, pred: str, obj: str, value: bool) -> Any:
-    """A `Statement` message: the relation is to be there (True) or not."""
+    """A `Statement` message: the relation must exist (True) or not."""
     return msgs.Statement(makeRelationMsg(subj, pred, obj), value)
 
 
@@ -331,17 +331,17 @@ def _loaded(value: Any, what: str) -> dict[str, Any]:
         try:
             value = read_json(value)
         except ValueError as error:
-            raise WrongValue(f"{what} is not JSON: {error} in {shown(value)}") from None
+            raise WrongValue(f"{what} is not JSON: {error} in {format_value(value)}") from None
     if not isinstance(value, dict):
-        raise WrongValue(f"{what}: expected a JSON object, got {shown(value)}")
+        raise WrongValue(f"{what}: expected a JSON object, got {format_value(value)}")
     return value
 
 
-def _part(value: dict[str, Any], name: str, expected: type, what: str) -> Any:
-    part = value.get(name)
-    if not isinstance(part, expected) or (expected is int and isinstance(part, bool)):
-        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {shown(part)}")
-    return part
+def _field(value: dict[str, Any], name: str, expected: type, what: str) -> Any:
+    field = value.get(name)
+    if not isinstance(field, expected) or (expected is int and isinstance(field, bool)):
+        raise WrongValue(f"{what}: expected {name!r} to be a {expected.__name__}, got {format_value(field)}")
+    return field
 
 
 def _decoded_values(name: str, values: list[Any]) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Small class helpers that skill libraries use."""
+"""Class helpers for skill libraries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["PrettyObject", "abstractmethod", "prevent"]
 
 
 class PrettyObject:
-    """An object whose text is its class name."""
+    """An object whose `str` is its class name."""
 
     @property
     def class_name(self) -> str:
@@ -21,7 +21,7 @@ class PrettyObject:
 
 
 def prevent(**attributes: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """A method so decorated is not called, and gives None, while the object has all these attribute values."""
+    """Decorator: skips the method and returns None while the object has all these attribute values."""
 
     def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
         def guarded(self: Any, *args: Any, **kwargs: Any) -> Any:

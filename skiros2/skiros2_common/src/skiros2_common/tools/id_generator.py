@@ -1,4 +1,4 @@
-"""Numbers that are unique while they are in use."""
+"""Unique numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 
 
 class IdGen:
-    """Gives out the lowest number that is free. Thread-safe."""
+    """Allocates the lowest free number. Thread-safe."""
 
     def __init__(self) -> None:
         self._used: set[int] = set()
@@ -14,7 +14,7 @@ class IdGen:
         self._lock = threading.Lock()
 
     def getId(self, desired: int = -1) -> int:
-        """A free number: the desired one (from 0), or the next free one after it."""
+        """Allocates the desired number (from 0), or the next free one."""
         with self._lock:
             number = desired if desired >= 0 else self._lowest
             while number in self._used:
@@ -29,13 +29,13 @@ class IdGen:
         return uid in self._used
 
     def removeId(self, uid: int) -> None:
-        """The number is free again."""
+        """Releases the number."""
         with self._lock:
             self._used.discard(uid)
             self._lowest = min(self._lowest, uid)
 
     def clear(self) -> None:
-        """All numbers are free again."""
+        """Releases all numbers."""
         with self._lock:
             self._used.clear()
             self._lowest = 0

@@ -1,7 +1,7 @@
 """The logging functions that skill libraries call, on top of Python's `logging`.
 
-Each takes a short origin and a text, or a text alone. Messages are shown on stdout in every process, coloured by level;
-in a ROS node they reach rosout too. `Log` remembers the last messages, which `has*`, `count*Msg` and `msg*` tell.
+Each takes a short source name and a text, or only a text. Messages go to stdout, coloured by level, and in a ROS node
+also to rosout. `Log` keeps the last messages for `has*`, `count*Msg` and `msg*`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _T = TypeVar("_T")
 
 
 class logMode(IntEnum):
-    """The levels: messages up to the set one are shown."""
+    """The levels; messages up to the set level are shown."""
 
     ALWAYS = -1
     ERROR = 0
@@ -44,7 +44,7 @@ class logColor:
     ENDC = "\033[0m"
 
 
-#: The levels of Python's `logging` that stand for the modes.
+#: The levels of Python's `logging` for the modes.
 _NUMBERS = {
     ALWAYS: 60,
     ERROR: logging.ERROR,
@@ -66,16 +66,16 @@ _COLOURS = {
 for _mode in (ALWAYS, OK, TRACE):
     logging.addLevelName(_NUMBERS[_mode], _mode.name)
 
-#: The width of the origin in a line.
-_ORIGIN = 20
-#: The number of messages that a `Log` remembers.
-_REMEMBERED = 1000
-#: Levels that rosout knows.
+#: The width of the source name in a line.
+_NAME_WIDTH = 20
+#: The number of messages that a `Log` keeps.
+_MAX_MESSAGES = 1000
+#: The levels of rosout.
 _ROSOUT = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG)
 
 
-class _Shown(logging.Handler):
-    """Writes records to stdout and, in a ROS node, to what `rosout` has beside the screen."""
+class _OutputHandler(logging.Handler):
+    """Writes records to stdout and, in a ROS node, to the handlers of `rosout` except the screen."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class _Shown(logging.Handler):
         self.has_colours = True
 
     def emit(self, record: logging.LogRecord) -> None:
-        record.is_shown = True  # nothing else sends it to rosout
+        record.is_shown = True  # so that `RosoutHandler` skips it
         if not self.is_on:
             return
         colour = _COLOURS.get(record.levelno, "") if self.has_colours else ""
@@ -97,42 +97,42 @@ class _Shown(logging.Handler):
 
 
 def _to_rosout(record: logging.LogRecord) -> None:
-    rospy = sys.modules.get("rospy")  # one that is not imported has no node
+    rospy = sys.modules.get("rospy")  # without rospy there is no node
     if rospy is None or not rospy.core.is_initialized():
         return
     number = logging.INFO if record.levelno == _NUMBERS[ALWAYS] else record.levelno
     level = next((known for known in _ROSOUT if number >= known), logging.DEBUG)
-    told = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
-    copy = logging.makeLogRecord({**record.__dict__, **told})
+    overrides = {"name": "rosout", "levelno": level, "levelname": logging.getLevelName(level)}
+    copy = logging.makeLogRecord({**record.__dict__, **overrides})
     for handler in logging.getLogger("rosout").handlers:
         if not type(handler).__name__.endswith("StreamHandler"):
             handler.handle(copy)
 
 
-_shown = _Shown()
+_output = _OutputHandler()
 
 
 class Log:
-    """Logs messages and remembers the last ones.
+    """Logs messages and keeps the last ones.
 
     :param name: of the Python logger.
     """
 
     def __init__(self, name: str = "skiros2") -> None:
         self._logger = logging.getLogger(name)
-        if _shown not in self._logger.handlers:
-            self._logger.addHandler(_shown)
+        if _output not in self._logger.handlers:
+            self._logger.addHandler(_output)
             self._logger.setLevel(_NUMBERS[TRACE])
-        self._messages: deque[tuple[logMode, str]] = deque(maxlen=_REMEMBERED)
+        self._messages: deque[tuple[logMode, str]] = deque(maxlen=_MAX_MESSAGES)
         self._counts: Counter[logMode] = Counter()
         self._indent = 0
 
     def log(self, mode: int, msg: Any, desc: Any = None) -> None:
-        """Logs a message, when its level is no higher than the set one."""
+        """Logs a message, unless its level is above the set one."""
         mode = logMode(mode)
         if not self._logger.isEnabledFor(_NUMBERS[mode]):
             return
-        text = "  " * self._indent + (str(msg) if desc is None else f"{msg!s:<{_ORIGIN}} {desc}")
+        text = "  " * self._indent + (str(msg) if desc is None else f"{msg!s:<{_NAME_WIDTH}} {desc}")
         self._messages.append((mode, text))
         self._counts[mode] += 1
         self._logger.log(_NUMBERS[mode], "%s", text, stacklevel=3)
@@ -159,83 +159,83 @@ class Log:
         self.log(TRACE, msg, desc)
 
     def assertError(self, cond: _T, msg: Any, desc: Any = None) -> _T:
-        """Logs an error when `cond` does not hold. Returns `cond`."""
+        """Logs an error if `cond` is false. Returns `cond`."""
         if not cond:
             self.log(ERROR, msg, desc)
         return cond
 
     def assertWarn(self, cond: _T, msg: Any, desc: Any = None) -> _T:
-        """Logs a warning when `cond` does not hold. Returns `cond`."""
+        """Logs a warning if `cond` is false. Returns `cond`."""
         if not cond:
             self.log(WARN, msg, desc)
         return cond
 
     def assertOk(self, cond: Any, msg: Any, desc: Any = None) -> bool:
-        """Logs good news when `cond` holds. Returns whether it does not."""
+        """Logs a message of level OK if `cond` is true. Returns `not cond`."""
         if cond:
             self.log(OK, msg, desc)
         return not cond
 
     def assertInfo(self, cond: Any, msg: Any, desc: Any = None) -> bool:
-        """Logs an information when `cond` holds. Returns whether it does not."""
+        """Logs a message of level INFO if `cond` is true. Returns `not cond`."""
         if cond:
             self.log(INFO, msg, desc)
         return not cond
 
-    # -- what is shown -----------------------------------------------------------------------------------------
+    # -- output -----------------------------------------------------------------------------------------------
 
     def setLevel(self, mode: int) -> None:
-        """Messages of a higher level than this one are dropped."""
+        """Discards messages above this level."""
         self._logger.setLevel(_NUMBERS[logMode(mode)])
 
     def getLevel(self) -> logMode:
-        """The highest level that is shown."""
+        """The highest level shown."""
         return max((mode for mode in logMode if self._logger.isEnabledFor(_NUMBERS[mode])), default=ALWAYS)
 
     def useColor(self, state: bool = True) -> None:
         """Whether lines are coloured by their level."""
-        _shown.has_colours = state
+        _output.has_colours = state
 
     def enableOutput(self) -> None:
-        """Messages are shown, as they are by default."""
-        _shown.is_on = True
+        """Shows messages (the default)."""
+        _output.is_on = True
 
     def disableOutput(self) -> None:
-        """Messages are remembered, but not shown."""
-        _shown.is_on = False
+        """Keeps messages without showing them."""
+        _output.is_on = False
 
     def indent(self) -> None:
-        """Further lines are indented by one step more."""
+        """Increases the indentation of further lines."""
         self._indent += 1
 
     def unindent(self) -> None:
-        """Further lines are indented by one step less."""
+        """Decreases the indentation of further lines."""
         self._indent = max(0, self._indent - 1)
 
-    # -- what was logged ---------------------------------------------------------------------------------------
+    # -- past messages -----------------------------------------------------------------------------------------
 
     def messages(self, mode: int) -> list[str]:
         """The last messages of a level."""
         return [text for known, text in self._messages if known == mode]
 
     def count(self, mode: int) -> int:
-        """How many messages of a level there were since `clear`."""
+        """The number of messages of a level since `clear`."""
         return self._counts[logMode(mode)]
 
     def lastError(self) -> str:
-        """The last error; "" when there was none."""
+        """The last error, or ""."""
         return next(iter(reversed(self.messages(ERROR))), "")
 
     def lastWarn(self) -> str:
-        """The last warning; "" when there was none."""
+        """The last warning, or ""."""
         return next(iter(reversed(self.messages(WARN))), "")
 
     def testError(self) -> bool:
-        """Whether there was an error since `clear`."""
+        """Whether an error was logged since `clear`."""
         return self.count(ERROR) > 0
 
     def testWarn(self) -> bool:
-        """Whether there was a warning since `clear`."""
+        """Whether a warning was logged since `clear`."""
         return self.count(WARN) > 0
 
     def toString(self) -> str:
@@ -247,12 +247,12 @@ class Log:
         Path(filename).write_text(self.toString() + "\n")
 
     def clear(self) -> None:
-        """Forgets all messages."""
+        """Deletes all messages."""
         self._messages.clear()
         self._counts.clear()
 
     def reset(self) -> None:
-        """Forgets all messages and settings."""
+        """Deletes all messages and resets all settings."""
         self.clear()
         self._indent = 0
         self.setLevel(TRACE)

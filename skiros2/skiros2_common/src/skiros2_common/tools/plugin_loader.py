@@ -1,4 +1,4 @@
-"""Finds the subclasses of a class in a package and everything below it."""
+"""Finds the subclasses of a class in a package and its subpackages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 class PluginLoader:
-    """The plugins of some packages. A module that cannot be imported is reported, and the rest loads.
+    """The plugins of some packages. Logs and skips modules that cannot be imported.
 
     `failures` maps the name of each such module to the cause.
     """
@@ -38,7 +38,7 @@ class PluginLoader:
         return plugin.__module__, plugin.__name__
 
     def match(self, plugin: type, desc: Any = None) -> bool:
-        """Whether the plugin is called `desc`, with its module or without; None matches all."""
+        """Whether the plugin has the name `desc`, with or without its module; None matches all."""
         return desc is None or desc in (plugin.__name__, self.signature(plugin))
 
     def instance(self, plugin: type, args_dict: dict[str, Any]) -> Any:
@@ -46,15 +46,15 @@ class PluginLoader:
         return plugin(**args_dict)
 
     def load(self, folder: Any, base_class: Any) -> None:
-        """As `find`."""
+        """Same as `find`."""
         self.find(folder, base_class)
 
     def find(self, folder: Any, base_class: Any) -> builtins.list[type]:
-        """Adds the subclasses of `base_class` (one, or a tuple) that a package and all below it define.
+        """Adds the subclasses of `base_class` (a class or a tuple) defined in a package and its subpackages.
 
         :param folder: the package's name, or the imported package.
-        :returns: the plugins found now.
-        :raises MissingPackage: there is no such package, or it cannot be imported.
+        :returns: the plugins found by this call.
+        :raises MissingPackage: the package is missing or cannot be imported.
         """
         package = folder if isinstance(folder, ModuleType) else self._import_package(folder)
         found: list[type] = []
@@ -66,7 +66,7 @@ class PluginLoader:
         return found
 
     def __iter__(self) -> Iterator[type]:
-        """The plugins, in the order they were found."""
+        """The plugins in the order of loading."""
         return iter([*self._plugins.values()])
 
     def size(self) -> int:
@@ -77,11 +77,11 @@ class PluginLoader:
         return [self.instance(plugin, args_dict) for plugin in self]
 
     def named(self, name: str) -> type | None:
-        """The first plugin called so, with its module or without; None when there is none."""
+        """The first plugin of this name, with or without its module; None if there is none."""
         return next((p for p in self if self.match(p, name)), None)
 
     def getPluginByName(self, name: str) -> type:
-        """The first plugin called so, with its module or without.
+        """The first plugin of this name, with or without its module.
 
         :raises UnknownName: there is none.
         """
@@ -89,11 +89,11 @@ class PluginLoader:
         if found is None:
             names = [plugin.__name__ for plugin in self]
             near = nearest(name, names) or sorted(names)
-            raise UnknownName(f"no plugin is called {name!r}; there are: {', '.join(near) or 'none'}")
+            raise UnknownName(f"unknown plugin {name!r}; known: {', '.join(near) or 'none'}")
         return found
 
     def list(self) -> builtins.list[str]:
-        """Writes the names of all plugins to stdout, a line each, and returns them."""
+        """Prints the names of all plugins, a line each, and returns them."""
         names = [plugin.__name__ for plugin in self]
         sys.stdout.write("".join(f"{name}\n" for name in names))
         return names
@@ -126,9 +126,9 @@ class PluginLoader:
 
 
 def _cause(error: Exception | SystemExit) -> str:
-    """The error with the file and line it came from."""
+    """The error with its source location."""
     if isinstance(error, SyntaxError):
         return f"{error.filename}, line {error.lineno}: {error.msg}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
-    place = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
-    return f"{place}{type(error).__name__}: {error}"
+    location = f"{frames[-1].filename}, line {frames[-1].lineno}: " if frames else ""
+    return f"{location}{type(error).__name__}: {error}"

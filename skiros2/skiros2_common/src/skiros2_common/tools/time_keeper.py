@@ -1,4 +1,4 @@
-"""Stop-watches."""
+"""Stopwatches."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ log = logging.getLogger(__name__)
 
 
 class Timer:
-    """Times parts of a program and logs them. `with Timer("x") as t` starts with a part.
+    """Times parts of a program and logs them. `with Timer("x") as t` starts the first part.
 
-    :param name: stands in front of each line.
+    :param name: prefix of each line.
     """
 
     def __init__(self, name: str) -> None:
@@ -24,7 +24,7 @@ class Timer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing ends with the block."""
+        """Does nothing."""
 
     def reset(self) -> None:
         self._start = self._last = time.monotonic()
@@ -43,7 +43,7 @@ class Timer:
 
 
 class TimeKeeper:
-    """Averages the time between `tic` and `toc` (s), or that of `with` blocks."""
+    """Averages the times between `tic` and `toc`, or of `with` blocks (s)."""
 
     def __init__(self) -> None:
         self.reset()
@@ -69,7 +69,7 @@ class TimeKeeper:
         self._tic = time.monotonic()
 
     def toc(self) -> float:
-        """The time since `tic`; 0.0 without one."""
+        """The time since `tic` (s); 0.0 without one."""
         if self._tic is None:
             return 0.0
         self._last = time.monotonic() - self._tic
@@ -79,7 +79,7 @@ class TimeKeeper:
         return self._last
 
     def get_avg_time(self) -> float | None:
-        """The average; None before the first `toc`."""
+        """The average (s); None before the first `toc`."""
         return self._total / self._count if self._count else None
 
     def get_last(self) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skiros2_common.command_line.answer import WrongUsage
+from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.property import as_type, from_text
@@ -46,7 +46,7 @@ def read_steps(words: Sequence[str], skills: Sequence[Skill], find_element: Find
             choice = choose(word, skills)
             steps.append((choice, Step(choice.type, choice.label)))
         elif not steps:
-            raise WrongUsage(f"{word}: the name of the skill has to come first")
+            raise UsageError(f"{word}: the name of the skill has to come first")
         else:
             steps[-1][1].given.setdefault(key, []).append(value)
     produced: set[str] = set()

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import rosgraph
 
-from skiros2_common.command_line.answer import WrongUsage
-from skiros2_common.command_line.master import NotThere, ask_master, check_node
+from skiros2_common.command_line.command import Unavailable, UsageError
+from skiros2_common.command_line.master import ask_master, check_node
 from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.names import nearest
 from skiros2_skill.command_line.description import Skill, read_skill
 
 if TYPE_CHECKING:
-    from skiros2_skill.core.inspection import NodeNow
+    from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
 _SKILLS, _COMMAND = "get_skills", "command"
 
@@ -25,8 +25,8 @@ def connect(robot: str, author: str) -> Manager:
 
     :param robot: its node name, with or without the leading slash; "": the only one.
     :param author: stands in its log as who asked.
-    :raises NotThere: nobody answers; it takes seconds at most to say so.
-    :raises WrongUsage: there are several, and none is named.
+    :raises Unavailable: nobody answers; it takes seconds at most to say so.
+    :raises UsageError: there are several, and none is named.
     """
     return Manager(find_manager(robot), author)
 
@@ -40,10 +40,10 @@ def find_manager(robot: str) -> str:
         return name
     alive = [name for name in registered if _answers(name)]
     if len(alive) > 1:
-        raise WrongUsage(f"there are {len(alive)} skill managers, {', '.join(alive)}: name one with --robot")
+        raise UsageError(f"there are {len(alive)} skill managers, {', '.join(alive)}: name one with --robot")
     if not alive:
         dead = f" that answers ({', '.join(registered)} may have been killed)" if registered else ""
-        raise NotThere(f"there is no skill manager{dead} on the master {rosgraph.get_master_uri()}")
+        raise Unavailable(f"there is no skill manager{dead} on the master {rosgraph.get_master_uri()}")
     return alive[0]
 
 
@@ -62,13 +62,13 @@ def _resolved(robot: str, registered: list[str]) -> str:
             return name
     meant = nearest(f"/{robot.lstrip('/')}", registered, 1)
     hint = f"did you mean {meant[0]}?" if meant else f"there are: {', '.join(registered) or 'none'}"
-    raise NotThere(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
+    raise Unavailable(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
 
 
 def _answers(manager: str) -> bool:
     try:
         check_node(manager, _SKILLS, "skill manager")
-    except NotThere:
+    except Unavailable:
         return False
     return True
 
@@ -117,18 +117,18 @@ class Manager:
 
         return self._call("why", srvs.SkillWhy, task_id)
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
         """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
 
         :raises UnknownName: there is no such task or node.
         """
         from skiros2_msgs import srv as srvs
-        from skiros2_skill.core.inspection import NodeNow
+        from skiros2_skill.core.diagnosis.inspection import NodeStatus
 
         answer = self._call("inspect", srvs.SkillInspection, task_id, node_id)
         if not answer.ok:
             raise UnknownName(f"{self.name}: {answer.text}")
-        return NodeNow.from_json(answer.json)
+        return NodeStatus.from_json(answer.json)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
         """Adds, removes or lists breakpoints. Returns the number, and the list of those that there are."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import Refused, SkirosError
 from skiros2_skill.command_line.connection import Manager
@@ -12,17 +12,17 @@ from skiros2_skill.command_line.connection import Manager
 _ALL = -1
 
 
-def stop(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def stop(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Preempts a task, or all."""
     return _told(manager.command("preempt", _or_all(arguments.task)), "told to end")
 
 
-def pause(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def pause(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Pauses a task, or all."""
     return _told(manager.command("pause", _or_all(arguments.task)), "paused")
 
 
-def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Lets a paused task go on, or all that are paused."""
     resumed = []
     refusals = []
@@ -33,10 +33,10 @@ def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> A
             refusals.append(str(error))
     if not resumed:
         raise Refused("; ".join(refusals) or "no task is paused")
-    return Answer([f"task {task_id} goes on" for task_id in resumed], {"tasks": resumed})
+    return CommandResult([f"task {task_id} goes on" for task_id in resumed], {"tasks": resumed})
 
 
-def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Ticks a paused task once; without its number, the only one that there is."""
     task_id = arguments.task
     if task_id is None:
@@ -46,18 +46,18 @@ def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Ans
             raise Refused(told)
         task_id = tasks[0]
     manager.command("tick_once", task_id)
-    return Answer([f"task {task_id} was ticked once"], {"tasks": [task_id]})
+    return CommandResult([f"task {task_id} was ticked once"], {"tasks": [task_id]})
 
 
-def reload(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def reload(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Imports skill libraries again, with the code that they have now. Tasks that run keep the old code."""
     text = manager.reload(arguments.libraries)
-    return Answer([f"{manager.name}: {text}"], {"robot": manager.name, "text": text})
+    return CommandResult([f"{manager.name}: {text}"], {"robot": manager.name, "text": text})
 
 
-def _told(task_id: int, done: str) -> Answer:
+def _told(task_id: int, done: str) -> CommandResult:
     lines = [f"all tasks are {done}" if task_id == _ALL else f"task {task_id} is {done}"]
-    return Answer(lines, {"tasks": "all" if task_id == _ALL else [task_id]})
+    return CommandResult(lines, {"tasks": "all" if task_id == _ALL else [task_id]})
 
 
 def _or_all(task_id: int | None) -> int:
@@ -69,18 +69,19 @@ def _numbers(manager: Manager) -> list[int]:
     return [nodes[0].id for nodes in manager.tasks()]
 
 
-def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Lists the breakpoints, adds one, or takes one away. A task that comes to one is paused."""
     action = arguments.action or "list"
     if action == "add":
         number, known = manager.breakpoint("add", arguments.kind, arguments.pattern, arguments.when or "")
         added = next(b for b in known if b["number"] == number)
-        return Answer([f"breakpoint {number}: {added['kind']} {added['pattern']} {added['when']}"], added)
+        return CommandResult([f"breakpoint {number}: {added['kind']} {added['pattern']} {added['when']}"], added)
     if action == "remove":
         number = _ALL if arguments.number == "all" else int(arguments.number)
         manager.breakpoint("remove", number=number)
         told = "there are no breakpoints any more" if number == _ALL else f"breakpoint {number} is gone"
-        return Answer([told], {"number": number})
+        return CommandResult([told], {"number": number})
     _, known = manager.breakpoint("list")
     rows = [(str(b["number"]), b["kind"], b["pattern"], b["when"]) for b in known]
-    return Answer(table(screen, rows, ("number", "kind", "pattern", "when")) if rows else ["no breakpoints"], known)
+    lines = table(screen, rows, ("number", "kind", "pattern", "when")) if rows else ["no breakpoints"]
+    return CommandResult(lines, known)

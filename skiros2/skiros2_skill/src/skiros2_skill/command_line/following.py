@@ -9,7 +9,7 @@ from typing import Any
 
 import rospy
 
-from skiros2_common.command_line.master import NotThere
+from skiros2_common.command_line.command import Unavailable
 from skiros2_msgs.msg import TreeProgress
 from skiros2_skill.command_line.connection import Manager
 
@@ -39,7 +39,7 @@ class Follower:
         """What has come since the last call: for each task its nodes, of one that is told of several times all of it.
 
         :param timeout: how long to wait for some (s); none then.
-        :raises NotThere: the manager is gone.
+        :raises Unavailable: the manager is gone.
         """
         with self._news:
             if not self._waiting:
@@ -47,7 +47,7 @@ class Follower:
             news, self._waiting = self._waiting, []
         if not news and time.monotonic() - self._heard_at > _SILENCE:
             if not self._manager.is_there():
-                raise NotThere(f"the skill manager {self._manager.name} is gone")
+                raise Unavailable(f"the skill manager {self._manager.name} is gone")
             self._heard_at = time.monotonic()
         return news
 

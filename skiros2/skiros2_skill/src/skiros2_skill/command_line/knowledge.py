@@ -12,8 +12,8 @@ from pathlib import Path
 import rospkg
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_world_model.core.knowledge_base import is_knowledge_file
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
-from skiros2_world_model.core.ontology_base import is_knowledge_file
 from skiros2_world_model.core.world_model import WorldModel
 
 #: Where a package keeps its ontologies.

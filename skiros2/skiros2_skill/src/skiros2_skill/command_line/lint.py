@@ -12,10 +12,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from skiros2_common.command_line.answer import OK, REFUSED, USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, end, given_arguments
+from skiros2_common.command_line.command import (
+    OK,
+    REFUSED,
+    USAGE,
+    CommandResult,
+    Parser,
+    command_arguments,
+    end,
+    run_command,
+)
 from skiros2_skill.command_line.knowledge import world_model_of
-from skiros2_skill.core.lint import ERROR, NOTE, WARNING, Fault, lint_libraries
+from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Fault, lint_libraries
 
 #: Its skills may be used by those of any library.
 _STANDARD = "skiros2_std_skills"
@@ -40,11 +48,11 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     parser.add_argument("--strict", action="store_true", help="warnings count as errors")
     parser.add_argument("--notes", action="store_true", help="tell also what could not be checked")
     parser.add_argument("--json", action="store_true", help="print JSON")
-    given = parser.parse_args(given_arguments(arguments))
-    end(answered("lint", lambda: _lint(given), given.json, refused=USAGE))
+    given = parser.parse_args(command_arguments(arguments))
+    end(run_command("lint", lambda: _lint(given), given.json, refused=USAGE))
 
 
-def _lint(given: argparse.Namespace) -> Answer:
+def _lint(given: argparse.Namespace) -> CommandResult:
     logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # what is skipped is among the faults
     logging.getLogger("skiros2_world_model").setLevel(logging.ERROR)
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
@@ -53,7 +61,7 @@ def _lint(given: argparse.Namespace) -> Answer:
     shown = [fault for fault in faults if fault.severity != NOTE or given.notes]
     counts = Counter(fault.severity for fault in faults)
     failed = counts[ERROR] + (counts[WARNING] if given.strict else 0)
-    return Answer(
+    return CommandResult(
         [*map(_line, shown), _summary(counts)], [fault.to_dict() for fault in shown], REFUSED if failed else OK
     )
 

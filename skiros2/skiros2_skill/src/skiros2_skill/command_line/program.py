@@ -6,13 +6,12 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skiros2_common.command_line.answer import NOT_THERE, Answer
-from skiros2_common.command_line.frame import Parser, answered, program, screen, user
+from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_skill.command_line import control, reading, running, watching
 from skiros2_skill.command_line.connection import Manager, connect
 
-Command = Callable[[Manager, argparse.Namespace, Screen], Answer]
+Command = Callable[[Manager, argparse.Namespace, Screen], CommandResult]
 
 _VALUES = (
     "A VALUE is of the type that the skill declares: an element by its id or label, a list or dict in JSON, several "
@@ -29,10 +28,10 @@ def _run(name: str, given: Sequence[str]) -> int:
     parse = parser.parse_intermixed_args if name == "run" else parser.parse_args  # options may stand anywhere
     arguments = parse(given)
 
-    def work() -> Answer:
+    def work() -> CommandResult:
         return command(connect(arguments.robot, arguments.author), arguments, screen())
 
-    return answered(parser.prog, work, arguments.json)
+    return run_command(parser.prog, work, arguments.json)
 
 
 run = program(_run)
@@ -40,7 +39,8 @@ run = program(_run)
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     command, add_arguments, *epilog = _COMMANDS[name]
-    statuses = f"Exit status: {_RESULTS.get(name, _RESULT)}, 2 wrong usage, {NOT_THERE} no master or no skill manager."
+    result = _RESULTS.get(name, _RESULT)
+    statuses = f"Exit status: {result}, 2 wrong usage, {UNAVAILABLE} no master or no skill manager."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
     parser.add_argument("--robot", default="", metavar="NAME", help="its skill manager, where there are several")

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import local_name
@@ -15,15 +15,15 @@ from skiros2_skill.command_line.description import REQUIRED, Parameter, Skill, c
 from skiros2_skill.command_line.world import CONDITIONS, Registered, World
 
 
-def list_skills(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def list_skills(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The skills that a robot has, with their parameters: in brackets those that are not required."""
     skills = sorted(manager.skills(), key=lambda skill: (skill.type, skill.label))
     rows = [(s.label, s.type, " ".join(_short(p) for p in _in_order(s) if p.key != "Robot")) for s in skills]
     lines = table(screen, rows, ("skill", "type", "parameters")) if rows else [f"{manager.name} has no skills"]
-    return Answer(lines, [_skill_json(skill) for skill in skills])
+    return CommandResult(lines, [_skill_json(skill) for skill in skills])
 
 
-def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """A skill: its parameters, conditions and implementations."""
     skills = manager.skills()
     choice = choose(arguments.skill, skills)
@@ -37,15 +37,15 @@ def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) ->
         conditions = {kind: [vars(c) for c in some] for kind, some in registered.conditions.items()}
         known = {"purpose": registered.purpose, "module": registered.module, "classes": registered.classes}
         data.append({**_skill_json(skill), **known, "conditions": conditions})
-    return Answer(lines[1:], data)
+    return CommandResult(lines[1:], data)
 
 
-def why(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def why(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Why a task, or nodes in it, failed: by default the one that failed or was refused last."""
     answer = manager.why(-1 if arguments.task is None else arguments.task)
     if not answer.ok:
         raise UnknownName(answer.text)
-    return Answer(answer.text.splitlines(), json.loads(answer.json or "[]"))
+    return CommandResult(answer.text.splitlines(), json.loads(answer.json or "[]"))
 
 
 def _registered(world: World, skill: Skill) -> tuple[Registered, str]:

@@ -10,10 +10,8 @@ import threading
 import time
 from typing import Any, TextIO
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
-from skiros2_common.command_line.frame import INTERRUPTED
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import PREEMPT, Explanation
 from skiros2_skill.command_line.assignments import Step, read_steps
@@ -34,7 +32,7 @@ _OVERTAKEN = 3.0
 _ELEMENT = {"id", "label", "type"}
 
 
-def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Runs skills one after the other, as one task, until they have ended. Ctrl-C preempts them."""
     known = manager.skills()
     steps = read_steps(arguments.words, known, World(manager.name, manager.author).find_element)
@@ -43,7 +41,7 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answ
     skills = [msgs.ResourceDescription(s.type, s.label, [msgs.Param(p) for p in s.params]) for s in steps]
     if arguments.detach:
         task_id = manager.command("start", -1, skills)
-        return Answer([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
+        return CommandResult([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
     from skiros2_skill.command_line.following import become_node
     from skiros2_skill.ros.skill_run import SkillRunner
 
@@ -55,13 +53,13 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Answ
         interrupted = _follow(running, telling)
         result = running.result()
     except TimedOut as error:
-        raise NotThere(str(error)) from None
+        raise Unavailable(str(error)) from None
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
     explanations = _explanations(manager, result)
     lines, data = _told(result, explanations, manager.name, telling.seconds, _not_given(steps, known))
-    return Answer([screen.fitted(line) if screen.width else line for line in lines], data, status)
+    return CommandResult([screen.fitted(line) if screen.width else line for line in lines], data, status)
 
 
 def _follow(running: Any, telling: _Telling) -> bool:

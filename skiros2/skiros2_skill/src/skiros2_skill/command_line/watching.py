@@ -9,10 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, Protocol, TextIO
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
-from skiros2_common.command_line.frame import finite, screen
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult, Unavailable, json_safe, screen
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import NotThere
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.command_line.tree import SUCCESS, Changes, HoldConditions, has_ended, picture, summary, word_of
@@ -25,7 +23,7 @@ Nodes = Sequence[Any]
 _PERIOD = 0.1
 
 
-def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> Answer:
+def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> CommandResult:
     """Shows what tasks do, as a tree on a terminal, else a line for each change; by default all, until Ctrl-C."""
     holds = Conditions(World(manager.name, manager.author))
     if arguments.once:
@@ -51,15 +49,15 @@ def _tasks(manager: Manager, task_id: int | None) -> list[Nodes]:
     return tasks
 
 
-def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> Answer:
+def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> CommandResult:
     coloured = sys.stdout.isatty()
     lines: list[str] = []
     for nodes in tasks:
         lines += ["", *(line.shown(coloured) for line in picture(page, nodes, holds))]
-    return Answer(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
+    return CommandResult(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 
 
-def _follow(follower: Any, task_id: int | None, news: list[Nodes], view: View) -> Answer:
+def _follow(follower: Any, task_id: int | None, news: list[Nodes], view: View) -> CommandResult:
     """Shows what comes, until the task has ended; without one, until Ctrl-C."""
     try:
         while True:
@@ -69,10 +67,10 @@ def _follow(follower: Any, task_id: int | None, news: list[Nodes], view: View) -
             view.draw()
             ended = [nodes for nodes in news if nodes[0].id == task_id and has_ended(nodes)]
             if ended:
-                return Answer(status=OK if ended[0][0].state == SUCCESS else REFUSED)
+                return CommandResult(status=OK if ended[0][0].state == SUCCESS else REFUSED)
             news = follower.news(_PERIOD)
     except KeyboardInterrupt:
-        return Answer()
+        return CommandResult()
 
 
 def _view(robot: str, as_json: bool, page: Screen, holds: HoldConditions) -> View:
@@ -100,7 +98,7 @@ class Conditions:
     def _read(self, skill_type: str, label: str) -> list[str]:
         try:
             return [c.text for c in self._world.registered(skill_type, label).conditions["hold"]]
-        except NotThere:
+        except Unavailable:
             self._is_there = False
             return []
         except SkirosError:  # a skill that is not offered by itself
@@ -148,7 +146,7 @@ class JsonView:
         self._out = out
 
     def show(self, nodes: Nodes) -> None:
-        self._out.write(json.dumps(finite(task_json(nodes)), ensure_ascii=False) + "\n")
+        self._out.write(json.dumps(json_safe(task_json(nodes)), ensure_ascii=False) + "\n")
 
     def draw(self) -> None:
         self._out.flush()

@@ -75,7 +75,7 @@ class World:
 
         :raises UnknownName: there is none.
         :raises WrongValue: there are several with that label.
-        :raises NotThere: the world model does not answer.
+        :raises Unavailable: the world model does not answer.
         """
         found = self._asked.find_element(name) if name else None
         matching = [found] if found is not None else self._asked.resolve_elements(Element(declared.type, name))
@@ -92,7 +92,7 @@ class World:
         """What is registered of a skill of the manager.
 
         :raises UnknownName: the manager has registered no such skill.
-        :raises NotThere: the world model does not answer.
+        :raises Unavailable: the world model does not answer.
         """
         for eid in self._skill_ids():
             if eid.rpartition("-")[0] == skill_type:

@@ -1,4 +1,4 @@
-"""The name of a skill manager: of its node with a slash, in scenes without one or with one."""
+"""Names of skill managers. Node names have a leading slash; names in scenes may lack it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ SKILL_MGR = "skiros:SkillMgr"
 
 
 def bare_name(name: str) -> str:
-    """The last part of a node's name, which scenes have: `robot` of `/robot`."""
+    """The last part of a node name, as used in scenes: `robot` for `/robot`."""
     return name.rpartition("/")[2]
 
 
 def manager_of(robot: Element) -> str:
-    """The name that a robot's element has for its manager, as a node's name, with its slash; "" when it has none."""
+    """The node name of the manager that a robot's element names; "" when it names none."""
     name = robot.value_of(SKILL_MGR) if robot.hasProperty(SKILL_MGR, not_none=True) else None
     return f"/{str(name).lstrip('/')}" if name else ""
 
 
 def runs_on(robot: Element, manager: str) -> bool:
-    """Whether a robot's element names this manager, with its slash or without."""
+    """Whether a robot's element names this manager, with or without slash."""
     return bool(manager) and matching_name(manager_of(robot), [manager]) == manager
 
 
 def matching_name(name: str, nodes: Iterable[str]) -> str:
-    """The node that a name is for: the same name, with its slash or without, or else its last part; "" for none."""
+    """The node that a name refers to: by its full name, with or without slash, or by its last part; "" for none."""
     nodes = list(nodes)
     wanted = f"/{name.lstrip('/')}"
     if wanted in nodes:

@@ -1,7 +1,7 @@
-"""How a node ticks its children.
+"""Processors: the control flow of a node, which decides how its children are ticked.
 
-A processor belongs to one node and remembers where it was between ticks. `children` are tree nodes; `visitor` is the
-executor, which ticks a node (`child.visit(visitor)` gives its state) and preempts one (`child.visitPreempt(visitor)`).
+A processor belongs to one node and may keep state between ticks. `children` are tree nodes; `visitor` is the executor,
+which ticks a node (`child.visit(visitor)` returns its state) and preempts one (`child.visitPreempt(visitor)`).
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ _RUNNING: State = State.Running
 
 
 class Processor:
-    """Base of all processors."""
+    """Base class of processors."""
 
     symbol = ""
 
     def printType(self) -> str:
-        """The symbol that stands for the processor in a printed tree."""
+        """The symbol of the processor in a printed tree."""
         return self.symbol
 
     def reset(self) -> None:
-        """Called when the node starts: begin with the first child."""
+        """Called when the node starts: restarts at the first child."""
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        """One tick of the children. Returns the state that follows for the node."""
+        """Ticks the children once. Returns the resulting state of the node."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define processChildren")
 
     def fresh(self) -> Any:
-        """A processor of the same kind for another node."""
+        """A copy in its initial state, for another node."""
         new = copy.copy(self)
         new.reset()
         return new
@@ -55,17 +55,17 @@ class NoProcessor(Processor):
 
 
 class _InOrder(Processor):
-    """Ticks the children in order, from the first each time, as long as they have one state."""
+    """Ticks the children in order while each has `_continue_on`; starts at the first child at every tick."""
 
-    _goes_on: State
+    _continue_on: State
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
         for index, child in enumerate(children):
             state: State = child.visit(visitor)
-            if state is not self._goes_on:
+            if state is not self._continue_on:
                 self.stopAll(children, visitor, index)
                 return state
-        return self._goes_on
+        return self._continue_on
 
     def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
         """Preempts the running children after `index`."""
@@ -73,23 +73,23 @@ class _InOrder(Processor):
 
 
 class Serial(_InOrder):
-    """Ticks the children in order, from the first each time, until one is not Success."""
+    """Ticks the children in order until one is not Success; starts at the first child at every tick."""
 
     symbol = "->"
-    _goes_on = _SUCCESS
+    _continue_on = _SUCCESS
 
 
 class Selector(_InOrder):
-    """Ticks the children in order, from the first each time, until one is Success or Running."""
+    """Ticks the children in order until one is Success or Running; starts at the first child at every tick."""
 
     symbol = "?"
-    _goes_on = _FAILURE
+    _continue_on = _FAILURE
 
 
 class _InOrderStar(Processor):
-    """Ticks the children in order, going on at the one that was running, as long as they have one state."""
+    """Ticks the children in order while each has `_continue_on`; resumes at the running child."""
 
-    _goes_on: State
+    _continue_on: State
 
     def __init__(self) -> None:
         self._index = 0
@@ -98,31 +98,31 @@ class _InOrderStar(Processor):
         self._index = 0
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
-        # The list may grow while it is processed: a skill may add children to its node.
+        # The list may grow meanwhile: a skill may add children to its node.
         while self._index < len(children):
             state: State = children[self._index].visit(visitor)
-            if state is not self._goes_on:
+            if state is not self._continue_on:
                 return state
             self._index += 1
-        return self._goes_on
+        return self._continue_on
 
 
 class SerialStar(_InOrderStar):
-    """Ticks the children in order, going on at the one that was running, until one is not Success."""
+    """Ticks the children in order until one is not Success; resumes at the running child."""
 
     symbol = "->*"
-    _goes_on = _SUCCESS
+    _continue_on = _SUCCESS
 
 
 class Sequential(SerialStar):
-    """`SerialStar` under its other name; the default."""
+    """Same as `SerialStar`; the default."""
 
 
 class SelectorStar(_InOrderStar):
-    """Ticks the children in order, going on at the one that was running, until one is Success or Running."""
+    """Ticks the children in order until one is Success or Running; resumes at the running child."""
 
     symbol = "?*"
-    _goes_on = _FAILURE
+    _continue_on = _FAILURE
 
     def stopAll(self, children: Children[Any], visitor: Any, index: int) -> None:
         """Preempts the running children after `index`."""
@@ -142,29 +142,29 @@ class _Parallel(Processor):
 
 
 class ParallelFf(_Parallel):
-    """Ticks all children. Fails when one fails (the others are preempted), succeeds when all have."""
+    """Ticks all children. Fails when one fails and preempts the others; succeeds when all have succeeded."""
 
     symbol = "|ff|"
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
         succeeded = self._succeeded
-        goes_on = False
+        is_running = False
         for index, child in enumerate(children):
             if succeeded and index in succeeded:
                 continue
             state: State = child.visit(visitor)
             if state is _RUNNING:
-                goes_on = True
+                is_running = True
             elif state is _FAILURE:
                 self.stopAll(children, visitor)
                 return _FAILURE
             elif state is _SUCCESS:
                 succeeded.add(index)
-        return _RUNNING if goes_on or len(succeeded) != len(children) else _SUCCESS
+        return _RUNNING if is_running or len(succeeded) != len(children) else _SUCCESS
 
 
 class ParallelFs(_Parallel):
-    """Ticks all children. Ends as soon as one ends, with its state (the others are preempted)."""
+    """Ticks all children. Ends with the state of the first child that ends and preempts the others."""
 
     symbol = "|fs|"
 
@@ -178,7 +178,7 @@ class ParallelFs(_Parallel):
 
 
 class _Decorator(Processor):
-    """Changes the outcome of another processor."""
+    """Changes the result of another processor."""
 
     def __init__(self, processor: Any) -> None:
         self._processor = processor
@@ -194,7 +194,7 @@ class _Decorator(Processor):
 
 
 class NoFail(_Decorator):
-    """As another processor; a failure counts as Success.
+    """Runs another processor and turns its Failure into Success.
 
     :param processor: the other processor.
     """
@@ -207,10 +207,10 @@ class NoFail(_Decorator):
         return State.Success if state is State.Failure else state
 
 
-class _Again(_Decorator):
-    """Starts the children again while they end with one state, at most so often; is Running in between."""
+class _Repeat(_Decorator):
+    """Restarts the children while they end with `_repeat_on`, at most `times` times; Running in between."""
 
-    _again_on: State
+    _repeat_on: State
 
     def __init__(self, times: int, processor: Any = None) -> None:
         super().__init__(processor.fresh() if processor is not None else Sequential())
@@ -223,7 +223,7 @@ class _Again(_Decorator):
 
     def processChildren(self, children: Children[Any], visitor: Any) -> State:
         state: State = self._processor.processChildren(children, visitor)
-        if state is not self._again_on or (0 <= self._times <= self._done):
+        if state is not self._repeat_on or (0 <= self._times <= self._done):
             return state
         self._done += 1
         _preempt_running(children, visitor)
@@ -231,14 +231,14 @@ class _Again(_Decorator):
         return _RUNNING
 
 
-class RetryOnFail(_Again):
-    """As another processor; after a failure it starts again from the first child, and is Running in between.
+class RetryOnFail(_Repeat):
+    """Runs another processor; after a failure it restarts at the first child and is Running in between.
 
-    :param max_retries: how often; -1: without limit.
+    :param max_retries: maximum number of restarts; -1: unlimited.
     :param processor: the other processor; None: `Sequential`.
     """
 
-    _again_on = _FAILURE
+    _repeat_on = _FAILURE
 
     def __init__(self, max_retries: int = -1, processor: Any = None) -> None:
         super().__init__(max_retries, processor)
@@ -248,17 +248,17 @@ class RetryOnFail(_Again):
         return f"retry({self._times}{inside})"
 
 
-class Loop(_Again):
-    """As another processor; after a success it starts again from the first child, and is Running in between.
+class Loop(_Repeat):
+    """Runs another processor; after a success it restarts at the first child and is Running in between.
 
-    It fails as soon as the other processor does.
+    Fails as soon as the other processor does.
 
-    :param times: how often the children run, the first time included; -1: without limit.
+    :param times: how often the children run, including the first time; -1: unlimited.
     :param processor: the other processor; None: `Sequential`.
-    :raises WrongValue: the number is neither positive nor -1.
+    :raises WrongValue: `times` is neither positive nor -1.
     """
 
-    _again_on = _SUCCESS
+    _repeat_on = _SUCCESS
 
     def __init__(self, times: int = -1, processor: Any = None) -> None:
         if times < 1 and times != -1:

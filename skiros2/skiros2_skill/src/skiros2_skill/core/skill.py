@@ -3,10 +3,7 @@
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.compound import SkillBase
-from skiros2_skill.core.groups import Root, Skill
-from skiros2_skill.core.node import SkillInterface
-from skiros2_skill.core.preemption import SkillPreempted
+from skiros2_skill.core.engine.hooks import SkillPreempted
 from skiros2_skill.core.processors import (
     Loop,
     NoFail,
@@ -20,7 +17,10 @@ from skiros2_skill.core.processors import (
     Serial,
     SerialStar,
 )
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.tree.compound import SkillBase
+from skiros2_skill.core.tree.groups import Root, Skill
+from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 
 __all__ = [
     "Element",

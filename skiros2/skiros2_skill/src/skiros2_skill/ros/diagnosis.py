@@ -1,4 +1,4 @@
-"""The services of a manager for those who look at its tasks: `~tasks`, `~why`, `~inspect` and `~breakpoint`."""
+"""The diagnosis services of a manager: `~tasks`, `~why`, `~inspect` and `~breakpoint`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import rospy
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.authors import name_authors
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.history import History
-from skiros2_skill.core.inspection import inspect
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.diagnosis.authors import add_authors
+from skiros2_skill.core.diagnosis.inspection import inspect
+from skiros2_skill.core.engine.breakpoints import Breakpoint
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import wire_text
 from skiros2_skill.ros.task_starter import explanations_json
 
@@ -29,16 +29,16 @@ _ALL = -1
 class Diagnosis:
     """Offers the services until `close`.
 
-    :param progress: the `SkillProgress` of each node of a task.
-    :param wmi: is asked who made the changes that explanations speak of, and what conditions speak of.
+    :param progress: returns the `SkillProgress` of each node of a task.
+    :param wmi: evaluates conditions, and has the authors of changes.
     """
 
-    def __init__(self, history: History, ticker: Ticker, progress: Callable[[Task], list[Any]], wmi: Any) -> None:
+    def __init__(self, history: History, scheduler: Scheduler, progress: Callable[[Task], list[Any]], wmi: Any) -> None:
         self._history = history
-        self._ticker = ticker
+        self._scheduler = scheduler
         self._progress = progress
         self._wmi = wmi
-        self._breakpoints = ticker.breakpoints
+        self._breakpoints = scheduler.breakpoints
         self._services = [
             rospy.Service("~tasks", srvs.SkillTasks, self._on_tasks),
             rospy.Service("~why", srvs.SkillWhy, self._on_why),
@@ -51,7 +51,7 @@ class Diagnosis:
             service.shutdown()
 
     def _on_tasks(self, request: Any) -> Any:
-        tasks = [task for task in self._ticker.tasks() if request.task_id in (_ALL, task.id)]
+        tasks = [task for task in self._scheduler.tasks() if request.task_id in (_ALL, task.id)]
         return srvs.SkillTasksResponse([msgs.TreeProgress(self._progress(task)) for task in tasks])
 
     def _on_why(self, request: Any) -> Any:
@@ -59,15 +59,15 @@ class Diagnosis:
             record = self._history.get(request.task_id)
         except UnknownName as error:
             return srvs.SkillWhyResponse(False, str(error), "[]")
-        name_authors(record.explanations, self._wmi)
+        add_authors(record.explanations, self._wmi)
         return srvs.SkillWhyResponse(True, wire_text(str(record)), explanations_json(record.explanations))
 
     def _on_inspect(self, request: Any) -> Any:
         try:
-            now = inspect(self._ticker.get(request.task_id), request.node_id, self._wmi)
+            status = inspect(self._scheduler.get(request.task_id), request.node_id, self._wmi)
         except UnknownName as error:
             return srvs.SkillInspectionResponse(False, str(error), "")
-        return srvs.SkillInspectionResponse(True, "", json.dumps(now.to_dict()))
+        return srvs.SkillInspectionResponse(True, "", json.dumps(status.to_dict()))
 
     def _on_breakpoint(self, request: Any) -> Any:
         commands = {request.ADD: self._add, request.REMOVE: self._remove, request.LIST: lambda _: 0}

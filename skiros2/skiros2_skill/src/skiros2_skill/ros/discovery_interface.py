@@ -1,4 +1,4 @@
-"""How nodes of a kind find each other: one topic asks, on the other each names itself."""
+"""Discovery of nodes: one topic carries requests, the other the names of the nodes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from skiros2_common.ros.master_watch import watch_master
 
 log = logging.getLogger(__name__)
 
-#: A node unseen for this many discovery periods counts as down.
+#: A node that has not answered for this many discovery periods counts as down.
 PERIODS_UNTIL_DOWN = 2
 
 
 class DiscoverableNode:
-    """A node that names itself, at the start and whenever somebody asks."""
+    """A node that publishes its name at the start and on every request."""
 
     def init_discovery(self, namespace: str, node_id: str) -> None:
-        """Starts to answer.
+        """Starts answering requests.
 
-        :param namespace: of the two topics, such as `/skill_managers`; the slash may be left out.
-        :param node_id: the name to give.
+        :param namespace: of the two topics, such as `/skill_managers`; the slash may be omitted.
+        :param node_id: the name to publish.
         """
         namespace = _absolute(namespace)
         self._description_pub = rospy.Publisher(f"{namespace}/description", String, queue_size=10, latch=True)
@@ -36,13 +36,13 @@ class DiscoverableNode:
         )
 
     def stop_discovery(self) -> None:
-        """No more answers."""
+        """Stops answering requests."""
         self._discovery_sub.unregister()
         self._description_pub.unregister()
 
 
 class DiscoveryInterface:
-    """Follows which nodes are there."""
+    """Tracks which nodes are up."""
 
     def init_discovery(
         self,
@@ -51,39 +51,39 @@ class DiscoveryInterface:
         on_inactive: Callable[[str], Any],
         discovery_period: Any = rospy.Duration(1),  # noqa: B008 - the contract's default
     ) -> None:
-        """Starts to follow. The callbacks are called from ROS's threads, one at a time.
+        """Starts discovery. The callbacks are called one at a time, in threads of ROS.
 
-        :param namespace: of the two topics, such as `/skill_managers`; the slash may be left out.
+        :param namespace: of the two topics, such as `/skill_managers`; the slash may be omitted.
         :param on_active: called with the name of a node that has come up.
-        :param on_inactive: called with the name of one that has gone.
-        :param discovery_period: how often to ask.
+        :param on_inactive: called with the name of a node that has gone down.
+        :param discovery_period: between requests.
         """
         watch_master()
         self._on_active, self._on_inactive = on_active, on_inactive
-        self._seen: dict[str, float] = {}  # when, in wall time: simulated time may stand still, or run fast
-        self._lives: dict[str, Any] = {}  # by name, the header of the connection to it: another life has another
+        self._seen: dict[str, float] = {}  # of the last answer (s, monotonic; simulated time may stand still)
+        self._connections: dict[str, Any] = {}  # connection header by name: a restarted node has a new one
         self._discovery_lock = threading.RLock()
         self._down_after = PERIODS_UNTIL_DOWN * discovery_period.to_sec()
         namespace = _absolute(namespace)
-        self._ask_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
+        self._request_pub = rospy.Publisher(f"{namespace}/discovery", Empty, queue_size=10)
         self._names_sub = rospy.Subscriber(f"{namespace}/description", String, self._on_name)
         self._discovery_ended = threading.Event()
-        self._ask()
+        self._request()
         period = discovery_period.to_sec()
-        threading.Thread(target=self._ask_again, args=(period,), name="discovery", daemon=True).start()
+        threading.Thread(target=self._request_periodically, args=(period,), name="discovery", daemon=True).start()
 
     def stop_discovery(self) -> None:
-        """Follows no more."""
+        """Stops discovery."""
         self._discovery_ended.set()
         self._names_sub.unregister()
-        self._ask_pub.unregister()
+        self._request_pub.unregister()
 
     def _on_name(self, message: Any) -> None:
         name, header = message.data, message._connection_header
         with self._discovery_lock:
             if header["callerid"] == name:
-                before = self._lives.get(name)
-                self._lives[name] = header
+                before = self._connections.get(name)
+                self._connections[name] = header
                 if name in self._seen and before is not None and before is not header:
                     self._drop(name)
             new = name not in self._seen
@@ -95,21 +95,21 @@ class DiscoveryInterface:
         del self._seen[name]
         self._on_inactive(name)
 
-    def _ask_again(self, period: float) -> None:
+    def _request_periodically(self, period: float) -> None:
         while not self._discovery_ended.wait(period) and not rospy.is_shutdown():
             try:
-                self._ask()
-            except rospy.ROSException as error:  # the topic was closed meanwhile
+                self._request()
+            except rospy.ROSException as error:  # the publisher was unregistered meanwhile
                 log.debug("discovery has ended: %s", error)
                 return
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         now = time.monotonic()
         with self._discovery_lock:
             for name, seen in list(self._seen.items()):
                 if now - seen > self._down_after:
                     self._drop(name)
-        self._ask_pub.publish()
+        self._request_pub.publish()
 
 
 def _absolute(namespace: str) -> str:

@@ -1,4 +1,4 @@
-"""The action `~execute`: each goal is a task of its own."""
+"""The action `~execute`: each goal is a task."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skiros2_common.core.errors import Refused, UnknownName
 from skiros2_common.core.params import Param
 from skiros2_common.ros.goal_server import GoalServer
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.history import Record, record_of
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.runtime.history import Record, record_of
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.progress import WIRE_STATES, param_messages, wire_code, wire_text
-from skiros2_skill.ros.skill_run import MOST_AT_ONCE
+from skiros2_skill.ros.skill_run import QUEUE_SIZE
 from skiros2_skill.ros.task_starter import TaskRefused, TaskStarter, explanations_json
 
 log = logging.getLogger(__name__)
@@ -26,52 +26,51 @@ log = logging.getLogger(__name__)
 @dataclass
 class _Goal:
     """
-    :param told: how often the task had changed when feedback was given last.
+    :param revision: of the task at the last feedback.
     """
 
     handle: Any
-    told: int = -1
+    revision: int = -1
 
 
 class ExecuteAction(GoalServer):
-    """Runs goals as tasks, any number side by side, and cancels each by itself.
+    """Runs any number of goals in parallel, each as a task that can be cancelled separately.
 
-    A client that disappears leaves its task running: it is there to be seen on `~monitor` and to be preempted.
+    The task of a client that disappears keeps running: it is published on `~monitor` and can be preempted.
+    Call `close` after all tasks have ended.
 
-    `close` is for when the tasks have ended.
-
-    :param starter: makes the tasks.
-    :param ticker: runs them.
+    :param starter: creates the tasks.
+    :param scheduler: ticks them.
     """
 
-    def __init__(self, starter: TaskStarter, ticker: Ticker) -> None:
-        super().__init__("~execute", msgs.ExecuteSkillsAction, MOST_AT_ONCE)
+    def __init__(self, starter: TaskStarter, scheduler: Scheduler) -> None:
+        super().__init__("~execute", msgs.ExecuteSkillsAction, QUEUE_SIZE)
         self._starter = starter
-        self._ticker = ticker
+        self._scheduler = scheduler
         self._lock = threading.Lock()  # never held in a call of actionlib
-        self._goals: dict[int, _Goal] = {}  # by the id of the task
+        self._goals: dict[int, _Goal] = {}  # by task id
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         with self._lock:
-            left, self._goals = self._goals, {}
-        return [goal.handle for goal in left.values()]
+            goals, self._goals = self._goals, {}
+        return [goal.handle for goal in goals.values()]
 
     # -- progress, in the ticking threads ----------------------------------------------------------------------
 
-    def wants(self, task: Task) -> bool:
-        """Whether somebody is to be told how a task goes on."""
+    def needs_feedback(self, task: Task) -> bool:
+        """Whether feedback on a task is to be published."""
         goal = self._goal(task)
-        return goal is not None and goal.told != task.changes and self.is_listened_to
+        return goal is not None and goal.revision != task.revision and self.has_subscribers
 
-    def tell(self, task: Task, progress: Sequence[Any]) -> None:
-        """Gives feedback to the client of a task, if it has one and something has changed."""
+    def publish_feedback(self, task: Task, progress: Sequence[Any]) -> None:
+        """Publishes feedback on a task, if it is a goal and has changed."""
         goal = self._goal(task)
-        if progress and goal is not None and goal.told != task.changes:
-            goal.told = task.changes
+        if progress and goal is not None and goal.revision != task.revision:
+            goal.revision = task.revision
             goal.handle.publish_feedback(msgs.ExecuteSkillsFeedback(task.id, progress))
 
     def end(self, task: Task, record: Record) -> None:
-        """Answers the client of a task that has ended, if it has one."""
+        """Publishes the result of an ended task, if it is a goal."""
         with self._lock:
             goal = self._goals.pop(task.id, None)
         if goal is None:
@@ -104,10 +103,10 @@ class ExecuteAction(GoalServer):
             self._goals[task.id] = _Goal(handle)
         log.info("execute by %s: task %s", goal.author or "unknown", task.id)
         try:
-            self._ticker.start(task.id)
+            self._scheduler.start(task.id)
         except Refused:
             log.debug("task %s runs already", task.id)
-        except UnknownName:  # all tasks were preempted just now
+        except UnknownName:  # all tasks have just been preempted
             self.end(task, record_of(task))
 
     def _cancel(self, handle: Any) -> None:
@@ -115,7 +114,7 @@ class ExecuteAction(GoalServer):
             ids = [task_id for task_id, goal in self._goals.items() if goal.handle == handle]
         for task_id in ids:
             try:
-                self._ticker.preempt(task_id)
+                self._scheduler.preempt(task_id)
             except UnknownName:
                 log.debug("task %s has ended already", task_id)
             else:
@@ -123,7 +122,7 @@ class ExecuteAction(GoalServer):
 
 
 def _outputs(task: Task) -> dict[str, Param]:
-    """The task's blackboard and, where it has no value, the parameters of the skills that ran."""
+    """The parameters on the blackboard of a task and, where these have no value, those of its skills."""
     params: dict[str, Param] = {}
     for node in task.root.children:
         if node.state is not State.Idle:

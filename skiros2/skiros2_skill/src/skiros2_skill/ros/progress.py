@@ -1,4 +1,4 @@
-"""What is told of the tasks of a manager while they run."""
+"""Publishes the progress of tasks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
-from skiros2_skill.core.task import NodeProgress, Task
+from skiros2_skill.core.runtime.task import NodeProgress, Task
 
 log = logging.getLogger(__name__)
 
@@ -27,8 +27,8 @@ WIRE_STATES = {
 }
 
 
-class _Written(msgs.TreeProgress):  # type: ignore[misc]
-    """A message that is written once, however often it is published."""
+class _SerializedOnce(msgs.TreeProgress):  # type: ignore[misc]
+    """A message that is serialized once, however often it is published."""
 
     def __init__(self, progress: list[Any]) -> None:
         super().__init__(progress)
@@ -44,31 +44,31 @@ class _Written(msgs.TreeProgress):  # type: ignore[misc]
 
 
 class ProgressPublisher:
-    """Publishes on `~monitor`. One thread at a time for each task.
+    """Publishes progress on `~monitor`. One thread at a time per task.
 
-    Nothing is made for nobody, and while nothing changes the last message is published again as it was written.
+    Messages are only created for subscribers; an unchanged message is not serialized again.
     """
 
     def __init__(self) -> None:
         self._robot = rospy.get_name()
         self._publisher = rospy.Publisher("~monitor", msgs.TreeProgress, queue_size=1000)  # many tasks may end at once
-        self._told: dict[int, tuple[int, Any]] = {}
-        #: Whether the parameters travel too.
+        self._messages: dict[int, tuple[int, Any]] = {}  # revision and message by task id
+        #: Whether messages include the parameters.
         self.with_params = False
 
-    def tell(self, task: Task, wanted: bool = False) -> list[Any]:
+    def publish(self, task: Task, needed: bool = False) -> list[Any]:
         """Publishes the progress of a task.
 
-        :param wanted: whether it is also wanted by others than the subscribers.
-        :returns: the `SkillProgress` of each node, each before its children; none when nobody wants it.
+        :param needed: whether the caller needs the result even without subscribers.
+        :returns: the `SkillProgress` of each node, parents before children; [] when nobody needs it.
         """
-        is_heard = self._publisher.get_num_connections() > 0
-        message = self._message(task) if is_heard or wanted else None
+        has_subscribers = self._publisher.get_num_connections() > 0
+        message = self._message(task) if has_subscribers or needed else None
         if task.ended.is_set():
-            self._told.pop(task.id, None)
+            self._messages.pop(task.id, None)
         if message is None:
             return []
-        if is_heard:
+        if has_subscribers:
             self._publisher.publish(message)
         progress: list[Any] = message.progress
         return progress
@@ -77,14 +77,14 @@ class ProgressPublisher:
         self._publisher.unregister()
 
     def _message(self, task: Task) -> Any:
-        changes, message = self._told.get(task.id, (-1, None))
-        if changes != task.changes or self.with_params:
-            message = _Written(self.nodes(task))
-            self._told[task.id] = (task.changes, message)
+        revision, message = self._messages.get(task.id, (-1, None))
+        if revision != task.revision or self.with_params:
+            message = _SerializedOnce(self.nodes(task))
+            self._messages[task.id] = (task.revision, message)
         return message
 
     def nodes(self, task: Task) -> list[Any]:
-        """The `SkillProgress` of each node as it is now, each before its children. Any thread."""
+        """The present `SkillProgress` of each node, parents before children. Any thread."""
         return [self._node(task.id, node) for node in task.progress()]
 
     def _node(self, task_id: int, node: NodeProgress) -> Any:
@@ -107,21 +107,21 @@ class ProgressPublisher:
 
 
 def wire_text(text: str) -> str:
-    """The text as messages can hold it."""
+    """Replaces characters that messages cannot hold."""
     return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
 
 
 def wire_code(code: int) -> int:
-    """The progress code as an int16."""
+    """Clips a progress code to int16."""
     return max(-32768, min(code, 32767))
 
 
 def param_messages(params: Mapping[str, Param]) -> list[Any]:
-    """The parameters as messages, without those whose values JSON cannot hold: skills may have any."""
-    made = []
+    """Converts parameters to messages; those with values that have no JSON form are left out."""
+    messages = []
     for param in params.values():
         try:
-            made.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
+            messages.append(msgs.Param(json.dumps(param, cls=utils.ParamsEncoder)))
         except (SkirosError, TypeError, ValueError, RecursionError) as error:
-            log.debug("parameter %r does not travel: %s", param.key, error)
-    return made
+            log.debug("parameter %r has no JSON form: %s", param.key, error)
+    return messages

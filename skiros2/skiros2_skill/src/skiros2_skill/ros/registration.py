@@ -1,4 +1,4 @@
-"""The robot of a skill manager and its skills, as the world model has them."""
+"""Registers the robot of a skill manager and its skills in the world model."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, SkillDescription
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.devices import DEVICE_HOLDER, free_former_devices
-from skiros2_skill.core.library import Implementation
+from skiros2_skill.core.engine.devices import DEVICE_HOLDER, release_stale_devices
+from skiros2_skill.core.library.library import Implementation
 from skiros2_skill.core.manager_names import SKILL_MGR, bare_name, runs_on
-from skiros2_world_model.core.wills import Bequest
+from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)
 
@@ -25,9 +25,8 @@ SKILL_CHILDREN = ["skiros:hasParam", "skiros:hasPreCondition", "skiros:hasHoldCo
 
 
 class Registration:
-    """Keeps the world model's picture of one manager: its robot, and its skills under `skiros:hasSkill`.
+    """Registers one manager: its robot, and its skills under `skiros:hasSkill`.
 
-    :param wmi: the world model.
     :param robot_name: the manager's name without slash; with the prefix, the label of the robot's template.
     :param manager: the manager's node name, with its slash.
     """
@@ -37,41 +36,41 @@ class Registration:
         self._label = f"{prefix or DEFAULT_PREFIX}:{robot_name}"
         self._manager = manager
         self.robot_id = ""
-        self._skills: dict[str, tuple[str, str]] | None = None  # all that were added: class and label by id
+        self._skills: dict[str, tuple[str, str]] | None = None  # registered skills: class and label by id
 
     @property
     def robot(self) -> Element:
-        """The robot as it is now."""
+        """The element of the robot in its present state."""
         found: Element = self._wmi.get_element(self.robot_id)
         return found
 
-    def enter(self, implementations: Iterable[Implementation]) -> bool:
-        """Enters robot and skills where the world model has not got them, or not any more. Returns whether it had not.
+    def register(self, implementations: Iterable[Implementation]) -> bool:
+        """Registers robot and skills if the world model does not have them. Returns whether it did.
 
-        Before that it leaves what is to be done when the manager is gone; what a former life of it has left is done.
+        Also leaves the last will of the manager, and releases devices that a former process has left locked.
 
-        :raises ConfigurationError: the robot cannot be found or made.
+        :raises ConfigurationError: the robot can be neither found nor instantiated.
         :raises WmException: the world model refuses, or does not answer.
         """
-        self._wmi.leave_will(self._will())
+        self._wmi.set_last_will(self._will())
         self._wmi.catch_up()
-        if self.stands():
+        if self.is_registered():
             return False
-        free_former_devices(self._wmi)
+        release_stale_devices(self._wmi)
         self.register_robot()
         self.register_skills(implementations)
         return True
 
-    def leave(self) -> None:
-        """Takes the skills away, and with them the last will.
+    def unregister(self) -> None:
+        """Removes the skills and the last will.
 
-        :raises WmException: the world model refuses, or does not answer; the will stands then.
+        :raises WmException: the world model refuses, or does not answer; it executes the last will then.
         """
         self.remove_skills()
-        self._wmi.leave_will([])
+        self._wmi.set_last_will([])
 
     def register_robot(self) -> None:
-        """Finds the robot in the scene, or makes it from its template, and places it.
+        """Finds the robot in the scene or instantiates its template, and places it at its start location.
 
         :raises ConfigurationError: the scene has no such robot and the ontology no such template.
         """
@@ -85,7 +84,7 @@ class Registration:
         self._place()
 
     def register_skills(self, implementations: Iterable[Implementation]) -> None:
-        """Adds the skills in the place of what an earlier life of the manager left."""
+        """Registers the skills; those of a former process are replaced."""
         self.remove_skills()
         self._skills = None
         added = {}
@@ -93,14 +92,14 @@ class Registration:
             self._declare_classes(implementation)
             element = implementation.declared.toElement()
             element.setProperty("skiros:PythonModule", implementation.module)
-            element.setProperty("rdfs:comment", _first_sentences(type(implementation.declared._description)))
+            element.setProperty("rdfs:comment", _purpose(type(implementation.declared._description)))
             element.addRelation(self.robot_id, "skiros:hasSkill", "-1")
             self._wmi.add_element(element)
             added[element.id] = (element.type, element.label)
         self._skills = added
 
-    def stands(self) -> bool:
-        """Whether the world model has the robot, as this manager's, with all the skills that were added."""
+    def is_registered(self) -> bool:
+        """Whether the world model has the robot with this manager and all registered skills."""
         robot = self._wmi.find_element(self.robot_id)
         if robot is None or not runs_on(robot, self._manager):
             return False
@@ -109,23 +108,23 @@ class Registration:
         return {e.id: (e.type, e.label) for e in found if e is not None} == self._skills
 
     def remove_skills(self) -> None:
-        """Takes away all skills of the robot, with their parameters and conditions."""
+        """Removes all skills of the robot, with their parameters and conditions."""
         for relation in self._wmi.get_relations(self.robot_id, "skiros:hasSkill", ""):
             skill = self._wmi.find_element(relation["dst"])
-            if skill is not None:  # else the last will of an earlier life has just taken it
+            if skill is not None:  # else the last will of a former process has just removed it
                 self._wmi.remove_element(skill, True, "skiros:skillProperty")
 
-    def _will(self) -> list[Bequest]:
-        """What is to be done when the manager is gone: its skills go, its devices are free."""
+    def _will(self) -> list[CleanupAction]:
+        """The last will: removes the skills and releases the devices of the manager."""
         free = {
             DEVICE_STATE: Property(DEVICE_STATE, DEVICE_IDLE),
             DEVICE_HOLDER: Property(DEVICE_HOLDER, str),
         }
         return [
-            Bequest(DEVICE_HOLDER, self._manager, properties=free),
+            CleanupAction(DEVICE_HOLDER, self._manager, properties=free),
             *(
-                Bequest(SKILL_MGR, name, "skiros:hasSkill", "skiros:skillProperty")
-                for name in (bare_name(self._manager), self._manager)  # scenes hold both
+                CleanupAction(SKILL_MGR, name, "skiros:hasSkill", "skiros:skillProperty")
+                for name in (bare_name(self._manager), self._manager)  # scenes have both forms
             ),
         ]
 
@@ -141,7 +140,7 @@ class Registration:
         return robot
 
     def _place(self) -> None:
-        """Puts a robot that is nowhere at its start location, which is made from its template where needed."""
+        """Places a robot without location at its start location, which is instantiated if needed."""
         if self._wmi.get_relations(self.robot_id, "skiros:at", ""):
             return
         for start in self._wmi.get_relations(self.robot_id, "skiros:hasStartLocation", ""):
@@ -149,10 +148,10 @@ class Registration:
             if location is not None:
                 self._wmi.set_relation(self.robot_id, "skiros:at", location, True)
                 return
-        log.info("%s has no start location; it is placed nowhere", self.robot_id)
+        log.info("%s has no start location and is not placed", self.robot_id)
 
     def _location(self, name: str) -> str | None:
-        """The id of the scene's element for a start location: an id, or a template."""
+        """The id of the element of a start location, which is given by id or template; None when it cannot be found."""
         if self._wmi.find_element(name) is not None:
             return name
         found = self._wmi.resolve_elements(Element("sumo:Object", name))
@@ -166,7 +165,7 @@ class Registration:
             return None
 
     def _declare_classes(self, implementation: Implementation) -> None:
-        """Declares `skiros:Skill` > package > modules > type, where the ontology does not know the type."""
+        """Adds the classes `skiros:Skill` > package > modules > type to the ontology."""
         description = implementation.declared._description
         parent = "skiros:Skill"
         for part in type(description).__module__.split("."):
@@ -177,10 +176,10 @@ class Registration:
         self._wmi.add_class(implementation.type, parent)
 
 
-def _first_sentences(described: type) -> str:
-    """The first paragraph of what a class says of itself, on one line; not what its bases say."""
-    said = described.__doc__ if described is not SkillDescription else ""
-    return " ".join(inspect.cleandoc(said or "").partition("\n\n")[0].split())
+def _purpose(described: type) -> str:
+    """The first paragraph of the class's own docstring, on one line."""
+    doc = described.__doc__ if described is not SkillDescription else ""
+    return " ".join(inspect.cleandoc(doc or "").partition("\n\n")[0].split())
 
 
 def _camel_case(name: str) -> str:

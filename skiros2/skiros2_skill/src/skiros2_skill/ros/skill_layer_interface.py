@@ -15,9 +15,9 @@ NAMESPACE = "/skill_managers"
 
 
 class SkillLayerInterface(DiscoveryInterface):
-    """Finds the skill managers that run, and gives a client of each.
+    """Discovers the running skill managers and creates a client for each.
 
-    :param author: stands in the managers' logs as who asked.
+    :param author: named in the managers' logs.
     """
 
     def __init__(self, author: str = "unknown") -> None:
@@ -35,25 +35,25 @@ class SkillLayerInterface(DiscoveryInterface):
 
     @property
     def agents(self) -> dict[str, SkillManagerInterface]:
-        """The managers that run, by node name."""
+        """The clients of the running managers, by node name."""
         with self._discovery_lock:
             return dict(self._agents)
 
     @property
     def has_changes(self) -> bool:
-        """Whether managers have come or gone since this was read last."""
+        """Whether managers have come up or gone down since the last read."""
         changed, self._changed = self._changed, False
         return changed
 
     @property
     def has_active_agents(self) -> bool:
-        """Whether a task of any manager has not ended."""
+        """Whether any manager has a task that has not ended."""
         return any(agent.tasks for agent in self.agents.values())
 
     def get_agent(self, agent: str | Element | None = None) -> SkillManagerInterface:
         """The client of a manager, by default of the first.
 
-        :param agent: the manager's node name, with its leading slash or without; or the element of its robot.
+        :param agent: the manager's node name, with or without leading slash; or the element of its robot.
         :raises UnknownName: no such manager runs.
         """
         agents = self.agents
@@ -62,18 +62,18 @@ class SkillLayerInterface(DiscoveryInterface):
         asked = manager_of(agent) if isinstance(agent, Element) else agent or ""
         name = matching_name(asked, agents)
         if not name:
-            shown = repr(agent) if isinstance(agent, Element) and not asked else asked
-            raise UnknownName(f"no skill manager {shown} runs; there are: {', '.join(agents) or 'none'}")
+            given = repr(agent) if isinstance(agent, Element) and not asked else asked
+            raise UnknownName(f"no skill manager {given} runs; there are: {', '.join(agents) or 'none'}")
         return agents[name]
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
-        """`cb` is called, in a thread of ROS, with each `TreeProgress` of each manager."""
+        """Sets the callback for each `TreeProgress` of each manager; it is called in threads of ROS."""
         self._monitor_cb = cb
         for agent in self.agents.values():
             agent.set_monitor_cb(cb)
 
     def set_debug(self, state: bool) -> None:
-        """Whether the parameters travel with the progress."""
+        """Sets whether progress messages include the parameters."""
         self._debug = state
         for agent in self.agents.values():
             agent.set_debug(state)
@@ -83,7 +83,7 @@ class SkillLayerInterface(DiscoveryInterface):
         return "\n".join(agent.print_state() for agent in self.agents.values())
 
     def shutdown(self) -> None:
-        """Follows the managers no more."""
+        """Stops discovery and closes all clients."""
         self.stop_discovery()
         for agent in self.agents.values():
             agent.shutdown()

@@ -13,11 +13,11 @@ from std_msgs.msg import Bool, Empty
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.history import History
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.reloading import reloading
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.library.reload import reloading
+from skiros2_skill.core.runtime.history import History
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.ros.diagnosis import Diagnosis
 from skiros2_skill.ros.discovery_interface import DiscoverableNode
 from skiros2_skill.ros.execute_action import ExecuteAction
@@ -25,28 +25,28 @@ from skiros2_skill.ros.progress import ProgressPublisher, param_messages
 from skiros2_skill.ros.registration import Registration
 from skiros2_skill.ros.skill_layer_interface import NAMESPACE
 from skiros2_skill.ros.task_starter import TaskStarter
-from skiros2_world_model.core.wills import author_of_will
+from skiros2_world_model.core.last_will import last_will_author
 
 log = logging.getLogger(__name__)
 
 TICK_RATE = 25.0  # per second
 PREEMPT_TIMEOUT = 10.0  # s
 
-#: How long the answers to `tick_once` and `pause` wait for the tick that is under way (s). A hook may ask itself.
-TICK_PATIENCE, PAUSE_PATIENCE = 5.0, 0.5
+#: How long `tick_once` and `pause` wait for the tick in progress (s); limited because a hook may send the command.
+TICK_TIMEOUT, PAUSE_TIMEOUT = 5.0, 0.5
 
-#: The id in a command that is for all tasks, or for a new one.
+#: The task id in a command for all tasks, or for a new one.
 ALL = -1
 
 
 class SkillManager(DiscoverableNode):
-    """Offers a robot's skills over ROS. `start` when everything is loaded, `shutdown` at the end.
+    """Offers a robot's skills over ROS. Call `start` after loading, and `shutdown` at the end.
 
     :param robot_name: the agent's name, without slash; the services are private names of the running node.
     :param prefix: ontology prefix of the robot's individual.
-    :param wmi: the world model; None makes a `WorldModelInterface` with a replica.
+    :param wmi: the world model; None creates a `WorldModelInterface` with a replica.
     :param tick_rate: ticks per second.
-    :param preempt_timeout: s that a task has to end once it is preempted; see `Ticker`.
+    :param preempt_timeout: s that a preempted task has to end; see `Scheduler`.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class SkillManager(DiscoverableNode):
         self._ready = threading.Event()
         self._registering = threading.Lock()
         self._is_over = False
-        self._ticker: Ticker | None = None
+        self._scheduler: Scheduler | None = None
         self._world_state = ""  # the last change's snapshot id
 
     @property
@@ -86,26 +86,28 @@ class SkillManager(DiscoverableNode):
         self._library.load([*primitives, *skills])
 
     def start(self) -> None:
-        """Registers the robot and its skills in the world model, and offers the services; nothing after `shutdown`.
+        """Registers the robot and its skills in the world model, and offers the services; no-op after `shutdown`.
 
-        :raises ConfigurationError: the robot cannot be found or made.
+        :raises ConfigurationError: the robot can be neither found nor instantiated.
         """
         with self._registering:
             if not self._is_over:
                 self._start()
 
     def _start(self) -> None:
-        self._registration.enter(self._library.implementations())
+        self._registration.register(self._library.implementations())
         self._wmi.add_listener(self._on_world_change)
         self._tick_pub = rospy.Publisher("~tick_rate", Empty, queue_size=20)
         self._debug_sub = rospy.Subscriber("~set_debug", Bool, self._on_debug)
         self._progress = ProgressPublisher()
-        self._ticker = ticker = Ticker(
+        self._scheduler = scheduler = Scheduler(
             self._tick_rate, self._tick_pub.publish, self._on_progress, preempt_timeout=self._preempt_timeout
         )
-        self._starter = TaskStarter(self._library, self._wmi, ticker, self._history, lambda: self._registration.robot)
-        self._diagnosis = Diagnosis(self._history, ticker, self._progress.nodes, self._wmi)
-        self._execute = ExecuteAction(self._starter, ticker)
+        self._starter = TaskStarter(
+            self._library, self._wmi, scheduler, self._history, lambda: self._registration.robot
+        )
+        self._diagnosis = Diagnosis(self._history, scheduler, self._progress.nodes, self._wmi)
+        self._execute = ExecuteAction(self._starter, scheduler)
         self._services = [
             rospy.Service("~get_skills", srvs.ResourceGetDescriptions, self._on_get_skills),
             rospy.Service("~command", srvs.SkillCommand, self._on_command),
@@ -118,27 +120,27 @@ class SkillManager(DiscoverableNode):
         log.info("%s runs robot %s with skills: %s", rospy.get_name(), self._registration.robot_id, labels)
 
     def shutdown(self) -> None:
-        """Ends all tasks, takes the skills out of the world model, and closes the services."""
+        """Preempts all tasks, removes the skills from the world model, and closes the services."""
         with self._registering:
             self._is_over = True
-        if self._ticker is None or not self._ready.is_set():
-            return  # not started, or not to the end: its last will takes it out of the world model
+        if self._scheduler is None or not self._ready.is_set():
+            return  # not fully started: the last will unregisters it
         self.stop_discovery()
         for service in self._services:
             service.shutdown()
         self._diagnosis.close()
-        self._ticker.stop()
+        self._scheduler.stop()
         self._execute.close()
         self._wmi.remove_listener(self._on_world_change)
         with self._registering:
             try:
-                self._registration.leave()
+                self._registration.unregister()
             except SkirosError as error:
                 log.info("the skills of %s stay in the world model: %s", self._registration.robot_id, error)
         self._progress.close()
         self._tick_pub.unregister()
         self._debug_sub.unregister()
-        self._ticker = None
+        self._scheduler = None
 
     # -- services ----------------------------------------------------------------------------------------------
 
@@ -162,13 +164,13 @@ class SkillManager(DiscoverableNode):
         return srvs.SkillReloadResponse(True, text)
 
     def reload(self, libraries: Sequence[str] = ()) -> list[str]:
-        """Imports libraries again, with the code that they have now, and registers their skills.
+        """Reloads libraries with their present source and registers their skills.
 
-        Tasks that run keep the old code. Nothing changes when that fails.
+        Running tasks keep the old code. A failure changes nothing.
 
-        :param libraries: of those that were loaded; those that use them are reloaded too. None: all.
-        :returns: the packages that were asked for.
-        :raises SkirosError: the new code cannot be loaded, or the world model refuses; the text says why.
+        :param libraries: loaded packages; packages that use them are reloaded too. Empty: all.
+        :returns: the requested packages.
+        :raises SkirosError: the new code cannot be loaded, or the world model refuses.
         """
         with self._registering:
             old = self._library
@@ -182,10 +184,10 @@ class SkillManager(DiscoverableNode):
         return list(libraries or old.libraries)
 
     def _on_command(self, request: Any) -> Any:
-        ticker = self._running()
+        scheduler = self._running()
         commands: dict[str, Callable[[Any], int]] = {
             request.START: self._on_start,
-            request.PREEMPT: lambda r: _for_tasks(r.execution_id, ticker.preempt, ticker.preempt_all),
+            request.PREEMPT: lambda r: _for_tasks(r.execution_id, scheduler.preempt, scheduler.preempt_all),
             request.PAUSE: self._on_pause,
             request.TICK_ONCE: lambda r: self._on_start(r, ticks=1),
         }
@@ -202,35 +204,35 @@ class SkillManager(DiscoverableNode):
         log.info("%s by %s: task %s", request.action, request.author or "unknown", task_id)
         return srvs.SkillCommandResponse(True, task_id)
 
-    def _running(self) -> Ticker:
-        assert self._ticker is not None
-        return self._ticker
+    def _running(self) -> Scheduler:
+        assert self._scheduler is not None
+        return self._scheduler
 
     def _on_start(self, request: Any, ticks: int = 0) -> int:
-        ticker = self._running()
+        scheduler = self._running()
         if request.execution_id != ALL:
-            self._look_at_world()
+            self._catch_up()
             task_id = int(request.execution_id)
         else:
             task_id = self._starter.make(request.author, request.skills).id
-        ticker.start(task_id, ticks)
-        if ticks and not ticker.wait_for_rest([task_id], TICK_PATIENCE):
-            log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_PATIENCE)
+        scheduler.start(task_id, ticks)
+        if ticks and not scheduler.wait_until_idle([task_id], TICK_TIMEOUT):
+            log.warning("task %s: its tick takes longer than %s s; it is paused after it", task_id, TICK_TIMEOUT)
         return task_id
 
     def _on_pause(self, request: Any) -> int:
-        ticker = self._running()
-        ids = [task.id for task in ticker.tasks()] if request.execution_id == ALL else [request.execution_id]
-        task_id = _for_tasks(request.execution_id, ticker.pause, ticker.pause_all)
-        ticker.wait_for_rest(ids, PAUSE_PATIENCE)
+        scheduler = self._running()
+        ids = [task.id for task in scheduler.tasks()] if request.execution_id == ALL else [request.execution_id]
+        task_id = _for_tasks(request.execution_id, scheduler.pause, scheduler.pause_all)
+        scheduler.wait_until_idle(ids, PAUSE_TIMEOUT)
         return task_id
 
-    def _look_at_world(self) -> None:
-        """The one who lets a task go on may just have changed the world for it."""
+    def _catch_up(self) -> None:
+        """Updates the world model: the client may have changed it just before resuming a task."""
         try:
             self._wmi.catch_up()
         except SkirosError as error:
-            log.warning("a task goes on though the world model does not answer: %s", error)
+            log.warning("a task is resumed though the world model does not answer: %s", error)
 
     def _on_debug(self, message: Any) -> None:
         self._progress.with_params = message.data
@@ -238,11 +240,11 @@ class SkillManager(DiscoverableNode):
     # -- progress, in the ticking threads ----------------------------------------------------------------------
 
     def _on_progress(self, task: Task) -> None:
-        # It is in the history before anybody hears of its end, and who has asked for it hears of it in any case.
+        # The record is in the history before the end is published, and the client gets its result in any case.
         record = self._history.end(task) if task.ended.is_set() else None
         try:
-            progress = self._progress.tell(task, self._execute.wants(task))
-            self._execute.tell(task, progress)
+            progress = self._progress.publish(task, self._execute.needs_feedback(task))
+            self._execute.publish_feedback(task, progress)
         finally:
             if record is not None:
                 self._execute.end(task, record)
@@ -250,10 +252,10 @@ class SkillManager(DiscoverableNode):
     # -- the world model ---------------------------------------------------------------------------------------
 
     def _on_world_change(self, change: Any) -> None:
-        if self._ticker is not None:
-            self._ticker.on_change(change)
+        if self._scheduler is not None:
+            self._scheduler.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
-        was_buried = change.author == author_of_will(rospy.get_name())  # out of reach for long, but alive
+        was_buried = change.author == last_will_author(rospy.get_name())  # out of reach for long, but alive
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
             element.id == self._registration.robot_id for element in change.elements
         )
@@ -265,17 +267,17 @@ class SkillManager(DiscoverableNode):
     def _register_again(self) -> None:
         """Registers the robot and its skills if the world model has not got them any more."""
         with self._registering:
-            if self._ticker is None:
+            if self._scheduler is None:
                 return
             try:
-                if self._registration.enter(self._library.implementations()):
+                if self._registration.register(self._library.implementations()):
                     log.info("the world model had not got %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
 
 
 def _for_tasks(execution_id: int, one: Callable[[int], None], all_tasks: Callable[[], None]) -> int:
-    """Gives a command to one task or to all. Returns the id."""
+    """Applies a command to one task or to all. Returns the id."""
     if execution_id == ALL:
         all_tasks()
     else:

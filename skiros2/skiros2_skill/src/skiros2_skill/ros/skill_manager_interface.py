@@ -1,4 +1,4 @@
-"""A client of one skill manager."""
+"""The client of one skill manager."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from skiros2_common.core.names import nearest
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.breakpoints import Breakpoint
-from skiros2_skill.core.inspection import NodeNow
+from skiros2_skill.core.diagnosis.inspection import NodeStatus
+from skiros2_skill.core.engine.breakpoints import Breakpoint
 from skiros2_skill.ros.skill_run import SkillRun, SkillRunner
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_world_model.ros.service_pool import ServicePool
@@ -28,10 +28,10 @@ log = logging.getLogger(__name__)
 
 
 class SkillManagerInterface:
-    """Starts and stops tasks of a manager and follows them. All methods may be called from any thread.
+    """Starts, stops and monitors tasks of a manager. Any thread.
 
     :param manager_name: the manager's node name.
-    :param author_name: stands in the manager's log as who asked.
+    :param author_name: named in the manager's log.
     """
 
     def __init__(self, manager_name: str, author_name: str) -> None:
@@ -40,7 +40,7 @@ class SkillManagerInterface:
         self._lock = threading.RLock()
         self._skills: dict[str, SkillHolder] = {}
         self._tasks: dict[int, Any] = {}
-        self._ended: set[int] = set()  # while the answer to a command is awaited
+        self._ended: set[int] = set()  # tasks that have ended since the last command was sent
         self._started = -1
         self._monitor_cb: Callable[[Any], None] | None = None
         self._tick_times: list[float] = []
@@ -64,12 +64,12 @@ class SkillManagerInterface:
 
     @property
     def task(self) -> int:
-        """The id of the first task of the manager that has not ended, -1 for none."""
+        """The id of the manager's first task that has not ended; -1 for none."""
         return next(iter(self.tasks), -1)
 
     @property
     def tasks(self) -> list[int]:
-        """The ids of the tasks of the manager that have not ended, those that were heard of first in front."""
+        """The ids of the manager's tasks that have not ended, the first reported ones first."""
         with self._lock:
             return list(self._tasks)
 
@@ -86,11 +86,11 @@ class SkillManagerInterface:
 
     @property
     def _skill_list(self) -> dict[str, SkillHolder]:
-        """As `skills`; windows of others read it."""
+        """Same as `skills`; other programs' windows read it."""
         return self.get_skill_list()
 
     def shutdown(self) -> None:
-        """Follows the manager no more."""
+        """Closes all connections."""
         for connection in (self._monitor_sub, self._tick_sub, self._debug_pub):
             connection.unregister()
         for service in (self._get_skills, self._command, self._why, self._inspect, self._breakpoint):
@@ -101,11 +101,11 @@ class SkillManagerInterface:
             runner.close()
 
     def print_state(self) -> str:
-        """The manager and its skills, a line each."""
+        """The manager and its skills, one per line."""
         return "\n".join([f"{self._name}:", *(f"  {s.type}-{s.name}" for s in self.skills.values())])
 
     def set_debug(self, state: bool) -> None:
-        """Whether the parameters travel with the progress."""
+        """Sets whether progress messages include the parameters."""
         self._debug_pub.publish(state)
 
     # -- skills ------------------------------------------------------------------------------------------------
@@ -113,7 +113,7 @@ class SkillManagerInterface:
     def get_skill_list(self, update: bool = False) -> dict[str, SkillHolder]:
         """The skills that the manager offers, by label. Waits until it has loaded them.
 
-        :param update: ask the manager, even when the list is known.
+        :param update: ask the manager even if the list is known.
         """
         if update or not self._skills:
             answer = self.call(self._get_skills.call, srvs.ResourceGetDescriptionsRequest())
@@ -126,9 +126,9 @@ class SkillManagerInterface:
         return self._skills
 
     def get_skill(self, name: str) -> SkillHolder:
-        """The skill with that label, with parameters that may be set and sent.
+        """A skill by label, with parameters that can be set.
 
-        :raises UnknownName: the manager has none.
+        :raises UnknownName: the manager has no such skill.
         """
         found = self.get_skill_list().get(name) or self.get_skill_list(update=True).get(name)
         if found is None:
@@ -145,9 +145,9 @@ class SkillManagerInterface:
         skill_list: Sequence[SkillHolder] | None = None,
         action: str = srvs.SkillCommandRequest().START,
     ) -> int:
-        """Sends a command. Returns the task's id, or -1 when the manager refuses; `last_error` tells why.
+        """Sends a command. Returns the task id; -1 when the manager refuses, with the reason in `last_error`.
 
-        :param execution_id: the task; -1 with `start` is a new one that runs the skills one after the other.
+        :param execution_id: the task; -1 with `start` creates a task that runs the skills in sequence.
         :param skill_list: the skills of a new task.
         """
         request = srvs.SkillCommandRequest(
@@ -170,26 +170,26 @@ class SkillManagerInterface:
         return task_id
 
     def tick_once(self, execution_id: int = -1, skill_list: Sequence[SkillHolder] | None = None) -> int:
-        """Ticks a task once and pauses it; with skills, a new one."""
+        """Ticks a task once and pauses it; with skills, a new task."""
         return self.execute(execution_id, skill_list, srvs.SkillCommandRequest.TICK_ONCE)
 
     def preempt_one(self, execution_id: int | None = None) -> bool:
-        """Ends a task, by default the one that this client has started last, or else the first that runs.
+        """Preempts a task, by default the last one started by this client, else the first running one.
 
-        :returns: False when no task is known, or the manager refuses; `last_error` tells why.
+        :returns: False when there is no task or the manager refuses; `last_error` has the reason.
         """
         return self._to_one(execution_id, srvs.SkillCommandRequest.PREEMPT)
 
     def preempt_all(self) -> bool:
-        """Ends all tasks. False when the manager refuses."""
+        """Preempts all tasks. Returns False when the manager refuses."""
         return self._send(-1, srvs.SkillCommandRequest.PREEMPT)
 
     def pause_one(self, execution_id: int | None = None) -> bool:
-        """Pauses a task; as `preempt_one`."""
+        """Pauses a task; arguments and result as in `preempt_one`."""
         return self._to_one(execution_id, srvs.SkillCommandRequest.PAUSE)
 
     def pause_all(self) -> bool:
-        """Pauses all tasks. False when the manager refuses."""
+        """Pauses all tasks. Returns False when the manager refuses."""
         return self._send(-1, srvs.SkillCommandRequest.PAUSE)
 
     def _to_one(self, execution_id: int | None, action: str) -> bool:
@@ -208,7 +208,7 @@ class SkillManagerInterface:
         return answer is not None and bool(answer.ok)
 
     def call(self, service: Any, msg: Any) -> Any:
-        """Calls a service of the manager. None when it does not answer or refuses; the reason is logged."""
+        """Calls a service of the manager. Returns None when it does not answer or refuses; the reason is logged."""
         try:
             return service(msg)
         except (rospy.ServiceException, SkirosError) as error:
@@ -219,7 +219,7 @@ class SkillManagerInterface:
     # -- running, and why it failed ----------------------------------------------------------------------------
 
     def run(self, skill_list: Sequence[SkillHolder], monitor_cb: Callable[[Any], None] | None = None) -> SkillRun:
-        """Sends skills to run one after the other, as a task of their own. Returns what follows and cancels them.
+        """Runs skills in sequence as a new task. Returns a handle to wait for or cancel it.
 
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
         :raises TimedOut: the manager does not answer within 5 s.
@@ -231,36 +231,36 @@ class SkillManagerInterface:
         return runner.run(self._author, [skill.toMsg() for skill in skill_list], monitor_cb)
 
     def why(self, task_id: int = -1) -> str:
-        """Why a task, or nodes in it, failed: for people, in several lines.
+        """Why a task or its nodes failed, for people, on several lines.
 
-        :param task_id: -1: the task that failed or was refused last.
+        :param task_id: -1: the last task that failed or was refused.
         :raises SkirosError: the manager knows no such task, or does not answer.
         """
-        return str(self._ask_why(task_id).text)
+        return str(self._call_why(task_id).text)
 
     def explanations(self, task_id: int = -1) -> list[Explanation]:
-        """Likewise, as data: why nodes failed, the one that failed last at the end."""
-        return [Explanation.from_dict(data) for data in json.loads(self._ask_why(task_id).json)]
+        """Same as `why`, as data: one explanation per failure, the last one at the end."""
+        return [Explanation.from_dict(data) for data in json.loads(self._call_why(task_id).json)]
 
-    def _ask_why(self, task_id: int) -> Any:
+    def _call_why(self, task_id: int) -> Any:
         answer = self._why.call(srvs.SkillWhyRequest(task_id))
         if not answer.ok:
             raise UnknownName(f"{self._name}: {answer.text}")
         return answer
 
-    def inspect(self, task_id: int, node_id: int) -> NodeNow:
-        """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
+        """Inspects a node of a task that has not ended: its parameters, and whether its conditions hold.
 
-        :param node_id: as `SkillProgress` has it.
+        :param node_id: from `SkillProgress`.
         :raises SkirosError: the manager knows no such task or node, or does not answer.
         """
         answer = self._inspect.call(srvs.SkillInspectionRequest(task_id, node_id))
         if not answer.ok:
             raise UnknownName(f"{self._name}: {answer.text}")
-        return NodeNow.from_json(answer.json)
+        return NodeStatus.from_json(answer.json)
 
     def set_breakpoint(self, kind: str, pattern: str, when: str = "") -> int:
-        """Makes tasks pause; see `skiros2_skill.core.breakpoints`. Returns the number of the breakpoint.
+        """Adds a breakpoint; see `skiros2_skill.core.engine.breakpoints.Breakpoint`. Returns its number.
 
         :raises SkirosError: the manager refuses, or does not answer.
         """
@@ -268,7 +268,7 @@ class SkillManagerInterface:
         return int(self._breakpoint.call(request, repeatable=False).number)
 
     def remove_breakpoint(self, number: int = -1) -> None:
-        """Takes a breakpoint away.
+        """Removes a breakpoint.
 
         :param number: -1: all.
         :raises SkirosError: the manager refuses, or does not answer.
@@ -284,14 +284,14 @@ class SkillManagerInterface:
         answer = self._breakpoint.call(srvs.SkillBreakpointRequest(action=srvs.SkillBreakpointRequest.LIST))
         return {b["number"]: Breakpoint(b["kind"], b["pattern"], b["when"]) for b in json.loads(answer.json)}
 
-    # -- following ---------------------------------------------------------------------------------------------
+    # -- monitoring --------------------------------------------------------------------------------------------
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
-        """`cb` is called, in a thread of ROS, with each `TreeProgress` of the manager."""
+        """Sets the callback for each `TreeProgress` of the manager; it is called in a thread of ROS."""
         self._monitor_cb = cb
 
     def get_tick_rate(self) -> float:
-        """Ticks per second since the last reset, over the last hundred at most; 0.0 when there were none."""
+        """Ticks per second since the last reset, averaged over at most the last 100; 0.0 when there were none."""
         with self._lock:
             times = self._tick_times[-100:]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Skills that a client has asked a manager to run, as goals of its action."""
+"""The client of a manager's action `execute`: each goal runs skills as a task."""
 
 from __future__ import annotations
 
@@ -17,59 +17,64 @@ from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_common.core.params import Param
 from skiros2_common.ros import utils
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_msgs import msg as msgs
 
-#: A manager that says nothing for so long counts as dead (s); it says something five times a second.
+#: A manager without a message for this time counts as dead (s); it sends five a second.
 SILENCE = 5.0
 
-#: So many goals, cancellations or results may wait to be sent.
-MOST_AT_ONCE = 10_000
+#: Queue size for goals, cancellations and results.
+QUEUE_SIZE = 10_000
 
-_POLL = 0.01  # s, while the connection is made
-_LOOK = 0.5  # s, between two looks whether the manager is alive
+_CONNECT_POLL_PERIOD = 0.01  # s
+_ALIVE_CHECK_PERIOD = 0.5  # s
 
 
 @dataclass
-class _Taken:
-    """The goal of a client that the manager has taken last: when it was sent, and taken (s, monotonic).
+class _LastAccepted:
+    """The goal of a client that the manager has accepted last: when it was sent and accepted (s, monotonic).
 
-    A manager takes goals one after the other, in the order in which they were sent: many at once may take a while.
+    A manager accepts goals in the order in which they were sent: a burst may take a while.
     """
 
     sent_at: float = 0.0
-    taken_at: float = 0.0
+    accepted_at: float = 0.0
 
 
 class SkillRun:
-    """A goal: skills that run, have run, or were refused. Any thread.
+    """A goal: skills that are running, have ended, or were refused. Any thread.
 
-    :param client: what it is sent with.
-    :param taken: shared by all goals of the client.
+    :param client: sends the goal.
+    :param monitor_cb: see `SkillRunner.run`.
+    :param last_accepted: shared by all goals of the client.
     """
 
     def __init__(
-        self, client: actionlib.ActionClient, goal: Any, monitor_cb: Callable[[Any], None] | None, taken: _Taken
+        self,
+        client: actionlib.ActionClient,
+        goal: Any,
+        monitor_cb: Callable[[Any], None] | None,
+        last_accepted: _LastAccepted,
     ) -> None:
         self._watch = ServerWatch(client)
-        self._taken = taken
+        self._last_accepted = last_accepted
         self._monitor_cb = monitor_cb
         self._ended = threading.Event()
         self._begun = threading.Event()
         self._task = -1
         self._result: Any = None
-        self._was_taken = False
+        self._was_accepted = False
         self._sent_at = time.monotonic()
         self._handle = client.send_goal(goal, self._on_transition)
 
     @property
     def goal_id(self) -> str:
-        """By which feedback speaks of it."""
+        """The id of the goal in messages."""
         return str(self._handle.comm_state_machine.action_goal.goal_id.id)
 
     @property
     def task(self) -> int:
-        """The id of the task, -1 while it is not known and when it was refused."""
+        """The id of the task; -1 before it is known, and when it was refused."""
         return self._task
 
     @property
@@ -78,21 +83,22 @@ class SkillRun:
         return self._ended.is_set()
 
     def cancel(self) -> None:
-        """Asks the manager to end these skills, and no others. Returns at once."""
+        """Requests the preemption of these skills. Returns at once."""
         self._handle.cancel()
 
     def wait(self, timeout: float | None = None) -> bool:
         """Waits for the end. Returns `done`.
 
         :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the manager is not there any more, or has not got the skills.
+        :raises TimedOut: the manager has died, or has not received the goal.
         """
         return self._wait(self._ended, timeout)
 
     def wait_for_task(self, timeout: float | None = None) -> int:
-        """Waits until the skills run. Returns the id of the task; -1 when they were refused, or in time do not run.
+        """Waits until the skills run. Returns the task id; -1 when they were refused, or after a timeout.
 
-        :raises TimedOut: the manager is not there any more, or has not got the skills.
+        :param timeout: s; None: as long as the manager lives.
+        :raises TimedOut: the manager has died, or has not received the goal.
         """
         self._wait(self._begun, timeout)
         return self._task
@@ -101,43 +107,43 @@ class SkillRun:
         """Waits for the end. Returns the `ExecuteSkillsResult`.
 
         :param timeout: s; None: as long as the manager lives.
-        :raises TimedOut: the end did not come in time, or the manager is not there any more.
+        :raises TimedOut: the skills have not ended in time, or the manager has died.
         """
         if not self.wait(timeout):
             raise TimedOut(f"{self._watch.name}: no result within {timeout:g} s")
         return self._result
 
     def succeeded(self, timeout: float | None = None) -> bool:
-        """Waits for the end. Returns whether the skills have succeeded; raises as `result`."""
+        """Waits for the end. Returns whether the skills have succeeded. Raises like `result`."""
         return bool(self.result(timeout).state == msgs.SkillProgress.SUCCESS)
 
     def params(self, timeout: float | None = None) -> dict[str, Param]:
-        """Waits for the end. Returns the parameters by key as they were then; raises as `result`."""
+        """Waits for the end. Returns the final parameters by key. Raises like `result`."""
         return utils.deserializeParamMap(self.result(timeout).params)
 
     def explanations(self, timeout: float | None = None) -> list[Explanation]:
-        """Waits for the end. Returns why nodes failed, the one that failed last at the end; raises as `result`."""
+        """Waits for the end. Returns why nodes failed, the last failure at the end. Raises like `result`."""
         return [Explanation.from_dict(data) for data in json.loads(self.result(timeout).explanation or "[]")]
 
     def _wait(self, event: threading.Event, timeout: float | None) -> bool:
-        end = None if timeout is None else time.monotonic() + timeout
+        deadline = None if timeout is None else time.monotonic() + timeout
         while True:
-            left = _LOOK if end is None else min(_LOOK, end - time.monotonic())
-            if event.wait(max(0.0, left)):
+            period = _ALIVE_CHECK_PERIOD
+            if event.wait(period if deadline is None else max(0.0, min(period, deadline - time.monotonic()))):
                 return True
-            if self._watch.silence() > SILENCE:
+            if self._watch.time_since_status() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has said nothing for {SILENCE:g} s")
-            if self._is_unknown() and self._untaken() > SILENCE:
+            if self._is_unknown() and self._unaccepted_time() > SILENCE:
                 raise TimedOut(f"{self._watch.name} has not taken the skills")
-            if self._watch.late_result(self._handle) > SILENCE:
+            if self._watch.time_without_result(self._handle) > SILENCE:
                 raise TimedOut(f"{self._watch.name}: the skills have ended, but their result was lost")
-            if end is not None and time.monotonic() >= end:
+            if deadline is not None and time.monotonic() >= deadline:
                 return False
 
-    def _untaken(self) -> float:
-        """For how long the manager could have taken the goal and has not (s)."""
-        taken = self._taken
-        turn = taken.taken_at if taken.sent_at < self._sent_at else 0.0
+    def _unaccepted_time(self) -> float:
+        """How long the manager has not accepted the goal since it was its turn (s)."""
+        last = self._last_accepted
+        turn = last.accepted_at if last.sent_at < self._sent_at else 0.0
         return time.monotonic() - max(self._sent_at, turn)
 
     def _is_unknown(self) -> bool:
@@ -146,21 +152,21 @@ class SkillRun:
     # Called by threads of ROS.
 
     def on_feedback(self, feedback: Any) -> None:
-        """Something is new; the last of it may come after the result."""
+        """Handles feedback, which may arrive after the result."""
         self._task = feedback.task_id
         self._begun.set()
         if self._monitor_cb is not None:
             self._monitor_cb(feedback)
 
     def _on_transition(self, handle: Any) -> None:
-        if not self._was_taken:
-            self._was_taken = True
-            self._taken.sent_at, self._taken.taken_at = self._sent_at, time.monotonic()
+        if not self._was_accepted:
+            self._was_accepted = True
+            self._last_accepted.sent_at, self._last_accepted.accepted_at = self._sent_at, time.monotonic()
         if handle.get_comm_state() != actionlib.CommState.DONE:
             return
         result = handle.get_result()
         if result is None:  # the goal is lost
-            text = "the manager knows nothing of these skills any more: it was started anew"
+            text = "the manager does not know these skills any more: it was restarted"
             result = msgs.ExecuteSkillsResult(self._task, msgs.SkillProgress.FAILURE, -1, text, [], "[]")
         self._result = result
         self._task = result.task_id
@@ -176,14 +182,14 @@ class SkillRunner:
 
     def __init__(self, manager_name: str) -> None:
         self._client = actionlib.ActionClient(f"{manager_name}/execute", msgs.ExecuteSkillsAction)
-        # Before anybody is connected: actionlib's own queue of 10 drops goals that are sent in a burst.
-        self._client.pub_goal.impl.set_queue_size(MOST_AT_ONCE)
-        self._client.pub_cancel.impl.set_queue_size(MOST_AT_ONCE)
+        # Set before anything connects: actionlib's default of 10 drops goals that are sent in a burst.
+        self._client.pub_goal.impl.set_queue_size(QUEUE_SIZE)
+        self._client.pub_cancel.impl.set_queue_size(QUEUE_SIZE)
         self._watch = ServerWatch(self._client)
         self._lock = threading.Lock()  # actionlib gives two threads the same goal id
-        self._taken = _Taken()
+        self._last_accepted = _LastAccepted()
         self._runs: weakref.WeakValueDictionary[str, SkillRun] = weakref.WeakValueDictionary()
-        # Beside actionlib's own, which leaves out what the result has overtaken.
+        # In addition to actionlib's own, which drops feedback that arrives after the result.
         topic = self._client.feedback_sub
         self._subscriber = rospy.Subscriber(topic.resolved_name, topic.data_class, self._on_feedback)
 
@@ -192,27 +198,27 @@ class SkillRunner:
         author: str,
         skills: Sequence[Any],
         monitor_cb: Callable[[Any], None] | None = None,
-        patience: float = 5.0,
+        connect_timeout: float = 5.0,
     ) -> SkillRun:
         """Sends a goal.
 
         :param skills: as `ResourceDescription`.
         :param monitor_cb: called, in a thread of ROS, with each `ExecuteSkillsFeedback`.
-        :param patience: s to wait for a manager that is not there.
-        :raises TimedOut: there is none.
+        :param connect_timeout: s to wait for the manager.
+        :raises TimedOut: no manager answers.
         """
-        end = time.monotonic() + patience
+        deadline = time.monotonic() + connect_timeout
         while not self._watch.is_connected():
-            if time.monotonic() > end:
-                raise TimedOut(f"{self._watch.name}: no manager answers within {patience:g} s")
-            time.sleep(_POLL)
+            if time.monotonic() > deadline:
+                raise TimedOut(f"{self._watch.name}: no manager answers within {connect_timeout:g} s")
+            time.sleep(_CONNECT_POLL_PERIOD)
         with self._lock:
-            run = SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._taken)
+            run = SkillRun(self._client, msgs.ExecuteSkillsGoal(author, list(skills)), monitor_cb, self._last_accepted)
             self._runs[run.goal_id] = run
         return run
 
     def close(self) -> None:
-        """No more goals, and no news of those that run."""
+        """Stops sending goals and receiving feedback."""
         self._client.stop()
         self._subscriber.unregister()
 

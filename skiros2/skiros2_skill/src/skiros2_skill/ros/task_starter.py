@@ -1,4 +1,4 @@
-"""From the skills in a message to a task."""
+"""Creates tasks from the skills in a message."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_common.core.explanation import START, Explanation
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamTypes
-from skiros2_common.core.property import shown
+from skiros2_common.core.property import format_value
 from skiros2_common.core.world_element import Element
 from skiros2_common.ros import utils
-from skiros2_skill.core.history import REFUSED, History, Record, one_line
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import Plain, SkillRequest, make_nodes, why_refused
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.ticker import Ticker
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.history import REFUSED, History, Record, one_line
+from skiros2_skill.core.runtime.request import JsonValues, SkillRequest, explain_refusal, make_nodes
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.runtime.task import Task
 
 log = logging.getLogger(__name__)
 
-#: The progress code of a task that was refused.
+#: The progress code of a refused task.
 REFUSED_CODE = -1
 
 
 class TaskRefused(Refused):
-    """A task that cannot be made. `record` tells why."""
+    """A task was refused; `record` has the reason."""
 
     def __init__(self, record: Record) -> None:
         super().__init__(record.message)
@@ -36,39 +36,39 @@ class TaskRefused(Refused):
 
 
 class TaskStarter:
-    """Makes the tasks of a manager. Any thread.
+    """Creates the tasks of a manager. Any thread.
 
-    :param library: what the skills are taken from; another one may take its place.
-    :param robot: called for the robot's element, which is `Robot` for skills that are given none.
+    :param library: the skill library; may be replaced later.
+    :param robot: returns the robot's element, the value of `Robot` for skills without one.
     """
 
     def __init__(
-        self, library: SkillLibrary, wmi: Any, ticker: Ticker, history: History, robot: Callable[[], Element]
+        self, library: SkillLibrary, wmi: Any, scheduler: Scheduler, history: History, robot: Callable[[], Element]
     ) -> None:
         self.library = library
         self._wmi = wmi
-        self._ticker = ticker
+        self._scheduler = scheduler
         self._history = history
         self._robot = robot
 
     def make(self, author: str, skills: Sequence[Any]) -> Task:
-        """A task that runs these skills one after the other; the ticker has it, and it is not started.
+        """Creates a task that runs skills in sequence. The scheduler has it, not started.
 
-        :param skills: as `ResourceDescription`.
-        :raises TaskRefused: it cannot be made; this is kept in the history.
+        :param skills: `ResourceDescription` messages.
+        :raises TaskRefused: the request is wrong; the history has the record.
         """
         explanation = None
         try:
             requests = [_request(skill) for skill in skills]
-            self._wmi.catch_up()  # the one who asks may just have changed the world that the request speaks of
+            self._wmi.catch_up()  # the client may have changed the world model just before
             try:
                 return self._make(author, requests)
             except SkirosError:
-                explanation = why_refused(requests, self.library, self._wmi, REFUSED_CODE)
+                explanation = explain_refusal(requests, self.library, self._wmi, REFUSED_CODE)
                 raise
         except SkirosError as error:
             text = str(error)
-        except Exception as error:  # a client has to hear of our own mistakes too
+        except Exception as error:  # report internal errors to the client too
             log.exception("a task of %s", author or "somebody")
             text = f"internal error: {type(error).__name__}: {error}"
         text = one_line(text)
@@ -81,7 +81,7 @@ class TaskStarter:
     def _make(self, author: str, requests: Sequence[SkillRequest]) -> Task:
         nodes = make_nodes(requests, self.library, self._wmi)
         robot = self._robot()
-        task = self._ticker.new_task(self._wmi, author)
+        task = self._scheduler.new_task(self._wmi, author)
         task.root.params.addParam("Robot", robot, ParamTypes.Inferred, "The manager's robot")
         task.root(*nodes)
         self._history.begin(task)
@@ -89,8 +89,8 @@ class TaskStarter:
 
 
 def _request(skill: Any) -> SkillRequest:
-    """What a `ResourceDescription` asks for. A parameter without `specType` and `type` takes them from the skill."""
-    params: dict[str, Param | Plain] = {}
+    """Converts a `ResourceDescription`. A parameter without `specType` and `type` gets them from the skill."""
+    params: dict[str, Param | JsonValues] = {}
     problems: list[SkirosError] = []
     for index, message in enumerate(skill.params):
         try:
@@ -104,21 +104,21 @@ def _request(skill: Any) -> SkillRequest:
     return SkillRequest(skill.type, skill.name, params, problems)
 
 
-def _read(text: str) -> tuple[str, Param | Plain]:
+def _read(text: str) -> tuple[str, Param | JsonValues]:
     try:
         decoded = read_json(text)
     except ValueError as error:
-        raise WrongValue(f"parameter is not JSON: {error}: {shown(text)}") from None
+        raise WrongValue(f"parameter is not JSON: {error}: {format_value(text)}") from None
     if not isinstance(decoded, dict) or not isinstance(decoded.get("key"), str):
         example = '{"key": "Duration", "values": [1.5]}'
-        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {shown(text)}")
+        raise WrongValue(f"parameter: expected a JSON object such as {example}, got {format_value(text)}")
     if "specType" in decoded and "type" in decoded:
         param = utils.decodeParam(decoded)
         return param.key, param
     if "values" not in decoded:
         raise WrongValue(f'parameter {decoded["key"]!r} has no "values"')
     values = decoded["values"]
-    return decoded["key"], Plain(values if isinstance(values, list) else [values])
+    return decoded["key"], JsonValues(values if isinstance(values, list) else [values])
 
 
 def _explanation(skills: Sequence[Any], text: str) -> Explanation:
@@ -128,5 +128,5 @@ def _explanation(skills: Sequence[Any], text: str) -> Explanation:
 
 
 def explanations_json(explanations: Iterable[Explanation]) -> str:
-    """Explanations as a JSON list."""
+    """Encodes explanations as a JSON list."""
     return json.dumps([explanation.to_dict() for explanation in explanations])

@@ -1,4 +1,4 @@
-"""Wire formats of skills, and of the tasks that the task manager makes."""
+"""Encodes skills, and the tasks of the task manager, as JSON and messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.params import Param, ParamHandler
-from skiros2_common.core.property import shown
+from skiros2_common.core.property import format_value
 from skiros2_common.ros import utils
 from skiros2_msgs import msg as msgs
 
@@ -16,13 +16,13 @@ _EXPECTED = {"manager": "a str", "type": "a str", "name": "a str", "ph": "an obj
 
 
 class SkillHolder:
-    """A skill with its parameters, for a manager to run, and the skills under it.
+    """A skill with its parameters, and its children.
 
-    :param manager: the agent's name (`/test_robot`), "" when any may run it.
+    :param manager: the agent's name (`/test_robot`); "" for any.
     :param type_in: the skill's type, or `Processor`.
     :param name: the implementation's label, or the processor's name.
     :param params_in: parameters by key.
-    :param children: the holders under it.
+    :param children: the holders of its children.
     """
 
     def __init__(
@@ -40,11 +40,11 @@ class SkillHolder:
         self.children = list(children or [])
 
     def toMsg(self) -> Any:
-        """The skill as a `ResourceDescription`."""
+        """Converts the skill to a `ResourceDescription`."""
         return msgs.ResourceDescription(self.type, self.name, utils.serializeParamMap(self.ph))
 
     def toJson(self) -> str:
-        """The skill and all under it as JSON."""
+        """Encodes the skill and its children as JSON."""
         return json.dumps(self, cls=utils.ParamsEncoder)
 
     def __str__(self) -> str:
@@ -52,7 +52,7 @@ class SkillHolder:
 
 
 def encodeSkill(encoder: Any, obj: SkillHolder) -> dict[str, Any]:
-    """The JSON form of a skill."""
+    """Encodes a skill as a JSON object."""
     return {
         "manager": obj.manager,
         "type": obj.type,
@@ -63,9 +63,9 @@ def encodeSkill(encoder: Any, obj: SkillHolder) -> dict[str, Any]:
 
 
 def decodeSkill(obj: Any) -> SkillHolder:
-    """A skill and all under it from its JSON form: the text, or the value that it holds.
+    """Decodes a skill and its children from JSON text or the decoded value.
 
-    `ph` has the parameters by key, each an object or the JSON text of one; a list of them will do.
+    `ph` has the parameters by key, or as a list; each is an object or its JSON text.
 
     :raises WrongValue: a part is missing or of a wrong type.
     :raises UnknownName: a parameter is of an unknown type.
@@ -73,10 +73,10 @@ def decodeSkill(obj: Any) -> SkillHolder:
     if isinstance(obj, str):
         return deserialize_skill(obj)
     if not isinstance(obj, dict):
-        raise WrongValue(f"skill: expected a JSON object, got {shown(obj)}")
+        raise WrongValue(f"skill: expected a JSON object, got {format_value(obj)}")
     for name, expected in (("manager", str), ("type", str), ("name", str), ("ph", (dict, list)), ("children", list)):
         if not isinstance(obj.get(name), expected):
-            raise WrongValue(f"skill: expected {name!r} to be {_EXPECTED[name]}, got {shown(obj.get(name))}")
+            raise WrongValue(f"skill: expected {name!r} to be {_EXPECTED[name]}, got {format_value(obj.get(name))}")
     given = obj["ph"].items() if isinstance(obj["ph"], dict) else ((None, encoded) for encoded in obj["ph"])
     params: dict[str, Param] = {}
     for key, encoded in given:
@@ -89,7 +89,7 @@ def decodeSkill(obj: Any) -> SkillHolder:
 
 
 def deserialize_skill(string: Any) -> SkillHolder:
-    """As `decodeSkill`."""
+    """Same as `decodeSkill`."""
     if not isinstance(string, str):
         return decodeSkill(string)
     try:
@@ -97,7 +97,7 @@ def deserialize_skill(string: Any) -> SkillHolder:
     except ValueError as error:
         raise WrongValue(f"skill is not JSON: {error}") from None
     if isinstance(decoded, str):
-        raise WrongValue(f"skill: expected a JSON object, got {shown(decoded)}")
+        raise WrongValue(f"skill: expected a JSON object, got {format_value(decoded)}")
     return decodeSkill(decoded)
 
 

@@ -12,9 +12,9 @@ from typing import Any
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.library import SkillLibrary
-from skiros2_skill.core.request import SkillRequest, make_nodes
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.library.library import SkillLibrary
+from skiros2_skill.core.runtime.request import SkillRequest, make_nodes
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.bench_task import BenchTask
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.faults import inject, refusing

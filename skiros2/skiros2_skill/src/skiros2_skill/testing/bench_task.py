@@ -8,8 +8,8 @@ from typing import Any
 
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_skill.core.task import Task
-from skiros2_skill.core.wrapper import SkillWrapper
+from skiros2_skill.core.runtime.task import Task
+from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.fake_clock import FakeClock
 from skiros2_skill.testing.trace import Seen, Trace
 

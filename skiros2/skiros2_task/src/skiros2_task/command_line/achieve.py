@@ -11,10 +11,9 @@ from typing import Any, TextIO
 
 import rosgraph
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
-from skiros2_common.command_line.frame import INTERRUPTED
+from skiros2_common.command_line.command import INTERRUPTED, OK, REFUSED, CommandResult, Unavailable
 from skiros2_common.command_line.layout import Screen
-from skiros2_common.command_line.master import NotThere, check_node
+from skiros2_common.command_line.master import check_node
 from skiros2_common.core.errors import TimedOut
 from skiros2_common.core.explanation import Explanation
 from skiros2_task.command_line.planning import goal_text
@@ -35,7 +34,7 @@ _STATE_STYLES = {
 _REACHED = ("succeeded", "nothing_to_do")
 
 
-def achieve(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Achieve a goal: plan, and run the steps on the robots until the goal holds. Ctrl-C cancels it."""
     goal = goal_text(arguments.goal)
     check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
@@ -56,11 +55,11 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> Answer:
         )
         result, interrupted = _result(client)
     except TimedOut as error:
-        raise NotThere(str(error)) from None
+        raise Unavailable(str(error)) from None
     printer.end(result)
     status = INTERRUPTED if interrupted else OK if result.state in _REACHED else REFUSED
     lines, data = format_result(result, printer.seconds)
-    return Answer(lines, data, status)
+    return CommandResult(lines, data, status)
 
 
 def _result(client: Any) -> tuple[Any, bool]:

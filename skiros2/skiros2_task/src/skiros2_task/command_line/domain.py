@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import REFUSED, Answer
+from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import same_node
@@ -24,7 +24,7 @@ from skiros2_task.core.world import WorldView
 _DOMAIN, _PROBLEM = "domain.pddl", "p01.pddl"
 
 
-def domain(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def domain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Show the planning actions of the robots' skills; with a goal, its domain and problem as PDDL."""
     with planning_world(arguments) as wm:
         world = WorldView(wm)
@@ -37,11 +37,11 @@ def domain(arguments: argparse.Namespace, screen: Screen) -> Answer:
         try:
             task = make_task(world, reader.read(goal_text(arguments.goal)))
         except GoalError as error:  # has several lines
-            return Answer(str(error).splitlines(), status=REFUSED)
+            return CommandResult(str(error).splitlines(), status=REFUSED)
         return _pddl(task, arguments.folder)
 
 
-def _skills(world: WorldView) -> Answer:
+def _skills(world: WorldView) -> CommandResult:
     """Returns the planning actions of the skills."""
     actions, notes = make_actions(world.robots)
     lines: list[str] = []
@@ -55,7 +55,7 @@ def _skills(world: WorldView) -> Answer:
         lines.append("")
     if not world.robots:
         lines.append("no robot in the world model offers skills")
-    return Answer([*lines, *notes] or ["nothing"], {"skills": data, "notes": notes})
+    return CommandResult([*lines, *notes] or ["nothing"], {"skills": data, "notes": notes})
 
 
 def _describe(action: Action) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def _effect(effect: Effect) -> str:
     return format_formula(effect.atom if effect.state else Not(effect.atom))
 
 
-def _pddl(task: PlanningTask, folder: Path | None) -> Answer:
+def _pddl(task: PlanningTask, folder: Path | None) -> CommandResult:
     from unified_planning.io import PDDLWriter  # takes a second, so imported after the goal was read
 
     from skiros2_task.core.up_model import UpProblem
@@ -87,11 +87,11 @@ def _pddl(task: PlanningTask, folder: Path | None) -> Answer:
     data = {"domain": texts[_DOMAIN], "problem": texts[_PROBLEM], "notes": list(task.notes)}
     notes = [f"; {note}" for note in task.notes]
     if folder is None:
-        return Answer([*notes, *(line for text in texts.values() for line in ["", *text.splitlines()])], data)
+        return CommandResult([*notes, *(line for text in texts.values() for line in ["", *text.splitlines()])], data)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise WrongValue(f"{folder}: {error.strerror}") from None
-    return Answer([*notes, *(str(folder / name) for name in texts)], data)
+    return CommandResult([*notes, *(str(folder / name) for name in texts)], data)

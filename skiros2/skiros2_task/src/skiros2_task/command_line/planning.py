@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import same_node
@@ -26,7 +26,7 @@ from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview as simulate
 from skiros2_task.core.schedule import Schedule
 from skiros2_task.core.skills import MANAGER_PROPERTY
-from skiros2_world_model.core.scene_copy import SceneCopy
+from skiros2_world_model.core.preview_copy import PreviewCopy
 
 #: The folder for the files of requests, and the file in it with the measured durations of skills.
 _FOLDER = Path("~/.skiros/planner")
@@ -46,39 +46,39 @@ _MEANINGS = {
 _NOTES = {"fast-downward": "the default: first plan"}
 
 
-def plan(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Show the plan for a goal: the robot, start and end of each step. No robot moves."""
     with _planned(arguments) as (_, result):
         if result.schedule is None:
             return _without_plan(result)
-        return Answer(_format_plan(result.schedule, result.calls, screen), _as_json(result))
+        return CommandResult(_format_plan(result.schedule, result.calls, screen), _as_json(result))
 
 
-def preview(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Simulate the plan for a goal on a copy of the scene: show the changes of each step. No robot moves."""
     with _planned(arguments) as (wm, result):
         if result.verdict is not Verdict.PLANNED or result.task is None:
             return _without_plan(result)
-        simulated = simulate(SceneCopy(wm), result.task, result.steps, result.calls, arguments.states)
-        return Answer(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
+        simulated = simulate(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
+        return CommandResult(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
 
 
-def explain(arguments: argparse.Namespace, screen: Screen) -> Answer:
+def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Explain the purpose of each step of the plan for a goal; or why there is no plan, and which facts are missing."""
     with _planned(arguments) as (_, result):
         if result.schedule is None or result.task is None:
             return _without_plan(result, notes=True)
         why = explain_plan(result.task, result.schedule.order, result.calls)
-        return Answer(list(why.lines()), why.to_dict())
+        return CommandResult(list(why.lines()), why.to_dict())
 
 
-def engines(_: argparse.Namespace, __: Screen) -> Answer:
+def engines(_: argparse.Namespace, __: Screen) -> CommandResult:
     """List the planners: plan qualities, and installed engines of unified-planning."""
     with closing(EngineProcesses()) as processes:
         names = processes.engines()
     lines = [f"{quality.value:<20} {_MEANINGS[quality]}" for quality in Quality]
     lines += [f"{name:<20} {_NOTES.get(name, 'engine of unified-planning')}" for name in names]
-    return Answer(lines, {"qualities": [quality.value for quality in Quality], "engines": list(names)})
+    return CommandResult(lines, {"qualities": [quality.value for quality in Quality], "engines": list(names)})
 
 
 def goal_text(words: Sequence[str]) -> str:
@@ -127,7 +127,7 @@ def _check_manager(wm: Any, manager: str) -> None:
         raise UnknownName(f"no robot {manager} offers skills; there are: {', '.join(sorted(known)) or 'none'}")
 
 
-def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
+def _without_plan(result: PlanningResult, notes: bool = False) -> CommandResult:
     """Returns the answer for a satisfied goal, or a goal without a plan.
 
     :param notes: whether to add the messages about skills and elements that were left out.
@@ -135,7 +135,7 @@ def _without_plan(result: PlanningResult, notes: bool = False) -> Answer:
     lines = result.message.splitlines()
     if notes and result.notes:
         lines += ["not used for planning:", *(f"  {note}" for note in result.notes)]
-    return Answer(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
+    return CommandResult(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
 
 
 def _format_plan(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:

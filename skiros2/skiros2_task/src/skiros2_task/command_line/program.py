@@ -8,13 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import NOT_THERE, Answer
-from skiros2_common.command_line.frame import Parser, answered, program, screen, user
+from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.layout import Screen
 from skiros2_task.command_line import achieve, domain, planning
 from skiros2_task.core.planners import DEFAULT_ENGINE
 
-Command = Callable[[argparse.Namespace, Screen], Answer]
+Command = Callable[[argparse.Namespace, Screen], CommandResult]
 
 _GOALS = (
     "A GOAL is (relation subject object), (property subject), (not ...), (and ...), (or ...), (exists (?x - class) "
@@ -27,7 +26,7 @@ _OFFLINE = "With --scene, no master and no world model are needed."
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
     arguments = parser.parse_intermixed_args(given)  # options may stand anywhere
-    return answered(parser.prog, lambda: command(arguments, screen()), arguments.json)
+    return run_command(parser.prog, lambda: command(arguments, screen()), arguments.json)
 
 
 run = program(_run)
@@ -36,7 +35,7 @@ run = program(_run)
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     command, add_arguments, *epilog = _COMMANDS[name]
     server = "task manager" if name == "achieve" else "world model"
-    statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {NOT_THERE} no master or no {server}."
+    statuses = f"Exit status: {_RESULTS[name]}, 2 wrong usage, {UNAVAILABLE} no master or no {server}."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")

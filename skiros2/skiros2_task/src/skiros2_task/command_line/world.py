@@ -8,15 +8,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from skiros2_common.command_line.answer import WrongUsage
+from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_common.tools.plugin_loader import PluginLoader
 from skiros2_skill.command_line.knowledge import world_model_of
-from skiros2_skill.core.compound import SkillBase
-from skiros2_skill.core.lint import Described
+from skiros2_skill.core.lint.linter import Described
+from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.registration import Registration
 from skiros2_world_model.command_line.connection import connect
 
@@ -25,12 +25,12 @@ from skiros2_world_model.command_line.connection import connect
 def planning_world(arguments: argparse.Namespace) -> Iterator[Any]:
     """Yields the world model that a command plans with.
 
-    :raises NotThere: there is no world model.
+    :raises Unavailable: there is no world model.
     :raises SkirosError: the scene or a library cannot be loaded.
     """
     if arguments.scene is None:
         if arguments.libraries or arguments.skills or arguments.workspace:
-            raise WrongUsage("--libraries, --skills and --workspace are for scene files; name one with --scene")
+            raise UsageError("--libraries, --skills and --workspace are for scene files; name one with --scene")
         yield connect(arguments.wm, arguments.author, computing=True)
         return
     if not arguments.scene.is_file():

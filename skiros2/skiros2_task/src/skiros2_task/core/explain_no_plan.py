@@ -108,7 +108,7 @@ class NoPlan(JsonData):
     missing: list[str] = field(default_factory=list)
     mutex: list[list[str]] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    _called = "why there is no plan"
+    _data_name = "why there is no plan"
 
     def __str__(self) -> str:
         return "\n".join(self.lines())

@@ -68,7 +68,7 @@ class WhyPlan(JsonData):
 
     steps: list[WhyStep]
     held: list[str] = field(default_factory=list)
-    _called = "why this plan"
+    _data_name = "why this plan"
 
     def __str__(self) -> str:
         return "\n".join(self.lines())

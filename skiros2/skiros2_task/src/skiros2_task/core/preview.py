@@ -116,7 +116,7 @@ class Preview(JsonData):
 
     steps: list[PreviewStep]
     reached: bool
-    _called = "preview"
+    _data_name = "preview"
 
     @property
     def works(self) -> bool:
@@ -142,7 +142,7 @@ def preview(
 ) -> Preview:
     """Simulates a plan on a copy of the scene. The copy is changed.
 
-    :param copy: of the world that the plan was made for, such as a `SceneCopy`.
+    :param copy: of the world that the plan was made for, such as a `PreviewCopy`.
     :param task, steps, calls: of the `PlanningResult`.
     :param states: whether to report the full state after each step.
     """

@@ -49,10 +49,10 @@ class AchieveAction(GoalServer):
         self._max_replans = max_replans
         self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         return [handle for handle, _ in self._running]
 
     # -- in the thread of the action ---------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongValue
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations

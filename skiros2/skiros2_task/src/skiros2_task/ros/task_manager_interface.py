@@ -11,8 +11,8 @@ import actionlib
 import rospy
 
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_common.ros.listeners import wait_for_listeners
-from skiros2_common.ros.server_watch import ServerWatch
+from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_common.tools.decorators import PrettyObject
 from skiros2_msgs.msg import AchieveAction, AchieveGoal, AssignTaskAction, AssignTaskGoal
 
@@ -120,7 +120,7 @@ class TaskManagerInterface(PrettyObject):
             raise TimedOut(f"no task manager answers on {rospy.resolve_name(client.ns)}")
         if client not in self._connected:
             self._connected.append(client)
-            wait_for_listeners(client.pub_goal)
+            wait_for_subscribers(client.pub_goal)
         request = _Request(client, done_cb)
         on_feedback = (lambda handle, feedback: feedback_cb(feedback)) if feedback_cb is not None else None
         request.handle = client.send_goal(goal, request.on_transition, on_feedback)
@@ -142,9 +142,9 @@ class TaskManagerInterface(PrettyObject):
             raise Refused("wait_for_result: there is no request; call plan first")
         watch = ServerWatch(self._request.client)
         while not self._request.ended.wait(_POLL_PERIOD):
-            if watch.silence() > _ANSWER_TIMEOUT:
+            if watch.time_since_status() > _ANSWER_TIMEOUT:
                 raise TimedOut(f"the task manager {watch.name} has been silent for {_ANSWER_TIMEOUT:g} s")
-            if watch.late_result(self._request.handle) > _ANSWER_TIMEOUT:
+            if watch.time_without_result(self._request.handle) > _ANSWER_TIMEOUT:
                 raise TimedOut(f"the result of the task manager {watch.name} was lost; send the request again")
         return self._request.result
 

@@ -15,7 +15,7 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
     :param name: relative to the namespace of this process (`ROS_NAMESPACE`).
     :param author: who makes the changes.
     :param computing: whether relations that reasoners compute are asked for; the server's reasoners are loaded then.
-    :raises NotThere: nobody answers; it takes seconds at most to say so.
+    :raises Unavailable: nobody answers; it takes seconds at most to say so.
     """
     full = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), name)
     check_node(full, "get", "world model")
@@ -23,7 +23,7 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
 
     from skiros2_world_model.ros.world_model_interface import WorldModelInterface, load_reasoners
 
-    class OnceAsked(WorldModelInterface):
+    class OneShotInterface(WorldModelInterface):
         _server = full
 
         def _wait_for_server(self) -> None:
@@ -36,4 +36,4 @@ def connect(name: str, author: str, computing: bool = False) -> Any:
         rospy.names._set_caller_id(f"/{author}")  # a call or two need no node, but the server tells who loads a file
     if computing:
         load_reasoners(full)
-    return OnceAsked(author)
+    return OneShotInterface(author)

@@ -7,13 +7,22 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import NOT_THERE, REFUSED, USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, program, screen, user
+from skiros2_common.command_line.command import (
+    REFUSED,
+    UNAVAILABLE,
+    USAGE,
+    CommandResult,
+    Parser,
+    program,
+    run_command,
+    screen,
+    user,
+)
 from skiros2_common.command_line.layout import Screen
-from skiros2_world_model.command_line import past, reading, validating, writing
+from skiros2_world_model.command_line import history, reading, validating, writing
 from skiros2_world_model.command_line.connection import connect
 
-Command = Callable[[Any, argparse.Namespace, Screen], Answer]
+Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = "A TIME is 14:05, '2026-11-21 14:05', 10m (ago; s, m, h, d), or #NUMBER of a change."
 _VALUES = (
@@ -27,13 +36,13 @@ def _run(name: str, given: Sequence[str]) -> int:
     parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may stand anywhere
     arguments = parse(given)
 
-    def work() -> Answer:
+    def work() -> CommandResult:
         wm = None
-        if name != "validate_scene" and (name != "diff" or past.needs_world_model(arguments)):
+        if name != "validate_scene" and (name != "diff" or history.needs_world_model(arguments)):
             wm = connect(arguments.wm, getattr(arguments, "author", "") or user())
         return command(wm, arguments, screen())
 
-    return answered(parser.prog, work, arguments.json, USAGE if name in _OF_FILES else REFUSED)
+    return run_command(parser.prog, work, arguments.json, USAGE if name in _OF_FILES else REFUSED)
 
 
 run = program(_run)
@@ -61,7 +70,7 @@ def _statuses(name: str) -> str:
         return "Exit status: 0 no violations, 1 violations, 2 a file cannot be read, or wrong usage."
     results = _RESULTS.get(name, "0 done, 1 refused or not found")
     trouble = "2 trouble" if name == "diff" else "2 wrong usage"
-    return f"Exit status: {results}, {trouble}, {NOT_THERE} no master or no world model."
+    return f"Exit status: {results}, {trouble}, {UNAVAILABLE} no master or no world model."
 
 
 def _view(parser: argparse.ArgumentParser) -> None:
@@ -152,8 +161,8 @@ _COMMANDS: dict[str, tuple[Any, ...]] = {
     ),
     "load": (writing.load, _load),
     "save": (writing.save, _save),
-    "history": (past.history, _history, _TIMES),
-    "diff": (past.diff, _diff, _TIMES),
+    "history": (history.history, _history, _TIMES),
+    "diff": (history.diff, _diff, _TIMES),
     "validate": (validating.validate, lambda parser: None),
     "validate_scene": (validating.validate_scene, _validate_scene),
 }

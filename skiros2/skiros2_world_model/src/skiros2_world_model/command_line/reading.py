@@ -7,20 +7,20 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Branch, Screen, table, tree
 from skiros2_common.core.names import full_name, local_name
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.command_line.values import element_json
+from skiros2_world_model.core.formatting import format_value, format_values, summary
 from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.scene import ROOT
-from skiros2_world_model.core.shown import shown, shown_values, summary
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 CONTAINS = "skiros:contain"
 
 
-def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The scene as a tree along what contains what."""
     elements = wm.resolve_elements(Element(""), arguments.context)
     return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
@@ -34,7 +34,7 @@ def predicates_of(wm: WorldModelPort, whole: bool) -> set[str]:
 
 def scene_tree(
     elements: Sequence[Element], predicates: Iterable[str], screen: Screen, root: str = "", whole: bool = False
-) -> Answer:
+) -> CommandResult:
     """Elements as a tree.
 
     :param predicates: the relations that lead downwards.
@@ -52,7 +52,7 @@ def scene_tree(
     left = len(forest.elements) - len(forest.shown)
     if left and not root:
         lines += ["", screen.fitted(f"{left} more that nothing holds (skills, parameters, ...): --all")]
-    return Answer(lines, lambda: [element_json(forest.elements[eid]) for eid in forest.shown])
+    return CommandResult(lines, lambda: [element_json(forest.elements[eid]) for eid in forest.shown])
 
 
 class _Forest:
@@ -119,7 +119,7 @@ class _Forest:
 
     def _details(self, element: Element) -> list[str]:
         """All properties, and the relations that do not lead down the tree."""
-        lines = [f"{key} = {shown_values(p.values)}" for key, p in sorted(element._props.items())]
+        lines = [f"{key} = {format_values(p.values)}" for key, p in sorted(element._props.items())]
         below = set(self.children(element.id))
         relations = [(r["type"], r["dst"]) for r in element._rels if r["src"] == "-1"]
         return lines + [f"{kind} {dst}" for kind, dst in sorted(set(relations) - below)]
@@ -130,7 +130,7 @@ def _by_number(eid: str) -> tuple[str, int, str]:
     return stem, int(number) if number.isdecimal() else -1, eid
 
 
-def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """An element, or one property or relation of it."""
     element = wm.get_element(arguments.id, arguments.context)
     if arguments.property:
@@ -138,18 +138,18 @@ def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> An
     return element_answer(element, screen)
 
 
-def element_answer(element: Element, screen: Screen) -> Answer:
+def element_answer(element: Element, screen: Screen) -> CommandResult:
     """An element with its properties and relations."""
     lines = [screen.fitted(f"{element.id}  {element.type}  {element.label}".rstrip()), ""]
     properties = sorted(element._props.items())
-    lines += table(screen, [(key, p.dataType().__name__, shown_values(p.values)) for key, p in properties])
+    lines += table(screen, [(key, p.dataType().__name__, format_values(p.values)) for key, p in properties])
     relations = sorted((r["src"], r["type"], r["dst"]) for r in element._rels)
     if relations:
         lines += ["", *table(screen, [[element.id if e == "-1" else e for e in row] for row in relations])]
-    return Answer(lines, element_json(element))
+    return CommandResult(lines, element_json(element))
 
 
-def _one_property(element: Element, name: str) -> Answer:
+def _one_property(element: Element, name: str) -> CommandResult:
     """The values of a property, the objects of a relation, or the label or type: one on a line."""
     values: list[Any]
     if name in ("label", "rdfs:label"):
@@ -163,10 +163,10 @@ def _one_property(element: Element, name: str) -> Answer:
         if not values:
             known = sorted({*element.available_properties, *(r["type"] for r in element.getRelations("-1"))})
             raise WmException(f"{element.id} has no {full_name(name)}; it has: {', '.join(known) or 'none'}")
-    return Answer([str(value) for value in values], values)
+    return CommandResult([str(value) for value in values], values)
 
 
-def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """The rows of a SPARQL query."""
     if arguments.file:
         try:
@@ -176,7 +176,7 @@ def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> 
     else:
         text = arguments.sparql
     names, rows = query_table(wm, text, arguments.context)
-    lines = table(screen, [["" if v is None else shown(v) for v in row] for row in rows], names)
+    lines = table(screen, [["" if v is None else format_value(v) for v in row] for row in rows], names)
     if names and not rows:
         lines = ["no rows"]
-    return Answer(lines, [dict(zip(names, row, strict=True)) for row in rows] if names else rows)
+    return CommandResult(lines, [dict(zip(names, row, strict=True)) for row in rows] if names else rows)

@@ -11,8 +11,8 @@ import rospkg
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.file_checks import CollectingChecks
+from skiros2_world_model.core.knowledge_base import KnowledgeBase, is_knowledge_file
 from skiros2_world_model.core.local_world_model import source_ontologies
-from skiros2_world_model.core.ontology_base import OntologyBase, is_knowledge_file
 from skiros2_world_model.core.rdf_files import read_triples
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Provenance
@@ -30,15 +30,15 @@ def read_scene_file(path: Path) -> list[Element]:
     level = core.level
     core.setLevel(logging.ERROR)  # who compares does not check
     try:
-        base = OntologyBase(_ontologies())
-        checks = CollectingChecks(base, str(path), False)
-        content = read_scene(triples, base.index, base.prefixes, checks, str(path), Provenance())
+        knowledge_base = KnowledgeBase(_ontologies())
+        checks = CollectingChecks(knowledge_base, str(path), False)
+        content = read_scene(triples, knowledge_base.index, knowledge_base.prefixes, checks, str(path), Provenance())
     finally:
         core.setLevel(level)
     outgoing: dict[str, list[dict[str, object]]] = {}
     for src, pred, dst in content.relations:
         outgoing.setdefault(src, []).append(relation_dict("-1", pred, dst))
-    return [Element.shared(n.type, n.label, n.id, dict(n.properties), outgoing.get(n.id, ())) for n in content.nodes]
+    return [Element.shared(n.type, n.label, n.id, dict(n.properties), outgoing.get(n.id, ())) for n in content.records]
 
 
 def validate_scene_file(
@@ -53,12 +53,12 @@ def validate_scene_file(
     triples = scene_file_triples(path)
     if workspace is None and any(is_knowledge_file(file.name) for file in path.parent.iterdir()):
         workspace = path.parent
-    return validate(triples, str(path), _base(ontologies or _ontologies(), workspace), context, strict)
+    return validate(triples, str(path), _knowledge_base(ontologies or _ontologies(), workspace), context, strict)
 
 
 @functools.cache
-def _base(ontologies: Path, workspace: Path | None) -> OntologyBase:
-    return OntologyBase(ontologies, workspace)
+def _knowledge_base(ontologies: Path, workspace: Path | None) -> KnowledgeBase:
+    return KnowledgeBase(ontologies, workspace)
 
 
 def _ontologies() -> Path:

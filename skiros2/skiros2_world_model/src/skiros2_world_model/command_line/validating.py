@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, Protocol
 
-from skiros2_common.command_line.answer import OK, REFUSED, Answer
+from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_world_model.core.report import VIOLATION, Report
 
@@ -16,20 +16,20 @@ class WithValidation(Protocol):
     def validate(self, context_id: str = "scene") -> Report: ...
 
 
-def validate(wm: WithValidation, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def validate(wm: WithValidation, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """What is not as the ontologies and the shapes want it in the scene as it is now."""
     report = wm.validate(arguments.context)
-    return Answer(_lines(report, screen), _json(report), _status(report))
+    return CommandResult(_lines(report, screen), _json(report), _status(report))
 
 
-def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Validates scene files, without a world model: all that loading would refuse or warn of, and what shapes find."""
     from skiros2_world_model.command_line.scene_file import validate_scene_file  # takes time, and an RDF library
 
     folders = arguments.ontologies, arguments.workspace
     reports = [validate_scene_file(file, *folders, arguments.context, arguments.strict) for file in arguments.files]
     lines = [line for report in reports for line in _lines(report, screen)]
-    return Answer(lines, [_json(report) for report in reports], max(map(_status, reports)))
+    return CommandResult(lines, [_json(report) for report in reports], max(map(_status, reports)))
 
 
 def _status(report: Report) -> int:

@@ -6,18 +6,18 @@ import argparse
 import json
 from typing import Any
 
-from skiros2_common.command_line.answer import Answer
+from skiros2_common.command_line.command import CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.property import from_text
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.command_line.values import element_json
-from skiros2_world_model.core.differences import changed_lines, difference
+from skiros2_world_model.core.history_entry import changed_lines, difference
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
 
-def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Sets or removes a property, relations, the label or the type of an element, in one change."""
     context = arguments.context
     element = wm.get_element(arguments.id, context)
@@ -38,7 +38,7 @@ def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen
         element.setProperty(name, [_typed(wm, before, name, value) for value in values])
     wm.update_element(element, context)
     lines = [screen.fitted(line) for line in changed_lines(difference([before], [element]))]
-    return Answer(lines or [f"{element.id} is so already"], element_json(element))
+    return CommandResult(lines or [f"{element.id} is so already"], element_json(element))
 
 
 def _is_relation(wm: WorldModelPort, element: Element, name: str, values: list[str], context: str) -> bool:
@@ -105,17 +105,17 @@ def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
     return value if isinstance(value, prop.dataType() if prop else (str, bool, int, float)) else text
 
 
-def load(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def load(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Replaces a context with what a file says."""
     wm.load(arguments.file, arguments.context)
     file = arguments.file or "its file"
-    return Answer([f"loaded {file} into context {arguments.context}"], _said(arguments))
+    return CommandResult([f"loaded {file} into context {arguments.context}"], _said(arguments))
 
 
-def save(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Answer:
+def save(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Writes a context to a file."""
     wm.save(arguments.file, arguments.context)
-    return Answer([f"saved context {arguments.context} to {arguments.file}"], _said(arguments))
+    return CommandResult([f"saved context {arguments.context} to {arguments.file}"], _said(arguments))
 
 
 def _said(arguments: argparse.Namespace) -> dict[str, str]:

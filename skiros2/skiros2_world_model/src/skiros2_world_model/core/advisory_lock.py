@@ -1,4 +1,4 @@
-"""The lock that clients may agree to use among themselves; it keeps nobody from anything."""
+"""An advisory lock for clients. It does not restrict access to the world model."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import threading
 
 
 class AdvisoryLock:
-    """Taken by one at a time. Whoever asks may give it back. Safe to use from all threads."""
+    """A lock with one owner, which any client may release. Thread-safe."""
 
     def __init__(self) -> None:
         self._free = threading.Condition()
         self.owner: str | None = None
 
-    def take(self, owner: str, timeout: float | None = None) -> bool:
-        """Waits until it is free and takes it; False when that takes longer than `timeout` seconds (None: for ever).
+    def acquire(self, owner: str, timeout: float | None = None) -> bool:
+        """Blocks until the lock is free and acquires it. Returns False at the timeout.
 
-        :param owner: who takes it, for others to see.
+        :param owner: the name of the new owner.
+        :param timeout: in s; None: no limit.
         """
         with self._free:
             if not self._free.wait_for(lambda: self.owner is None, timeout):
@@ -23,8 +24,8 @@ class AdvisoryLock:
             self.owner = owner
             return True
 
-    def give_back(self, owner: str | None = None) -> bool:
-        """Makes it free; False when it was free, or taken by somebody else than `owner` (None: whoever it is)."""
+    def release(self, owner: str | None = None) -> bool:
+        """Releases the lock. Returns False when it is free, or held by another owner than `owner` (None: any)."""
         with self._free:
             if self.owner is None or owner not in (None, self.owner):
                 return False

@@ -1,6 +1,6 @@
-"""What can be asked of a scene, and what is told of it.
+"""The operations that a request consists of, and the changes that are published when it is committed.
 
-A request is a list of operations that is applied whole or not at all. What came of it is told as changes, in order.
+A request is a list of operations that is applied as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -11,19 +11,30 @@ from typing import Any
 
 from skiros2_common.core.world_element import Element, ElementChanges, RelationDict
 
+#: The name of the context with the elements that skills, planning and the GUI see.
+SCENE = "scene"
+
+#: The name of the context with the ontologies. It holds no elements.
+ONTOLOGY = "ontology"
+
+
+#: Subject, predicate, object, and whether the statement is added (True) or removed.
+Statement = tuple[str, str, str, bool]
+
+
 #: The actions of changes.
 ADD, UPDATE, REMOVE, REMOVE_RECURSIVE, RESET = "add", "update", "remove", "remove_recursive", "reset"
 
-#: The property with the name of the template that an element was copied from.
+#: The property that names the template of an element.
 TEMPLATE = "skiros:Template"
 
-#: Relations that place one element in another. A scene has no cycle of them.
+#: The superproperty of relations that place one element in another. A scene has no cycle of them.
 SPATIAL = "skiros:spatiallyRelated"
 
 
 @dataclass
 class Add:
-    """A new element. Its relations may name others that the same request makes: `#` and their `reference`."""
+    """Adds an element. Its relations may refer to other new elements of the request as `#` and their `reference`."""
 
     element: Element
     reference: str = ""
@@ -31,9 +42,10 @@ class Add:
 
 @dataclass
 class Instantiate:
-    """Copies of a template and, if recursive, of what it is related to by the relations of the filter.
+    """Copies a template and, if recursive, the individuals it is related to by the relations of the filter.
 
-    :param relations: further ones of the copy; "-1" is the copy.
+    :param relations: additional relations of the copy; "-1" is the copy.
+    :param known: individuals that are not copied.
     """
 
     uri: str
@@ -46,10 +58,10 @@ class Instantiate:
 
 @dataclass
 class Update:
-    """New content for an element: what it does not have is removed.
+    """Replaces the content of an element: properties and relations that the new content lacks are removed.
 
-    :param relations: whether relations are written too.
-    :param keys: the properties that are written; None: all.
+    :param relations: whether relations are written, too.
+    :param keys: the properties to write; None: all.
     """
 
     element: Element
@@ -59,7 +71,7 @@ class Update:
 
 @dataclass
 class Patch:
-    """Some changes of an element; the rest stays. Relations may name elements that the same request makes."""
+    """Changes parts of an element. Added relations may refer to new elements of the request, as in `Add`."""
 
     id: str
     changes: ElementChanges
@@ -67,10 +79,10 @@ class Patch:
 
 @dataclass
 class Remove:
-    """Removes an element and, if recursive, what is under it and is held by nothing else.
+    """Removes an element and, if recursive, its descendants that no other element holds.
 
-    :param relation_filter: what is under an element is what it has along these relations and those under them.
-    :param type_filter: only elements of this class are taken with it; "": of any.
+    :param relation_filter: descendants are reached along this relation and its subproperties.
+    :param type_filter: only descendants of this class are removed; "": all.
     """
 
     id: str
@@ -91,9 +103,9 @@ class Relate:
 
 @dataclass
 class Expect:
-    """Changes nothing: refuses the request if an element was changed after a version of it was read.
+    """Changes nothing, but refuses the request if an element has changed since it was read.
 
-    :param version: `Element.version` of what was read: the number of a change or state, no less than the element's own.
+    :param version: `Element.version` when it was read.
     """
 
     id: str
@@ -105,15 +117,16 @@ Operation = Add | Instantiate | Update | Patch | Remove | Relate | Expect
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is told of a change.
+    """A published change.
 
-    :param number: counts up; the snapshot id names the state after this change, the previous one that before it.
-    :param stamp: when (s since the epoch).
+    An update without elements and relations means that the ontologies or another context have changed.
+
+    :param number: increases with every change.
+    :param prev_snapshot_id, snapshot_id: the names of the states before and after the change.
+    :param stamp: the time of the change (s since the epoch).
     :param action: one of this module's actions.
-    :param elements: those added or updated, as they are now, or removed, as they were.
-    :param relations: those added or removed beside them, as dicts.
-
-    An update with neither says that something else has changed: the ontologies, or another context.
+    :param elements: added or updated elements in their new state, or removed elements in their last state.
+    :param relations: relations added or removed without their elements, as dicts.
     """
 
     number: int
@@ -129,23 +142,23 @@ class Change:
 
 @dataclass
 class Outcome:
-    """What came of a request: the id that each operation was about, and the changes that were told."""
+    """The result of a request: the id that each operation affected, and the published changes."""
 
     ids: list[str] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
 
     @property
     def elements(self) -> dict[str, Element]:
-        """The elements added or updated, by id."""
+        """The added and updated elements, by id."""
         return {e.id: e for c in self.changes if c.action in (ADD, UPDATE) for e in c.elements}
 
 
 def relation_dict(src: str, pred: str, dst: str) -> dict[str, Any]:
-    """A relation as libraries read it."""
+    """A relation as a dict, in the format of SkiROS2."""
     return {"src": src, "type": pred, "dst": dst, "state": True, "abstract": False}
 
 
 def snapshot_number(snapshot_id: str) -> int:
-    """The number of the change that led to a state; 0 when the name has none."""
+    """The number of the change that led to a state; 0 when the snapshot id has no number."""
     number = snapshot_id.rpartition("-")[2]
     return int(number) if number.isdecimal() else 0

@@ -11,10 +11,11 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.names import full_name
-from skiros2_common.core.property import Property, as_type, shown
+from skiros2_common.core.property import Property, as_type, format_value
 from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri
+from skiros2_world_model.core.scene import ElementRecord
 
 log = logging.getLogger(__name__)
 
@@ -28,10 +29,15 @@ _MOST_BITS = 4096
 _TOLD_AT_MOST = 10_000
 
 
+#: The kind of a note on a relation between wrong classes; other kinds are those of unknown names.
+MISFIT = "misfit"
+
+
 class Checks:
     """The checks of one request.
 
-    Names that the ontologies do not know are noted, and warned of at the end; with `strict` they are refused.
+    Names that the ontologies do not know, and relations between classes that they do not allow, are noted, and warned
+    of at the end; with `strict` they are refused.
 
     :param origin: who or what brings the names: an author, or a file.
     :param told: what was warned of before (origin, kind, name) and is not repeated; None: everything is told.
@@ -49,7 +55,7 @@ class Checks:
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
-        self._told = told
+        self._warned = told
         self._known: dict[str, str] = {}  # properties in full, by their names as given
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
@@ -72,6 +78,14 @@ class Checks:
         if not self._ontology.has_relation(name):
             self._note("relation", name, who)
         return name
+
+    def relation_ends(self, subject: ElementRecord, relation: str, obj: ElementRecord | None, who: str) -> None:
+        """Notes a relation whose ends are not of the classes of its `rdfs:domain` and `rdfs:range`.
+
+        :param obj: None when it is no element of the scene.
+        """
+        for text in self._ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
+            self._note(MISFIT, text, who)
 
     def property_name(self, name: str, who: str) -> str:
         """The property in full.
@@ -142,21 +156,22 @@ class Checks:
     def finish(self) -> None:
         """Warns of the unknown names, once for each, if they were not told before.
 
-        :raises UnknownName: there are some, and the checks are strict.
+        :raises UnknownName, WrongValue: there are some, and the checks are strict.
         """
         lines = {}
         for (kind, name), users in self._unknown.items():
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
-            lines[self._origin, kind, name] = f"{self._origin}: unknown {kind} {name} ({users[0]}{others})"
+            lines[self._origin, kind, name] = f"{self._origin}: {noted(kind, name)} ({users[0]}{others})"
         if lines and self._strict:
-            raise UnknownName("; ".join(lines.values()))
+            error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
+            raise error("; ".join(lines.values()))
         for what, line in lines.items():
-            if self._told is None or what not in self._told:
+            if self._warned is None or what not in self._warned:
                 log.warning("%s", line)
-        if self._told is not None:
-            if len(self._told) > _TOLD_AT_MOST:
-                self._told.clear()
-            self._told.update(lines)
+        if self._warned is not None:
+            if len(self._warned) > _TOLD_AT_MOST:
+                self._warned.clear()
+            self._warned.update(lines)
 
     def name(self, name: Any, kind: str, who: str) -> str:
         """A name in full, known or not.
@@ -184,6 +199,11 @@ class Checks:
             users.append(who)
 
 
+def noted(kind: str, name: str) -> str:
+    """The text of a note."""
+    return name if kind == MISFIT else f"unknown {kind} {name}"
+
+
 def made_property(
     key: str, values: Iterable[Any], limits: tuple[str, int | None] = ("", None), empty_type: type = str
 ) -> Property:
@@ -199,7 +219,7 @@ def made_property(
     if PYTHON_TYPES.get(datatype, str) is not str:
         given = [v for v in given if v != ""]  # how scenes in the field write a number that is not known
     if most is not None and len(given) > most:
-        raise WrongValue(f"{key} has {len(given)} values {shown(given)}, allowed are {most}")
+        raise WrongValue(f"{key} has {len(given)} values {format_value(given)}, allowed are {most}")
     if datatype in PYTHON_TYPES:
         if len(given) == 1 and type(given[0]) is PYTHON_TYPES[datatype]:
             return Property(key, given[0])
@@ -240,7 +260,7 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
             try:
                 value.encode()
             except UnicodeEncodeError as error:
-                raise WrongValue(f"{key}: {shown(value)} is no text: {error.reason}") from None
+                raise WrongValue(f"{key}: {format_value(value)} is no text: {error.reason}") from None
     elif isinstance(value, (list, tuple, dict)):
         if depth == _MOST_NESTED:
             raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MOST_NESTED} levels")
@@ -250,5 +270,5 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
         raise WrongValue(f"{key}: a number of more than {_MOST_BITS} bits")
     elif not isinstance(value, (int, float)) and (value is not None or not depth):
         raise WrongType(
-            f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {shown(value)}"
+            f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {format_value(value)}"
         )

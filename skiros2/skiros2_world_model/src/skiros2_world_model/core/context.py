@@ -1,78 +1,77 @@
-"""A named context: a scene, what its file says beside elements, and its mirror in the store."""
+"""The named contexts of a world model."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
-from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import SPATIAL
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE, SPATIAL, Patch, relation_dict
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
 from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.journal_state import ContextState
-from skiros2_world_model.core.ontology_base import OntologyBase
-from skiros2_world_model.core.queries import containment_cycle, told
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.core.queries import containment_cycle, format_cycle
 from skiros2_world_model.core.rdf_files import parse_n_triples
-from skiros2_world_model.core.scene import ROOT, Node, Provenance, Scene
-from skiros2_world_model.core.scene_rdf import Mirror, element_triples, read_scene, relation_triple, scene_turtle
+from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
+from skiros2_world_model.core.scene_rdf import GraphSync, element_triples, read_scene, relation_triple, scene_turtle
 from skiros2_world_model.core.templates import template_element
 
 _BLANK_SCENE = "skiros:blank_scene"
 
 
 class Context:
-    """One context of a world model. Used under the world model's lock.
+    """A scene, the other triples of its file (`extras`), and its graph in the triple store. Used under the lock.
 
-    :param file: the file it was last loaded from or saved to, "" when with none.
-    :raises WrongValue: it cannot have that name.
+    :ivar file: the file it was last loaded from or saved to; "": none.
+    :raises WrongValue: the name is invalid.
     """
 
-    def __init__(self, name: str, base: OntologyBase) -> None:
+    def __init__(self, name: str, knowledge_base: KnowledgeBase) -> None:
         if not re.fullmatch(r"[\w.~-]+", name) or name == ONTOLOGY:
             raise WrongValue(f"{name!r} cannot be the name of a context with elements")
         self.name = name
         self.file = ""
         self.scene = Scene()
         self.extras: list[ox.Triple] = []
-        self._base = base
-        self._mirror = Mirror(base.store, name)
+        self._knowledge_base = knowledge_base
+        self._graph_sync = GraphSync(knowledge_base.store, name)
         if name == SCENE:
             self._add_root(self.scene)
 
     def flush(self) -> None:
         """Brings the store up to date with the scene."""
-        self._mirror.flush(self.scene, self.extras, self._base.index, self._base.prefixes)
+        self._graph_sync.flush(self.scene, self.extras, self._knowledge_base.index, self._knowledge_base.prefixes)
 
     def triples(self) -> Iterator[ox.Triple]:
-        """All of it as it is now. The triples are made while they are read, which needs no lock."""
-        ontology, prefixes = self._base.index, self._base.prefixes
-        nodes, relations, extras = list(self.scene), list(self.scene.relations()), list(self.extras)
-        elements = (triple for node in nodes for triple in element_triples(node, ontology, prefixes))
+        """The triples of the current state, generated lazily. Iterating needs no lock."""
+        ontology, prefixes = self._knowledge_base.index, self._knowledge_base.prefixes
+        records, relations, extras = list(self.scene), list(self.scene.relations()), list(self.extras)
+        elements = (triple for record in records for triple in element_triples(record, ontology, prefixes))
         return chain(elements, (relation_triple(relation, prefixes) for relation in relations), extras)
 
     def turtle(self) -> bytes:
-        """All of it as sorted Turtle."""
-        return scene_turtle(self.scene, self.extras, self._base.index, self._base.prefixes)
+        """The current state as sorted Turtle."""
+        return scene_turtle(self.scene, self.extras, self._knowledge_base.index, self._knowledge_base.prefixes)
 
     def read(
-        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, made: Provenance, adds_root: bool = True
+        self, triples: Iterable[ox.Triple], checks: Checks, origin: str, provenance: Provenance, adds_root: bool = True
     ) -> tuple[Scene, list[ox.Triple]]:
-        """A scene, and what is beside it, from triples; nothing of this context changes.
+        """Builds a scene and its extra triples from triples. Does not change this context.
 
-        :param made: what its elements are to know of their last change.
-        :param adds_root: whether a scene without a root gets one; else it is refused.
-        :raises SkirosError: something in it is refused.
+        :param provenance: the provenance of the elements.
+        :param adds_root: adds the root to a scene without one, instead of refusing it.
+        :raises SkirosError: a check refuses the content.
         """
-        base = self._base
-        content = read_scene(triples, base.index, base.prefixes, checks, origin, made)
+        knowledge_base = self._knowledge_base
+        content = read_scene(triples, knowledge_base.index, knowledge_base.prefixes, checks, origin, provenance)
         scene = Scene()
-        for node in content.nodes:
-            scene.put(node)
+        for record in content.records:
+            scene.put(record)
         if self.name == SCENE and ROOT not in scene:
             if not adds_root:
                 raise WrongValue(f"{origin}: there is no {ROOT}, the root of a scene")
@@ -85,10 +84,10 @@ class Context:
                 checks.refuse(src, pred, error, LEFT_OUT)
             else:
                 scene.relate(src, pred, dst)
-        spatial = base.index.subproperties(SPATIAL)
-        while cycle := containment_cycle(scene, spatial, (node.id for node in scene)):
+        spatial = knowledge_base.index.subproperties(SPATIAL)
+        while cycle := containment_cycle(scene, spatial, (record.id for record in scene)):
             holder, held = cycle[1], cycle[0]
-            loop = WrongValue(f"{origin}: elements that contain themselves: {told(cycle)}")
+            loop = WrongValue(f"{origin}: elements that contain themselves: {format_cycle(cycle)}")
             checks.refuse(held, "", loop, f"left out that {holder} holds {held}")
             for relation in list(scene.relations(holder, spatial, held)):
                 scene.unrelate(*relation)
@@ -96,16 +95,16 @@ class Context:
         return scene, content.extras
 
     def replace(self, scene: Scene, extras: list[ox.Triple]) -> None:
-        """Puts another scene in the place of the present one."""
+        """Replaces the scene and the extra triples."""
         self.scene = scene
-        self.scene.dirty = None  # the store has another one
+        self.scene.unsynced = None  # the store has the previous scene
         self.extras = extras
 
     def restore(self, state: ContextState) -> None:
-        """Makes it what the journal has."""
+        """Restores the state that the journal recorded."""
         scene = Scene()
-        for node in state.nodes:
-            scene.put(node)
+        for record in state.records:
+            scene.put(record)
         for relation in state.relations:
             scene.relate(*relation)
         scene.reserve(state.next_number)
@@ -114,7 +113,57 @@ class Context:
 
     def _add_root(self, scene: Scene) -> None:
         try:
-            root = template_element(self._base.index, _BLANK_SCENE)
+            root = template_element(self._knowledge_base.index, _BLANK_SCENE)
         except (UnknownName, WrongType, WrongValue):
             root = Element("skiros:Scene", _BLANK_SCENE)
-        scene.put(Node(ROOT, root.type, root.label, dict(root._props)))
+        scene.put(ElementRecord(ROOT, root.type, root.label, dict(root._props)))
+
+
+class Contexts(dict[str, Context]):
+    """The existing contexts, by name. Used under the world model's lock."""
+
+    def __init__(self, knowledge_base: KnowledgeBase) -> None:
+        super().__init__()
+        self._knowledge_base = knowledge_base
+        self.named(SCENE)
+
+    def named(self, name: str) -> Context:
+        """Returns a context, creating it when it does not exist.
+
+        :raises WrongValue: the name is invalid.
+        """
+        found = self.get(name)
+        if found is None:
+            found = self[name] = Context(name, self._knowledge_base)
+        return found
+
+    def scenes(self) -> list[Scene]:
+        """The scenes of all contexts."""
+        return [context.scene for context in self.values()]
+
+    def others(self, name: str) -> dict[str, Scene]:
+        """The scenes of the other contexts."""
+        return {context.name: context.scene for context in self.values() if context.name != name}
+
+    def home(self, eid: str, first: str = SCENE) -> str:
+        """The name of the context that has an element; "" when none has it.
+
+        :param first: the context to search first.
+        """
+        order = sorted(self, key=lambda name: name != first)
+        return next((name for name in order if eid in self[name].scene), "")
+
+    def dangling(self, gone: Sequence[str]) -> Iterator[tuple[str, list[Patch]]]:
+        """Patches, by context, that remove the relations to removed elements.
+
+        :param gone: removed ids; those that another context has are ignored.
+        """
+        gone = [eid for eid in gone if not self.home(eid)]
+        for name, context in list(self.items()):
+            patches = [
+                Patch(src, ElementChanges(removed_relations=[relation_dict("-1", pred, dst)]))
+                for eid in gone
+                for src, pred, dst in context.scene.relations(dst=eid)
+            ]
+            if patches:
+                yield name, patches

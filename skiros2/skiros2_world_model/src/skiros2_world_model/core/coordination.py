@@ -1,4 +1,4 @@
-"""Acting together: requests of several changes, changes that depend on what was read, waiting for others."""
+"""Coordination of programs: atomic requests, optimistic locking, waiting for changes."""
 
 from __future__ import annotations
 
@@ -12,44 +12,44 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_world_model.core.changes import Expect, Operation, Outcome
 from skiros2_world_model.core.history_entry import HistoryEntry
-from skiros2_world_model.core.wills import Bequest
+from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
-#: How often a wait looks again without a change (s): for relations that reasoners compute, and for the node's end.
-_LOOK_AGAIN = 0.5
+#: How often a wait checks its condition without a change (s): for computed relations, and for the node's shutdown.
+_CHECK_PERIOD = 0.5
 
 
 class Coordination(ABC):
-    """What programs that share a world model use beside reading and writing. Safe to use from all threads."""
+    """The calls of the world model port for coordination between programs. Thread-safe."""
 
     @property
     @abstractmethod
     def author(self) -> str:
-        """Who makes the changes, as the world model names it."""
+        """The author of this client's changes."""
 
     @abstractmethod
     def add_listener(self, callback: Callable[[Any], None]) -> None:
-        """`callback(change)` is called after each change seen from here, in order; it must be quick."""
+        """Calls `callback(change)` after each change that this client sees, in order. It must return quickly."""
 
     @abstractmethod
     def remove_listener(self, callback: Callable[[Any], None]) -> None:
-        """The callback is called no more."""
+        """Removes a listener."""
 
     @abstractmethod
     def check_relation(self, subj: Any, pred: str, obj: Any, state: bool, abstract: bool) -> bool:
-        """Whether a relation holds, as the world model's clients define it."""
+        """Whether a relation holds."""
 
     @abstractmethod
     def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
-        """What the journal tells of the changes of an element."""
+        """The journal's entries about an element."""
 
     @abstractmethod
-    def leave_will(self, bequests: Sequence[Bequest]) -> None:
-        """Leaves what is to become of elements when the node of this process is gone without having taken it back.
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        """Sets the cleanup actions that the world model runs when the node of this process dies.
 
-        It takes the place of what the node has left before, also of an earlier life of it, which is carried out then.
+        They replace the node's previous last will. The last will of an earlier process of this node is run first.
 
-        :param bequests: what becomes of which elements; none takes back what was left.
+        :param actions: the cleanup actions; none withdraws the last will.
         :raises WmException: the world model refuses, or does not answer.
         """
 
@@ -59,52 +59,52 @@ class Coordination(ABC):
 
     @abstractmethod
     def _write(self, elements: Sequence[Element], context_id: str, before: Sequence[Operation]) -> list[str]:
-        """Writes elements as `update_elements`, in one request with some operations before."""
+        """Writes elements as `update_elements` does, after other operations of the same request."""
 
-    # -- several changes, and changes that depend on what was read ---------------------------------------------
+    # -- requests and optimistic locking -----------------------------------------------------------------------
 
     def transact(self, operations: Sequence[Operation], context_id: str = "scene") -> Outcome:
-        """Applies some operations (`skiros2_world_model.core.changes`) as one request: all of them or none.
+        """Applies operations (`skiros2_world_model.core.changes`) as one request, all or none.
 
-        :raises WmConflict: an element that an `Expect` names was changed after it was read; nothing has changed.
-        :raises WmException: something is refused; nothing has changed.
+        :raises WmConflict: an element of an `Expect` has changed since it was read; the request changed nothing.
+        :raises WmException: an operation is refused; the request changed nothing.
         """
         return self._transact(operations, context_id)
 
     def update_elements_if_unchanged(self, es: Sequence[Element], context_id: str = "scene") -> list[str]:
-        """Writes elements as `update_elements`, if none of them was changed by anybody since it was read.
+        """Writes elements as `update_elements` does, unless one of them has changed since it was read.
 
-        :raises WmConflict: one was; the text tells by whom and when. Nothing has changed.
-        :raises WmException: one was not read from the world model, or is refused; nothing has changed.
+        :raises WmConflict: an element has changed; the text names the author and the time. Nothing was written.
+        :raises WmException: an element was not read from the world model, or is refused. Nothing was written.
         """
         made_by_hand = [e for e in es if e.version < 0]
         if made_by_hand:
-            raise WmException(f"{made_by_hand[0]!r} was not read from the world model: nothing to compare it with")
+            raise WmException(f"{made_by_hand[0]!r} was not read from the world model, so it has no version to compare")
         return self._write(es, context_id, [Expect(e.id, e.version) for e in es])
 
     def update_element_if_unchanged(self, e: Element, context_id: str = "scene") -> str:
-        """Writes an element, as `update_elements_if_unchanged`; returns its id."""
+        """Writes an element and returns its id; see `update_elements_if_unchanged`."""
         return self.update_elements_if_unchanged([e], context_id)[0]
 
     def last_change(self, eid: str) -> HistoryEntry:
-        """The last change of an element: when it was (`stamp`), who made it (`author`), what it was.
+        """The last change of an element, with its time (`stamp`) and its `author`.
 
-        :raises WmException: there is no such element, or the world model keeps no journal.
+        :raises WmException: the element does not exist, or the world model has no journal.
         """
         return self.history(eid, limit=1)[-1]
 
     # -- waiting -----------------------------------------------------------------------------------------------
 
     def wait_until(self, check: Callable[[], bool], timeout: float | None = None) -> bool:
-        """Waits until `check()` is true, which is asked again whenever the scene has changed.
+        """Blocks until `check()` is true. It is evaluated after each change of the scene.
 
-        :param check: called in the waiting thread; reads this world model.
-        :param timeout: s at most; None: as long as it takes.
-        :returns: False when the time is over or the node ends.
+        :param check: reads this world model; called in the waiting thread.
+        :param timeout: in s; None: no limit.
+        :returns: False at the timeout, or when the node shuts down.
         """
         if timeout is not None and timeout != timeout:
             raise WrongValue("the timeout is not a number")
-        end = None if timeout is None else time.monotonic() + timeout
+        deadline = None if timeout is None else time.monotonic() + timeout
         changed = threading.Event()
 
         def listener(_: Any) -> None:
@@ -113,10 +113,10 @@ class Coordination(ABC):
         self.add_listener(listener)
         try:
             while not check():
-                left = _LOOK_AGAIN if end is None else min(_LOOK_AGAIN, end - time.monotonic())
-                if left <= 0 or self._is_over():
+                remaining = _CHECK_PERIOD if deadline is None else min(_CHECK_PERIOD, deadline - time.monotonic())
+                if remaining <= 0 or self._is_shut_down():
                     return False
-                changed.wait(left)
+                changed.wait(remaining)
                 changed.clear()
             return True
         finally:
@@ -125,13 +125,13 @@ class Coordination(ABC):
     def wait_for_relation(
         self, subj: Any, pred: str, obj: Any, state: bool = True, timeout: float | None = None
     ) -> bool:
-        """Waits until a relation, or one under it, holds (`state` true) or does not; arguments as `check_relation`.
+        """Blocks until a relation holds (`state` true) or does not hold; arguments as for `check_relation`.
 
-        :param timeout: s at most; None: as long as it takes.
-        :returns: False when the time is over or the node ends.
+        :param timeout: in s; None: no limit.
+        :returns: False at the timeout, or when the node shuts down.
         """
         return self.wait_until(lambda: self.check_relation(subj, pred, obj, state, False), timeout)
 
-    def _is_over(self) -> bool:
-        """Whether waiting is in vain, as the process ends."""
+    def _is_shut_down(self) -> bool:
+        """Whether the node is shutting down."""
         return False

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.property import as_type, from_text, shown
+from skiros2_common.core.property import as_type, format_value, from_text
 from skiros2_world_model.core.prefixes import RDF, XSD
 
 _FLOATS = ("float", "double", "decimal")
@@ -55,7 +55,7 @@ def as_datatype(value: Any, datatype: str) -> Any:
             return int(value)
         return as_type(value, kind)
     except (WrongType, WrongValue):
-        raise WrongType(f"expected {datatype}, got {type(value).__name__} {shown(value)}") from None
+        raise WrongType(f"expected {datatype}, got {type(value).__name__} {format_value(value)}") from None
 
 
 def literal_parts(value: Any, datatype: str = "") -> tuple[str, str]:

@@ -53,7 +53,7 @@ class EndpointConnection(SPARQLUpdateStore):
         try:
             return Result.parse(BytesIO(content), content_type=kind)
         except Exception as error:  # whatever the parsers of rdflib raise on what is no answer
-            url = shown(self._query_url)
+            url = without_password(self._query_url)
             raise Refused(f"SPARQL endpoint {url} answered what is no result of a query ({kind}): {error}") from None
 
     def _update(self, update: str) -> None:
@@ -63,7 +63,7 @@ class EndpointConnection(SPARQLUpdateStore):
         """The answer to a request, and its media type."""
         plain, login = _parted(url)
         headers = {"Content-Type": kind, "Accept": _ANSWERS, **login}
-        where = f"SPARQL endpoint {shown(url)}"
+        where = f"SPARQL endpoint {without_password(url)}"
         try:
             request = urllib.request.Request(plain, text.encode(), headers)
             with urllib.request.urlopen(request, timeout=self._seconds) as response:
@@ -84,7 +84,7 @@ class EndpointConnection(SPARQLUpdateStore):
             raise Refused(f"{where} cannot be reached: {reason}") from None
 
 
-def shown(url: str) -> str:
+def without_password(url: str) -> str:
     """A URL without the password that may be in it."""
     return _parted(url)[0]
 

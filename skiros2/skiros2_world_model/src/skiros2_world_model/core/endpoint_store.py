@@ -12,8 +12,8 @@ import pyoxigraph as ox
 from rdflib import Literal, URIRef
 
 from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError
-from skiros2_world_model.core.context_names import ONTOLOGY
-from skiros2_world_model.core.endpoint_connection import EndpointConnection, shown
+from skiros2_world_model.core.changes import ONTOLOGY
+from skiros2_world_model.core.endpoint_connection import EndpointConnection, without_password
 from skiros2_world_model.core.prefixes import OWL, RDF, RDFS
 from skiros2_world_model.core.rdflib_terms import store_term
 from skiros2_world_model.core.triple_store import (
@@ -93,9 +93,9 @@ class EndpointStore:
             found = self._ask(f"SELECT ?name {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} ?name }} }}")
             names = {str(row[0]) for row in found}
             if self.generation and names - {self._name}:
-                raise Refused(f"SPARQL endpoint {shown(self._url)} is used by another world model now")
+                raise Refused(f"SPARQL endpoint {without_password(self._url)} is used by another world model now")
             if self._lost or (self._marked and not names):
-                self._start_anew()
+                self._restart()
 
     def knowledge(self) -> list[ox.Triple]:
         return self._knowledge
@@ -105,8 +105,8 @@ class EndpointStore:
         with self._lock:
             if context == ONTOLOGY:
                 self._ontologies.replace(context, given)
-            self._later(f"CLEAR SILENT GRAPH {graph}")
-            self._later(f"INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_MEMBER} {graph} }} }}")
+            self._enqueue(f"CLEAR SILENT GRAPH {graph}")
+            self._enqueue(f"INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_MEMBER} {graph} }} }}")
             self._write("INSERT", context, given)
 
     def extend(self, context: str, triples: Iterable[ox.Triple]) -> None:
@@ -132,7 +132,7 @@ class EndpointStore:
                 pattern = f"GRAPH {graph} {{ ?s ?p ?o }}"
                 no_relation = f'?p = {_TYPE} || !isIRI(?o) || STRSTARTS(STR(?o), "{_BLANK}")'
                 values = f"VALUES ?s {{ {' '.join(some)} }}"
-                self._later(f"DELETE {{ {pattern} }} WHERE {{ {values} {pattern} FILTER({no_relation}) }}")
+                self._enqueue(f"DELETE {{ {pattern} }} WHERE {{ {values} {pattern} FILTER({no_relation}) }}")
             self.update(context, removed, added)
 
     def triples(self, context: str) -> list[ox.Triple]:
@@ -149,22 +149,22 @@ class EndpointStore:
         graph = URIRef(graph_of(context).value) if context else None
         return [tuple(map(_read, row)) for row in self._ask(query, graph, namespaces)]
 
-    def _start_anew(self) -> None:
+    def _restart(self) -> None:
         """Whatever the endpoint has of a world model goes; the contexts are to be given to it again."""
         graphs = self._ask(f"SELECT ?graph {{ GRAPH {_SESSION} {{ {_SESSION} {_MEMBER} ?graph }} }}")
         with self._lock:
             self._lost = self._marked = False
             self.generation += 1
             self._requests = [f"DROP SILENT GRAPH <{row[0]}>" for row in graphs]
-            self._later(f"DROP SILENT GRAPH {_SESSION}")
-            self._later(f'INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} "{self._name}" }} }}')
+            self._enqueue(f"DROP SILENT GRAPH {_SESSION}")
+            self._enqueue(f'INSERT DATA {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} "{self._name}" }} }}')
             self.replace(ONTOLOGY, self._ontologies.triples(ONTOLOGY))
 
     def _write(self, verb: str, context: str, triples: Iterable[ox.Triple]) -> None:
         for some in _chunks(map(_written, triples)):
-            self._later(f"{verb} DATA {{ GRAPH {graph_of(context)} {{ {' . '.join(some)} }} }}")
+            self._enqueue(f"{verb} DATA {{ GRAPH {graph_of(context)} {{ {' . '.join(some)} }} }}")
 
-    def _later(self, request: str) -> None:
+    def _enqueue(self, request: str) -> None:
         with self._lock:
             if not self._lost:  # else it will be given all anew
                 self._requests.append(request)
@@ -178,7 +178,7 @@ class EndpointStore:
             while True:
                 with self._lock:
                     if self._lost:
-                        raise Refused(f"SPARQL endpoint {shown(self._url)} was lost a moment ago; ask again")
+                        raise Refused(f"SPARQL endpoint {without_password(self._url)} was lost a moment ago; ask again")
                     count = _fitting(self._requests)
                     batch, self._requests = self._requests[:count], self._requests[count:]
                     self._marked = self._marked or not batch
@@ -210,7 +210,7 @@ class EndpointStore:
 
         :raises Refused: it does not.
         """
-        mark, where = f'ASK {{ {_SESSION} {_VALUE} "{self._name}" }}', f"SPARQL endpoint {shown(self._url)}"
+        mark, where = f'ASK {{ {_SESSION} {_VALUE} "{self._name}" }}', f"SPARQL endpoint {without_password(self._url)}"
         heeded = [bool(self._ask(mark, URIRef(graph))[0][0]) for graph in (_SESSION[1:-1], "urn:skiros:none")]
         if heeded != [True, False]:
             raise Refused(f"{where} does not heed default-graph-uri, by which a context is asked (SPARQL 1.1 Protocol)")

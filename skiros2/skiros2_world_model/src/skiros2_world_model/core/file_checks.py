@@ -9,8 +9,8 @@ from pathlib import Path
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import local_name
-from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.checks import Checks, noted
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
 
 log = logging.getLogger(__name__)
@@ -30,8 +30,8 @@ class Flaw:
 class CollectingChecks(Checks):
     """Checks that note what is wrong and go on."""
 
-    def __init__(self, base: OntologyBase, origin: str, strict: bool) -> None:
-        super().__init__(base.index, base.prefixes, origin, strict)
+    def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
+        super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
         self.flaws: list[Flaw] = []
 
     @property
@@ -51,15 +51,15 @@ class CollectingChecks(Checks):
             element, *place = users[0].split(" ")  # an element, or a relation
             prop = place[0] if place else name if kind in ("property", "relation") else ""
             others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
-            finding = Finding(severity, self._origin, element, prop, f"unknown {kind} {name}{others}")
+            finding = Finding(severity, self._origin, element, prop, f"{noted(kind, name)}{others}")
             self.flaws.append(Flaw(finding, KEPT))
 
 
 class FileChecks(CollectingChecks):
     """Checks of a file that is loaded: flaws are one warning; with `strict` they refuse the file."""
 
-    def __init__(self, base: OntologyBase, path: Path, strict: bool) -> None:
-        super().__init__(base, str(path), strict)
+    def __init__(self, knowledge_base: KnowledgeBase, path: Path, strict: bool) -> None:
+        super().__init__(knowledge_base, str(path), strict)
         self._path = path
 
     def finish(self) -> None:

@@ -1,7 +1,6 @@
-"""The past of a world model, as its journal tells it: the scene at a time, what was changed, when and by whom.
+"""Queries past states and changes of a world model from its journal.
 
-A point is the number of a change (int) or a time (float, s since the epoch). Each question sees one state of the
-journal and holds up no request.
+A point is the number of a change (int) or a time (float, s since the epoch). Queries never block the world model.
 """
 
 from __future__ import annotations
@@ -16,30 +15,28 @@ from typing import Any
 from skiros2_common.core.errors import Refused, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.changes import relation_dict
-from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE, relation_dict
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
-from skiros2_world_model.core.journal_content import read_node
-from skiros2_world_model.core.journal_file import read_note, read_only
+from skiros2_world_model.core.journal_file import read_meta, read_only
+from skiros2_world_model.core.journal_state import read_record
 from skiros2_world_model.core.scene import Provenance
 
-#: What is journalled: an element ("element", id), a relation ("relation", src, pred, dst), a statement ("statement",
-#: triple).
+#: The key of a row: ("element", id), ("relation", src, pred, dst) or ("statement", triple).
 _Key = tuple[str, ...]
-#: By key, what it was before and what it is after; None: not there.
+#: By key, the contents before and after; None: absent.
 _Changes = dict[_Key, tuple[Any, Any]]
 
 _KEY_COLUMNS = {"element": "id", "relation": "src, pred, dst", "statement": "triple"}
 _CONTENT = {"element": "content", "relation": "''", "statement": "present"}
-#: Finds the rows of elements after a point without an index, as they are in that order.
+#: Restricts past elements to those after a point by rowid, which is in the order of `until`.
 _IN_ORDER = " AND rowid>coalesce((SELECT past FROM request WHERE number<=:first ORDER BY number DESC LIMIT 1), 0)"
 _OF_ELEMENT = {"element": " AND id=:eid", "relation": " AND (src=:eid OR dst=:eid)"}
 
 
 class History:
-    """Asks the journal of a world model, which may be running or not.
+    """Reads the journal of a world model, which need not be running.
 
-    :param path: the journal's file.
+    :param path: the file of the journal.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,19 +51,19 @@ class History:
         limit: int = 0,
         context: str = SCENE,
     ) -> list[HistoryEntry]:
-        """What was changed after a point and up to another one: an entry for each request, oldest first.
+        """The changes after one point and up to another: an entry for each request, oldest first.
 
-        :param eid: only changes of this element; "" of all.
-        :param since: None: from the journal's beginning on.
-        :param until: None: up to now.
-        :param author: only what this author did; "" all.
-        :param limit: so many entries at most, the last ones; 0: all.
-        :raises UnknownName: there was never such an element or context.
-        :raises WrongValue: the journal does not reach to a point.
+        :param eid: only changes of this element; "": all.
+        :param since: None: the beginning of the journal.
+        :param until: None: now.
+        :param author: only changes by this author; "": all.
+        :param limit: at most this number of entries, the latest ones; 0: all.
+        :raises UnknownName: the element or context has never existed.
+        :raises WrongValue: a point is outside the journal.
         """
-        with self._asked(context, eid) as db:
+        with self._connection(context, eid) as db:
             first, last = self._between(db, since, until)
-            first -= since is None  # the change that it begins with, too
+            first -= since is None  # include the first change of the journal
             if limit and not eid:
                 first = max(first, _request_before(db, last, context, author, limit))
             entries: list[HistoryEntry] = []
@@ -77,22 +74,22 @@ class History:
         return entries[-limit:]
 
     def last_change(self, eid: str, name: str = "", dst: str = "", context: str = SCENE) -> HistoryEntry | None:
-        """The last request that changed an element, or one property or relation of it; None when none is known.
+        """The last request that changed an element, or one property or relation of it; None when it is unknown.
 
-        :param name: the property or relation; "" any.
-        :param dst: the object of the relation; "" any.
+        :param name: the property or relation; "": any.
+        :param dst: the object of the relation; "": any.
         :raises UnknownName: as for `changes`.
         """
         entries = self.changes(eid, context=context)
-        return next((e for e in reversed(entries) if not name or e.touches((full_name(name),), dst)), None)
+        return next((e for e in reversed(entries) if not name or e.affects((full_name(name),), dst)), None)
 
     def difference(self, since: Point | None = None, until: Point | None = None, context: str = SCENE) -> HistoryEntry:
-        """What is other in a context at one point than it was at another; false when nothing is.
+        """The difference of a context between two points; false when there is none.
 
-        :param since, until: None: at the journal's beginning, and now.
+        :param since, until: None: the beginning of the journal, and now.
         :raises UnknownName, WrongValue: as for `changes`.
         """
-        with self._asked(context) as db:
+        with self._connection(context) as db:
             first, last = self._between(db, since, until)
             total: _Changes = {}
             for _, changes in sorted(_changes(db, context, first, last).items()):
@@ -103,17 +100,17 @@ class History:
         return entry
 
     def scene_at(self, at: Point | None = None, context: str = SCENE) -> HistoryEntry:
-        """A context as it was: `after` has its elements, each with its outgoing relations.
+        """A past state of a context: `after` has its elements, each with its outgoing relations.
 
-        The entry tells of the request that led to this state.
+        The other fields of the entry describe the request that led to this state.
 
         :param at: None: now.
         :raises UnknownName, WrongValue: as for `changes`.
         """
-        with self._asked(context) as db:
+        with self._connection(context) as db:
             _, number = self._between(db, None, at)
             state: _Changes = {}
-            for key, _, _, content in _rows(db, context, number, number, standing=True):
+            for key, _, _, content in _rows(db, context, number, number, current=True):
                 state[key] = (None, content)
             entry = _entry(db, number, state)
         elements = {element.id: element for element in entry.after}
@@ -123,32 +120,32 @@ class History:
         entry.related = []
         return entry
 
-    # -- asking ------------------------------------------------------------------------------------------------
+    # -- queries -----------------------------------------------------------------------------------------------
 
     @contextmanager
-    def _asked(self, context: str, eid: str = "") -> Iterator[sqlite3.Connection]:
-        """A connection for one question about something that is known."""
+    def _connection(self, context: str, eid: str = "") -> Iterator[sqlite3.Connection]:
+        """Opens a connection that sees one state of the journal; checks that the context and element are known."""
         try:
             with closing(read_only(self._path)) as db:
                 db.execute("BEGIN")
                 _check_context(db, context)
                 if eid and not _knows(db, context, eid):
-                    raise UnknownName(f"the journal knows no element {eid!r} in context {context!r}")
+                    raise UnknownName(f"the journal has no element {eid!r} in context {context!r}")
                 yield db
         except sqlite3.Error as error:
             raise Refused(f"journal {self._path} cannot be read: {error}") from error
 
     def _between(self, db: sqlite3.Connection, since: Point | None, until: Point | None) -> tuple[int, int]:
-        first = int(read_note(db, "begin")) if since is None else _number(db, since)
+        first = int(read_meta(db, "begin")) if since is None else _number(db, since)
         return first, _last(db) if until is None else _number(db, until)
 
 
 def _number(db: sqlite3.Connection, point: Point) -> int:
     """The number of the last change at a point.
 
-    :raises WrongValue: the journal does not reach to it.
+    :raises WrongValue: the point is outside the journal.
     """
-    begin = read_note(db, "begin")
+    begin = read_meta(db, "begin")
     if isinstance(point, int):
         if point > _last(db):
             raise WrongValue(f"there is no change {point} yet; the last one is {_last(db)}")
@@ -169,7 +166,7 @@ def _last(db: sqlite3.Connection) -> int:
 
 
 def _request_before(db: sqlite3.Connection, last: int, context: str, author: str, limit: int) -> int:
-    """The request before the last so many of an author in a context; 0 when there are not so many."""
+    """The request before the last `limit` requests of an author in a context; 0 when there are fewer."""
     found = db.execute(
         "SELECT number FROM request WHERE number <= ? AND context IN ('', ?) AND (author=? OR ?='') "
         "ORDER BY number DESC LIMIT 1 OFFSET ?",
@@ -182,7 +179,7 @@ def _check_context(db: sqlite3.Connection, context: str) -> None:
     known = "SELECT 1 FROM context WHERE name=:c UNION ALL SELECT 1 FROM request WHERE context=:c LIMIT 1"
     if context != ONTOLOGY and not db.execute(known, {"c": context}).fetchone():
         names = ", ".join(sorted(name for (name,) in db.execute("SELECT name FROM context")))
-        raise UnknownName(f"the journal knows no context {context!r}; it has: {names}")
+        raise UnknownName(f"the journal has no context {context!r}; it has: {names}")
 
 
 def _knows(db: sqlite3.Connection, context: str, eid: str) -> bool:
@@ -194,18 +191,18 @@ def _knows(db: sqlite3.Connection, context: str, eid: str) -> bool:
 
 
 def _rows(
-    db: sqlite3.Connection, context: str, first: int, last: int, eid: str = "", standing: bool = False
+    db: sqlite3.Connection, context: str, first: int, last: int, eid: str = "", current: bool = False
 ) -> Iterator[tuple[_Key, int, int | None, Any]]:
-    """What came or went after the first number and came not later than the last: key, since, until, content.
+    """Rows that began or ended after `first` and began no later than `last`: key, since, until, content.
 
-    :param standing: what came before and is there still, too.
+    :param current: includes current rows that began before `first`.
     """
     names = {"context": context, "first": first, "last": last, "eid": eid}
     for table, key in _KEY_COLUMNS.items():
         if eid and table not in _OF_ELEMENT:
             continue
         which = f"context=:context AND since<=:last{_OF_ELEMENT[table] if eid else ''}"
-        present = "" if standing else " AND since>:first"
+        present = "" if current else " AND since>:first"
         past = " AND until>:first" + (_IN_ORDER if table == "element" and not eid else "")
         for source, until, more in ((table, "NULL", present), (f"past_{table}", "until", past)):
             columns = f"since, {until}, {_CONTENT[table]}, {key}"
@@ -214,7 +211,7 @@ def _rows(
 
 
 def _changes(db: sqlite3.Connection, context: str, first: int, last: int, eid: str = "") -> dict[int, _Changes]:
-    """What the requests after the first number, up to the last, have changed, by their numbers."""
+    """The changes of the requests after `first` and up to `last`, by request number."""
     found: dict[int, _Changes] = {}
     for key, since, until, content in _rows(db, context, first, last, eid):
         if since > first:
@@ -227,7 +224,7 @@ def _changes(db: sqlite3.Connection, context: str, first: int, last: int, eid: s
 
 
 def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEntry:
-    """What the request with that number, or with the last one before it, is told to have changed."""
+    """An entry with these changes, for the request with this number or the last one before it."""
     request = "SELECT number, stamp, author, action FROM request WHERE number <= ? ORDER BY number DESC LIMIT 1"
     entry = HistoryEntry(*db.execute(request, (number,)).fetchone())
     for (table, *key), (was, now) in changes.items():
@@ -239,7 +236,7 @@ def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEnt
         elif table == "relation":
             (entry.unrelated if now is None else entry.related).append(relation_dict(*key))
         else:
-            # a row may also say that a statement of a file is taken away; without any it is as in the file
+            # A row with present = 0 removes a triple of a file; without a row, the file applies.
             is_stated = now if now is not None else not was
             (entry.stated if is_stated else entry.unstated).append(key[0])
     return entry
@@ -248,8 +245,8 @@ def _entry(db: sqlite3.Connection, number: int, changes: _Changes) -> HistoryEnt
 def _elements(eid: str, content: str | None) -> list[Element]:
     if content is None:
         return []
-    node = read_node(eid, content, Provenance())
-    element = Element(node.type, node.label, eid)
-    for key, prop in node.properties.items():
+    record = read_record(eid, content, Provenance())
+    element = Element(record.type, record.label, eid)
+    for key, prop in record.properties.items():
         element._put(key, prop)
     return [element]

@@ -1,8 +1,7 @@
-"""The journal of a world model: every change with its time and author, on disk before anybody is told of it.
+"""The journal of a world model: every change with its time and author, on disk before it is published.
 
-A world model that was killed goes on from it: with the same elements under the same ids, the same session and the
-numbers after the last one. What is so no more stays in the journal for its history (`core/history.py`) until it is too
-old or there is too much of it.
+A killed world model recovers from it with the same elements and ids, the same session, and continuing change numbers.
+Past states stay in the journal for queries of the history (`core/history.py`) until the retention limits are reached.
 """
 
 from __future__ import annotations
@@ -13,34 +12,34 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError, Refused
-from skiros2_world_model.core.housekeeping import Housekeeping
-from skiros2_world_model.core.journal_file import JournalFile, JournalTransaction, read_note
+from skiros2_world_model.core.journal_file import JournalFile, JournalTransaction, read_meta
 from skiros2_world_model.core.journal_state import JournalState, read_state
 from skiros2_world_model.core.journal_writer import JournalWriter
+from skiros2_world_model.core.retention import Retention
 from skiros2_world_model.core.scene import Provenance, Scene
 
-#: When a world model goes on from its journal: after it was killed, whenever there is one, or not at all.
+#: When a world model recovers from its journal: after it was killed, always, or never.
 KILLED, ALWAYS, NEVER = "killed", "always", "never"
 
-#: A context: its name, its scene, what is beside elements as N-Triples, its file.
+#: A context: its name, its scene, its extra triples as N-Triples, its file.
 Content = tuple[str, Scene, Iterable[str], str]
 
 _RUNNING, _ENDED = "running", "ended"
 
-#: What the keys of notes of others begin with.
-_KEPT = "kept "
+#: The prefix of the meta keys of `Journal.set_meta`.
+_META_PREFIX = "kept "
 
 
 class Journal:
-    """The journal that a world model writes. Used under the world model's lock; housekeeping has a thread of its own.
+    """The journal of one world model. Used under the world model's lock; retention runs in its own thread.
 
     :param path: the file.
-    :param origin: what the world model starts from otherwise; it does not go on from a journal of another origin.
-    :param recover: when it goes on: `KILLED`, `ALWAYS` or `NEVER`.
-    :param days: for how long the past is kept; 0: for as long as there is room.
-    :param max_bytes: how large it may grow before the oldest of the past is dropped. The present is kept in any case.
-    :param full_sync: waits at each request until the disk has it, so that a power cut loses nothing either.
-    :raises ConfigurationError: another world model is using it, or it cannot be made.
+    :param origin: identifies the initial files; with `KILLED`, a journal of another origin is not recovered.
+    :param recover: when the world model recovers: `KILLED`, `ALWAYS` or `NEVER`.
+    :param days: the retention period of past states (days); 0: unlimited.
+    :param max_bytes: the maximum size; the oldest past states are pruned when it is exceeded. The current state stays.
+    :param full_sync: syncs to disk in every request, so that a power failure loses no change.
+    :raises ConfigurationError: another world model uses the journal, or it cannot be created.
     """
 
     def __init__(
@@ -53,124 +52,124 @@ class Journal:
         full_sync: bool = False,
     ) -> None:
         if recover not in (KILLED, ALWAYS, NEVER):
-            choice = f"{KILLED}, {ALWAYS} or {NEVER}"
-            raise ConfigurationError(f"journal {path}: journal_recover is {recover!r}, expected {choice}")
+            options = f"{KILLED}, {ALWAYS} or {NEVER}"
+            raise ConfigurationError(f"journal {path}: journal_recover is {recover!r}, expected {options}")
         self.path = path
-        #: The number of the last change; known once `restore` was called.
+        #: The number of the last change; valid after `restore`.
         self.last = 0
         self._origin = origin
         self._recover = recover
         self._file = JournalFile(path, full_sync)
         self._next_numbers: dict[str, int] = {}
-        self._housekeeping = Housekeeping(self._file, days, max_bytes)
+        self._retention = Retention(self._file, days, max_bytes)
 
-    # -- one life after the other ------------------------------------------------------------------------------
+    # -- start and end -----------------------------------------------------------------------------------------
 
     def restore(self) -> JournalState | None:
-        """What the world model goes on from; None when it is to `start`. Called first."""
+        """Returns the state to recover, or None when the world model must `start`. Call it first."""
         state = None
         db = self._file.writer
         try:
             found = db.execute("SELECT last FROM request ORDER BY number DESC LIMIT 1").fetchone()
             self.last = found[0] if found is not None else 0
-            if self._goes_on(db):
+            if self._should_recover(db):
                 self._file.check()
                 state = read_state(db)
         except (sqlite3.DatabaseError, LookupError, SyntaxError, TypeError, ValueError) as error:
-            self._file.begin_anew(error)
+            self._file.start_over(error)
         if state is not None:
-            self._housekeeping.start()
+            self._retention.start()
         return state
 
-    def start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
-        """A world model that does not go on begins with these contexts and no others.
+    def start(self, session: str, provenance: Provenance, contents: Sequence[Content]) -> None:
+        """Replaces the current state with the initial contexts of a world model that does not recover.
 
-        :param made: the change that this is.
-        :param contents: as `JournalWriter.whole` takes them.
-        :param session: of its snapshot ids.
+        :param session: the session of its snapshot ids.
+        :param provenance: the provenance of the start.
+        :param contents: as for `JournalWriter.replace_context`.
         :raises Refused: the journal cannot be written.
         """
         try:
-            self._start(session, made, contents)
+            self._start(session, provenance, contents)
         except Refused as error:
             cause = error.__cause__
             if not isinstance(cause, sqlite3.DatabaseError) or isinstance(cause, sqlite3.OperationalError):
                 raise
-            self._file.begin_anew(cause)
-            self._start(session, made, contents)
-        self._housekeeping.start()
+            self._file.start_over(cause)
+            self._start(session, provenance, contents)
+        self._retention.start()
 
     def close(self, clean: bool = True) -> None:
-        """The world model has ended: what it asks for from now on is refused.
+        """Closes the journal; later requests are refused.
 
-        :param clean: in good order: the next life starts from its files.
+        :param clean: marks a regular shutdown, after which `KILLED` does not recover.
         :raises Refused: the journal cannot be written.
         """
-        self._housekeeping.stop()
+        self._retention.stop()
         try:
             if clean:
                 with JournalTransaction(self._file) as transaction:
-                    _note(transaction.db, state=_ENDED)
+                    _set_meta(transaction.db, state=_ENDED)
         finally:
             self._file.close()
 
     # -- writing -----------------------------------------------------------------------------------------------
 
-    def request(self, made: Provenance, last: int, action: str, context: str) -> JournalWriter:
-        """One request, to be entered: what is written within is in the journal when it is left, or nothing of it.
+    def request(self, provenance: Provenance, last: int, action: str, context: str) -> JournalWriter:
+        """Opens a transaction for one request, as a context manager.
 
-        :param made: its first change.
+        :param provenance: the provenance of its first change.
         :param last: the number of its last change.
-        :param action: as `HistoryEntry` tells it.
+        :param action: see `HistoryEntry`.
         """
-        self._housekeeping.count_request()
-        return JournalWriter(self._file, made, last, action, context, self._next_numbers)
+        self._retention.count_request()
+        return JournalWriter(self._file, provenance, last, action, context, self._next_numbers)
 
     def write_file(self, context: str, file: str) -> None:
-        """A context has another file.
+        """Records the file of a context.
 
         :raises Refused: the journal cannot be written.
         """
         with JournalTransaction(self._file) as transaction:
             transaction.db.execute("UPDATE context SET file=? WHERE name=?", (file, context))
 
-    # -- notes -------------------------------------------------------------------------------------------------
+    # -- meta data ---------------------------------------------------------------------------------------------
 
-    def keep(self, key: str, text: str) -> None:
-        """Notes something beside the contexts. It is gone when a world model does not go on from the journal.
+    def set_meta(self, key: str, text: str) -> None:
+        """Stores a text under a key. `start` deletes it.
 
         :raises Refused: the journal cannot be written.
         """
         with JournalTransaction(self._file) as transaction:
-            transaction.db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_KEPT + key, text))
+            transaction.db.execute("INSERT OR REPLACE INTO meta VALUES (?,?)", (_META_PREFIX + key, text))
 
-    def kept(self, key: str) -> str:
-        """What was noted; "" when nothing was."""
-        return str(read_note(self._file.writer, _KEPT + key) or "")
+    def get_meta(self, key: str) -> str:
+        """The text stored under a key; "" when there is none."""
+        return str(read_meta(self._file.writer, _META_PREFIX + key) or "")
 
-    def _start(self, session: str, made: Provenance, contents: Sequence[Content]) -> None:
-        with self.request(made, made.version, "start", "") as writer:
+    def _start(self, session: str, provenance: Provenance, contents: Sequence[Content]) -> None:
+        with self.request(provenance, provenance.version, "start", "") as writer:
             writer.clear()
-            writer.db.execute("DELETE FROM meta WHERE key LIKE ?", (f"{_KEPT}%",))
+            writer.db.execute("DELETE FROM meta WHERE key LIKE ?", (f"{_META_PREFIX}%",))
             for content in contents:
-                writer.whole(*content)
-            _note(writer.db, session=session, state=_RUNNING, origin=self._origin)
-            writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (made.version,))
+                writer.replace_context(*content)
+            _set_meta(writer.db, session=session, state=_RUNNING, origin=self._origin)
+            writer.db.execute("INSERT OR IGNORE INTO meta VALUES ('begin', ?)", (provenance.version,))
 
-    def _goes_on(self, db: sqlite3.Connection) -> bool:
-        state = read_note(db, "state")
+    def _should_recover(self, db: sqlite3.Connection) -> bool:
+        state = read_meta(db, "state")
         if self._recover == ALWAYS:
             return state is not None
-        return self._recover == KILLED and state == _RUNNING and read_note(db, "origin") == self._origin
+        return self._recover == KILLED and state == _RUNNING and read_meta(db, "origin") == self._origin
 
 
 def first_number() -> int:
-    """The number that a world model without a past counts from: higher than all of its earlier lives.
+    """The start number of a world model without a journal: the time in microseconds since the epoch.
 
-    It is the time, in microseconds since the epoch: no world model makes a million changes in a second.
+    It is higher than all numbers of earlier processes, as no world model makes a million changes per second.
     """
     return int(time.time() * 1e6)
 
 
-def _note(db: sqlite3.Connection, **notes: str) -> None:
+def _set_meta(db: sqlite3.Connection, **notes: str) -> None:
     db.executemany("INSERT OR REPLACE INTO meta VALUES (?,?)", notes.items())

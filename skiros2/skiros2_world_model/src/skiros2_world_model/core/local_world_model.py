@@ -1,4 +1,4 @@
-"""The world model in the process of its user: the whole port without ROS, for tests, notebooks and the server."""
+"""The world model port without ROS, in one process: for tests, notebooks and the server."""
 
 from __future__ import annotations
 
@@ -8,24 +8,22 @@ from types import TracebackType
 
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import Change, Operation, Outcome
+from skiros2_world_model.core.changes import Change, Operation, Outcome, Statement
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
+from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.scene import Provenance
-from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.validation import validate
-from skiros2_world_model.core.wills import Bequest
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException, refusal
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
 
 class LocalWorldModel(WorldModelAbstractInterface):
-    """The port over a `WorldModel` of this process. Several may share one.
+    """The port to a `WorldModel` in this process. Several ports may share one world model.
 
-    :param author_name: who makes the changes.
+    :param author_name: the author of the changes.
     :param model: the world model; None: a new one with the ontologies of this package.
     """
 
@@ -43,18 +41,18 @@ class LocalWorldModel(WorldModelAbstractInterface):
         return True
 
     def lock(self) -> bool:
-        """Takes the advisory lock of the world model; waits until it is free. Returns True."""
-        self.model.advisory_lock.take(self._author)
+        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
+        self.model.advisory_lock.acquire(self._author)
         return True
 
     def unlock(self) -> bool:
-        """Gives the advisory lock back. Returns False when nobody has it."""
-        return self.model.advisory_lock.give_back()
+        """Releases the advisory lock. Returns False when it is not held."""
+        return self.model.advisory_lock.release()
 
     def load(self, filename: str = "", context: str = "scene") -> bool:
-        """Replaces a context with what a file of the workspace says; when it is refused, the present one stays.
+        """Replaces a context with the content of a file of the workspace. Returns True.
 
-        Returns True.
+        :raises WmException: the file is refused; the current content stays.
         """
         with _wm_errors():
             self.model.load(filename, self._author, context)
@@ -69,16 +67,16 @@ class LocalWorldModel(WorldModelAbstractInterface):
     def get_scene_name(self) -> str:
         return self.model.file_of("scene")
 
-    def leave_will(self, bequests: Sequence[Bequest]) -> None:
-        """Nothing is left to be done: the world model ends with the process that it is in."""
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        """No effect: the world model ends with its process."""
 
     @property
     def version(self) -> int:
         return self.model.number
 
-    def present(self) -> Present:
+    def revisions(self) -> Revisions:
         with self.model.lock:
-            return Present(self._ontology, self.model.scene().marks)
+            return Revisions(self._ontology, self.model.scene().record_lookup)
 
     def add_listener(self, callback: Callable[[Change], None]) -> None:
         self.model.add_listener(callback)
@@ -87,7 +85,7 @@ class LocalWorldModel(WorldModelAbstractInterface):
         self.model.remove_listener(callback)
 
     def set_monitor_cb(self, cb: Callable[[Change], None]) -> None:
-        """`cb(change)` is called after each change."""
+        """Calls `cb(change)` after each change."""
         self.model.add_listener(cb)
 
     def find_element(self, eid: str, context_id: str = "scene") -> Element | None:
@@ -102,7 +100,7 @@ class LocalWorldModel(WorldModelAbstractInterface):
         with _wm_errors():
             return self.model.reader.removal(eid, context_id)
 
-    # -- the past, as `History` tells it ----------------------------------------------------------------------
+    # -- history -----------------------------------------------------------------------------------------------
 
     def history(
         self,
@@ -125,10 +123,10 @@ class LocalWorldModel(WorldModelAbstractInterface):
             return self.model.history.difference(since, until, context_id)
 
     def validate(self, context_id: str = "scene") -> Report:
-        """What is not as the ontologies and shapes want it in a context as it is now."""
+        """Validates the current state of a context against the ontologies and the shapes."""
         with _wm_errors():
             triples = self.model.triples(context_id)
-            return validate(triples, f"context {context_id}", self.model.base, context_id, self.model.strict)
+            return validate(triples, f"context {context_id}", self.model.knowledge_base, context_id, self.model.strict)
 
     @property
     def _ontology(self) -> Ontology:
@@ -170,30 +168,30 @@ class LocalWorldModel(WorldModelAbstractInterface):
 
 
 def source_ontologies() -> Path:
-    """The folder of the ontologies in the source tree, or the install space, that this file is in.
+    """The folder of the ontologies in the source tree or install space of this file.
 
-    :raises WmException: this file is in none of these; name the folder then.
+    :raises WmException: this file is in neither of them.
     """
     for folder in Path(__file__).resolve().parents:
         for ontologies in (folder / "ontologies", folder / "share" / "skiros2" / "ontologies"):
             if (ontologies / "skiros.ttl").is_file():
                 return ontologies
-    raise WmException(f"no ontologies folder is above {__file__}; give WorldModel the folder to use")
+    raise WmException(f"no ontologies folder found above {__file__}; pass the folder to WorldModel")
 
 
 class _WmErrors:
-    """What the world model refuses reaches the caller as `WmException`."""
+    """Converts errors of the world model to `WmException`."""
 
     def __enter__(self) -> None:
-        """Nothing is to be done before."""
+        """No preparation."""
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if isinstance(error, SkirosError) and not isinstance(error, WmException):
             raise refusal(str(error)) from error
 
 
-_NO_STATE = _WmErrors()
+_WM_ERRORS = _WmErrors()  # stateless, shared by all calls
 
 
 def _wm_errors() -> _WmErrors:
-    return _NO_STATE
+    return _WM_ERRORS

@@ -1,7 +1,7 @@
-"""What the ontologies say, by name: classes, properties, restrictions, individuals, and their closures.
+"""An index of the ontologies: classes, properties, restrictions, individuals, and their closures.
 
-An `Ontology` is made once from triples and never changes: a change of the ontologies makes a new one. The server makes
-it from its store, a client from the answer to `STRUCTURE_QUERY`.
+An `Ontology` is immutable; a change of the ontologies creates a new one. The server builds it from its triple store, a
+client from the answer to `STRUCTURE_QUERY`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any, Literal
 from skiros2_common.core.names import local_name
 from skiros2_world_model.core.prefixes import STANDARD, prefix_of
 
-#: A triple of names; a literal object is a pair of its value and its datatype, such as `(1.0, "xsd:float")`.
+#: A triple of names. A literal object is a pair of value and datatype, such as `(1.0, "xsd:float")`.
 NamedTriple = tuple[str, str, Any]
 
-#: What a client has to know of the ontologies: everything but the texts and values of individuals.
+#: Selects what a client needs of the ontologies: all triples except those with literals.
 STRUCTURE_QUERY = "SELECT ?s ?p ?o WHERE { ?s ?p ?o . FILTER(!isLiteral(?o)) }"
 
 _META = ("rdf:", "rdfs:", "owl:", "xsd:")
@@ -37,7 +37,7 @@ _MOST = ("owl:maxQualifiedCardinality", "owl:maxCardinality")
 
 @dataclass(frozen=True)
 class Restriction:
-    """A class's superclass expression on one property: the fillers it names, and how many values there may be."""
+    """An OWL restriction on one property of a class: the named fillers and the maximum cardinality (None: any)."""
 
     property: str
     fillers: tuple[str, ...]
@@ -46,7 +46,7 @@ class Restriction:
 
 @dataclass
 class Individual:
-    """An individual of an ontology: what a template holds."""
+    """An individual of an ontology; templates are individuals."""
 
     name: str
     types: list[str] = field(default_factory=list)
@@ -55,18 +55,19 @@ class Individual:
 
     @property
     def type(self) -> str:
-        """The most specific class it is declared of, "" when there is none."""
+        """The most specific declared class; "" when there is none."""
         return self.types[0] if self.types else ""
 
 
 class Ontology:
-    """The classes, properties and individuals of some triples. Safe to read in all threads."""
+    """The classes, properties and individuals declared by triples. Immutable and thread-safe."""
 
     def __init__(self, triples: Iterable[NamedTriple]) -> None:
         self._superclasses: dict[str, list[str]] = {}
         self._superproperties: dict[str, list[str]] = {}
         self._relations: set[str] = set()
         self._data_properties: set[str] = set()
+        self._domains: dict[str, list[str]] = {}
         self._ranges: dict[str, list[str]] = {}
         self._types: dict[str, list[str]] = {}
         self._individuals: dict[str, Individual] = {}
@@ -74,6 +75,7 @@ class Ontology:
         self._restrictions: dict[str, list[Restriction]] = {}
         self._closures: dict[tuple[str, str], frozenset[str]] = {}
         self._limits: dict[tuple[str, str], tuple[str, int | None]] = {}
+        self._misfits: dict[tuple[str, str, str], list[str]] = {}
         self._read(list(triples))
         self._subclasses = _inverse(self._superclasses)
         self._subproperties = _inverse(self._superproperties)
@@ -84,18 +86,18 @@ class Ontology:
         return name in self._superclasses
 
     def has_relation(self, name: str) -> bool:
-        """Whether it is an object property."""
+        """Whether a name is an object property."""
         return name in self._relations or _is_standard(name)
 
     def has_data_property(self, name: str) -> bool:
         return name in self._data_properties or _is_standard(name)
 
     def has_property(self, name: str) -> bool:
-        """Whether it is a declared property of any kind."""
+        """Whether a name is a declared property of any kind."""
         return name in self._superproperties
 
     def knows(self, name: str) -> bool:
-        """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
+        """Whether a name is a class, property or individual of the ontologies, or a term of RDF or OWL."""
         return (
             name in self._superclasses
             or name in self._superproperties
@@ -129,40 +131,64 @@ class Ontology:
         return list(self._subproperties.get(name, ()))
 
     def superclasses(self, name: str) -> frozenset[str]:
-        """The class and all above it."""
+        """The class and all its superclasses."""
         return self._closure("superclasses", self._superclasses, name)
 
     def subclasses(self, name: str) -> frozenset[str]:
-        """The class and all under it."""
+        """The class and all its subclasses."""
         return self._closure("subclasses", self._subclasses, name)
 
     def superproperties(self, name: str) -> frozenset[str]:
-        """The property and all above it."""
+        """The property and all its superproperties."""
         return self._closure("superproperties", self._superproperties, name)
 
     def subproperties(self, name: str) -> frozenset[str]:
-        """The property and all under it."""
+        """The property and all its subproperties."""
         return self._closure("subproperties", self._subproperties, name)
 
     def is_subclass(self, child: str, parent: str) -> bool:
-        """Whether `child` is `parent` or under it."""
+        """Whether `child` is `parent` or one of its subclasses."""
         return child == parent or parent in self.superclasses(child)
 
     def is_subproperty(self, child: str, parent: str) -> bool:
-        """Whether `child` is `parent` or under it."""
+        """Whether `child` is `parent` or one of its subproperties."""
         return child == parent or parent in self.superproperties(child)
+
+    def misfits(self, subject_type: str, relation: str, object_type: str) -> list[str]:
+        """The rules on the classes of the ends of a relation that are broken, as texts.
+
+        A class that the ontologies do not know breaks no rule.
+
+        :param object_type: "" when the object has no class.
+        """
+        key = (subject_type, relation, object_type)
+        broken = self._misfits.get(key)
+        if broken is not None:
+            return broken
+        broken = self._misfits[key] = []
+        for name in sorted(self.superproperties(relation) | {relation}):
+            for side, etype, wanted in (
+                ("subject", subject_type, self._domains.get(name, ())),
+                ("object", object_type, self._ranges.get(name, ())),
+            ):
+                broken += [
+                    f"the {side} of {name} is a {cls}, which {etype} is not"
+                    for cls in wanted
+                    if self.has_class(etype) and self.has_class(cls) and not self.is_subclass(etype, cls)
+                ]
+        return broken
 
     # -- values ------------------------------------------------------------------------------------------------
 
     def datatype(self, prop: str) -> str:
-        """The datatype that a property is declared with, itself or through one above it; "" when with none."""
+        """The range of a data property or of its superproperties; "" when none is declared."""
         for name in [prop, *sorted(self.superproperties(prop) - {prop})]:
             if self._ranges.get(name):
                 return self._ranges[name][0]
         return ""
 
     def value_limits(self, etype: str, prop: str) -> tuple[str, int | None]:
-        """What values a property of an element of a class may have: the datatype ("": any) and the highest number."""
+        """The datatype ("": any) and the maximum number (None: any) of values of a property for a class."""
         key = (etype, prop)
         limits = self._limits.get(key)
         if limits is None:
@@ -180,14 +206,14 @@ class Ontology:
     # -- restrictions ------------------------------------------------------------------------------------------
 
     def restrictions(self, etype: str) -> list[Restriction]:
-        """The restrictions of a class and of all classes above it."""
+        """The restrictions of a class and of its superclasses."""
         return [r for name in sorted(self.superclasses(etype)) for r in self._restrictions.get(name, ())]
 
     def allows(self, subject_type: str, relation: str, object_type: str) -> bool:
-        """Whether a class may be so related to another.
+        """Whether the restrictions allow a relation between two classes.
 
-        The subject's class, one above or one under it, has a restriction on that relation, or on one under it,
-        whose filler is the object's class, or above or under it.
+        True if the subject's class, or one of its superclasses or subclasses, has a restriction on the relation or on a
+        subproperty, with the object's class, a superclass or a subclass of it as a filler.
         """
         subjects = self.superclasses(subject_type) | self.subclasses(subject_type)
         return any(
@@ -200,11 +226,11 @@ class Ontology:
     # -- individuals -------------------------------------------------------------------------------------------
 
     def types(self, name: str) -> list[str]:
-        """What a name is declared to be: `owl:Class`, or the classes of an individual."""
+        """The declared types of a name: `owl:Class`, or the classes of an individual."""
         return list(self._types.get(name, ()))
 
     def instance_types(self, types: Iterable[str]) -> list[str]:
-        """Of what an individual is declared to be, the classes of the domain, the most specific first."""
+        """The domain classes among the declared types of an individual, most specific first."""
         classes = sorted(t for t in set(types) if not t.startswith(_META) and not t.startswith("_:"))
         return sorted(classes, key=lambda t: sum(self.is_subclass(other, t) for other in classes))
 
@@ -212,26 +238,26 @@ class Ontology:
         return self._individuals.get(name)
 
     def individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The individuals of a class, and with `recursive` of all classes under it, sorted."""
+        """The individuals of a class, and with `recursive` of its subclasses, sorted."""
         wanted = self.subclasses(parent_class) if recursive else {parent_class}
         return sorted({name for cls in wanted for name in self._by_class.get(cls, ())})
 
     def individuals_related(self, subject: str, relation: str, obj: str) -> bool:
-        """Whether one individual has that relation, or one under it, to another."""
+        """Whether one individual has a relation, or a subproperty of it, to another."""
         found = self._individuals.get(subject)
         return found is not None and any(o == obj and self.is_subproperty(p, relation) for p, o in found.relations)
 
     def with_classes(self, triples: Sequence[NamedTriple]) -> Ontology | None:
-        """The same ontologies and some more classes; None when the triples say more than that.
+        """Returns a copy with additional classes; None when the triples declare anything else.
 
-        Declaring classes is what skill managers do at their start, many times; it need not read all anew.
+        Skill managers declare many classes when they start; copying avoids reading all triples again.
         """
         if not all(_is_class_statement(*triple) for triple in triples):
             return None
         other = copy.copy(self)
         other._superclasses = {name: list(above) for name, above in self._superclasses.items()}
         other._types = {name: list(types) for name, types in self._types.items()}
-        other._closures, other._limits = {}, {}
+        other._closures, other._limits, other._misfits = {}, {}, {}
         for subject, predicate, obj in triples:
             if predicate == "rdf:type":
                 _append(other._types.setdefault(subject, []), obj)
@@ -268,6 +294,8 @@ class Ontology:
             elif predicate == "rdfs:subPropertyOf" and not obj.startswith("_:"):
                 self._superproperties.setdefault(obj, [])
                 _append(self._superproperties.setdefault(subject, []), obj)
+            elif predicate == "rdfs:domain" and not obj.startswith("_:"):
+                _append(self._domains.setdefault(subject, []), obj)
             elif predicate == "rdfs:range" and not obj.startswith("_:"):
                 _append(self._ranges.setdefault(subject, []), obj)
 
@@ -352,7 +380,7 @@ def _members(
     operator: Literal["owl:unionOf", "owl:intersectionOf"],
     described: dict[str, list[tuple[str, Any]]],
 ) -> list[str]:
-    """The members of a union or intersection; the node itself when it is neither."""
+    """The members of a union or intersection; the node itself when it is neither of them."""
     link = next((o for p, o in described.get(node, ()) if p == operator), None)
     if not isinstance(link, str):
         return [node]

@@ -1,4 +1,4 @@
-"""What both adapters of the ontologies do alike."""
+"""The calls that both adapters of the ontologies share."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from functools import lru_cache
 
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.world_element import Element
-from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE, Statement
 from skiros2_world_model.core.datatypes import literal_text
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import Prefixes, is_iri, prefix_of
-from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 
 _NOT_PLAIN = re.compile(r"[^\w-]")
@@ -25,32 +24,32 @@ def _named(name: str, default_prefix: str) -> str:
 
 
 class OntologyAbstractInterface(ABC):
-    """The calls on ontologies, made of those that the adapters define. Safe to use from all threads.
+    """The ontology port, built on the primitives that an adapter defines. Thread-safe.
 
-    Names may be written `prefix:Name`, `:Name` and `Name` (in the default prefix), or as IRIs.
+    Names may be written as `prefix:Name`, as `:Name` or `Name` (in the default prefix), or as IRIs.
     """
 
     def __init__(self) -> None:
         self._default_prefix = DEFAULT_PREFIX
         self._own_namespaces: dict[str, str] = {}
 
-    # -- what adapters define ----------------------------------------------------------------------------------
+    # -- defined by the adapter --------------------------------------------------------------------------------
 
     @property
     @abstractmethod
     def _ontology(self) -> Ontology:
-        """What the ontologies say now."""
+        """The index of the current ontologies."""
 
     @abstractmethod
     def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
-        """The rows of a SPARQL query."""
+        """Answers a SPARQL query."""
 
     @abstractmethod
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         """Adds and removes statements, all or none."""
 
     def _elements_of(self, cls: str, recursive: bool) -> list[str]:
-        """The ids of the elements of the scene that are of a class, and with `recursive` of its subclasses."""
+        """The ids of the elements of the scene of a class, and with `recursive` of its subclasses."""
         classes = self._ontology.subclasses(cls) if recursive else [cls]
         names = " ".join(map(self._sparql, classes))
         return self._query(f"SELECT DISTINCT ?x WHERE {{ VALUES ?c {{ {names} }} ?x a ?c }}", True, SCENE)
@@ -73,8 +72,7 @@ class OntologyAbstractInterface(ABC):
     def add_individual(self, element: Element, context: str = "") -> bool:
         """Adds an individual, such as a template, with the element's class, properties and relations. Returns True.
 
-        Its name is the element's label.
-
+        :param element: its label becomes the name of the individual.
         :raises WmException: the element has no label.
         """
         if not element.label:
@@ -94,68 +92,68 @@ class OntologyAbstractInterface(ABC):
         return True
 
     def add_ontology(self, uri: str) -> bool:
-        """Declares an ontology: its IRI then defines a prefix for all clients. Returns True."""
+        """Declares an ontology, whose IRI defines a prefix for all clients. Returns True."""
         self._modify([(f"<{uri.strip('<>')}>", "rdf:type", "owl:Ontology", True)], "")
         return True
 
     # -- prefixes ----------------------------------------------------------------------------------------------
 
     def set_default_prefix(self, default_prefix: str) -> None:
-        """What `:Name` and `Name` stand for in the calls and queries of this client."""
+        """Sets the prefix of `:Name` and `Name` in the calls and queries of this client."""
         self._default_prefix = default_prefix.rstrip(":")
 
     def add_prefix(self, uri: str) -> str:
-        """The name with a prefix: `X` and `:X` get the default prefix, an IRI is put into `<...>`."""
+        """Returns a name with its prefix: adds the default prefix to `X` and `:X`, and `<...>` around an IRI."""
         return self._term(uri)
 
     def remove_prefix(self, uri: str) -> str:
-        """The name without its prefix: the part after the last `#`, or after the last `:` where it has no `#`."""
+        """Returns a name without its prefix: the part after the last `#`, or else after the last `:`."""
         text = uri.strip("<>")
         return text.rpartition("#" if "#" in text else ":")[2]
 
     def declare_prefix(self, iri: str) -> None:
-        """Makes the prefix of an ontology's IRI known to the calls and queries of this client."""
+        """Declares the prefix of an ontology's IRI for the calls and queries of this client."""
         self._own_namespaces[prefix_of(iri)] = iri.rstrip("#") + "#"
 
     # -- reading -----------------------------------------------------------------------------------------------
 
     def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]:
-        """The rows that a SPARQL query gives, one text each; of several columns each value is followed by a space.
+        """Answers a SPARQL query with a text for each row; in rows of several columns a space follows each value.
 
-        :param cut_prefix: `prefix:name` and plain values; else N3.
-        :param context: the one to ask, `ontology` for the ontologies alone; "" asks all.
+        :param cut_prefix: returns `prefix:name` and plain values instead of N3.
+        :param context: the context to query; "": all, `ontology`: only the ontologies.
         :raises WmException: the query cannot be answered.
         """
         return self._query(self._prologue() + query, cut_prefix, context)
 
     def get_individuals(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The individuals of a class, of the ontologies (templates) and the elements of the scene, sorted.
+        """The individuals of a class in the ontologies (templates) and the elements of the scene, sorted.
 
-        :param recursive: those of all subclasses too.
+        :param recursive: includes the subclasses.
         """
         found = self._elements_of(self._name(parent_class), recursive)
         return sorted({*self.get_templates(parent_class, recursive), *found})
 
     def get_templates(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The individuals of a class in the ontologies, and with `recursive` of all subclasses, sorted."""
+        """The individuals of a class in the ontologies, and with `recursive` of its subclasses, sorted."""
         return self._ontology.individuals(self._name(parent_class), recursive)
 
     def knows(self, name: str) -> bool:
-        """Whether it is a class, property or individual of the ontologies, or a term of RDF and OWL themselves."""
+        """Whether a name is a class, property or individual of the ontologies, or a term of RDF or OWL."""
         return self._ontology.knows(self._name(name))
 
     def get_type(self, uri: str) -> list[str]:
-        """The types of an element, individual, class or property, sorted; [] when it is unknown."""
+        """The types of an element, individual, class or property, sorted; [] for an unknown name."""
         return sorted(self.query_ontology(f"SELECT DISTINCT ?t WHERE {{ {self._sparql(uri)} a ?t }}"))
 
     def get_types(self, uri: str) -> list[str]:
-        """The names of everything that is of a type: elements, individuals, classes or properties, sorted."""
+        """The names of all elements, individuals, classes or properties of a type, sorted."""
         return sorted(self.query_ontology(f"SELECT DISTINCT ?x WHERE {{ ?x a {self._sparql(uri)} }}"))
 
     def get_triples(self, subj: str | None = None, pred: str | None = None, obj: str | None = None) -> list[str]:
-        """The triples of all contexts with that subject, predicate and object, as texts.
+        """The triples of all contexts that match a subject, predicate and object, as texts.
 
-        A text has the parts that are not given (None), separated by a space; all three when all are given.
+        A text has the parts that are None, separated by a space; all three when all are given.
 
         :param obj: a name, or a literal in N3, such as `"Idle"`.
         """
@@ -166,11 +164,11 @@ class OntologyAbstractInterface(ABC):
         return [row.removesuffix(" ") for row in rows] if len(columns) > 1 else rows
 
     def get_super_class(self, child_class: str) -> str:
-        """The first class directly above; "" when there is none."""
+        """The first direct superclass; "" when there is none."""
         return next(iter(self._ontology.direct_superclasses(self._name(child_class))), "")
 
     def get_sub_classes(self, parent_class: str, recursive: bool = True) -> list[str]:
-        """The class itself and all its subclasses, or without `recursive` the direct subclasses alone, sorted.
+        """The class and all its subclasses, or without `recursive` only its direct subclasses, sorted.
 
         [] for an unknown class.
         """
@@ -180,7 +178,7 @@ class OntologyAbstractInterface(ABC):
         return sorted(self._ontology.subclasses(name)) if self._ontology.has_class(name) else []
 
     def get_sub_properties(self, parent_property: str, recursive: bool = True) -> list[str]:
-        """The property itself and all its subproperties, or without `recursive` the direct ones alone, sorted.
+        """The property and all its subproperties, or without `recursive` only its direct subproperties, sorted.
 
         [] for an unknown property.
         """
@@ -190,15 +188,15 @@ class OntologyAbstractInterface(ABC):
         return sorted(self._ontology.subproperties(name)) if self._ontology.has_property(name) else []
 
     def get_datatype(self, property: str) -> str | None:
-        """The datatype that a property's values have, such as `xsd:float`; None when none is declared."""
+        """The datatype of a property, such as `xsd:float`; None when none is declared."""
         return self._ontology.datatype(self._name(property)) or None
 
     def is_subclass(self, child: str, parent: str) -> bool:
-        """Whether a class is another one or under it."""
+        """Whether `child` is `parent` or one of its subclasses."""
         return child == parent or self._ontology.is_subclass(self._name(child), self._name(parent))
 
     def is_subproperty(self, child: str, parent: str) -> bool:
-        """Whether a property is another one or under it."""
+        """Whether `child` is `parent` or one of its subproperties."""
         return child == parent or self._ontology.is_subproperty(self._name(child), self._name(parent))
 
     # -- names -------------------------------------------------------------------------------------------------
@@ -207,7 +205,7 @@ class OntologyAbstractInterface(ABC):
         return _named(name, self._default_prefix)
 
     def _term(self, name: str) -> str:
-        """A name as the server reads it; prefixes that only this client knows are written out."""
+        """A name in the server's syntax; prefixes that only this client declares are expanded."""
         if is_iri(name):
             return f"<{name.strip('<>')}>"
         name = full_name(name, self._default_prefix)
@@ -215,7 +213,7 @@ class OntologyAbstractInterface(ABC):
         return f"<{self._own_namespaces[prefix]}{local}>" if prefix in self._own_namespaces else name
 
     def _sparql(self, text: str) -> str:
-        """A name or literal as SPARQL writes it."""
+        """A name or literal in SPARQL syntax."""
         if text[:1] in ('"', "<"):
             return text
         if is_iri(text):
@@ -227,7 +225,7 @@ class OntologyAbstractInterface(ABC):
         return f"{prefix}:" + _NOT_PLAIN.sub(lambda match: "\\" + match.group(), local)
 
     def _iri(self, name: str) -> str:
-        """The IRI of a name whose prefix no ontology declares: of a namespace that a scene uses, or the default one."""
+        """The IRI of a name whose prefix no ontology declares: in a namespace that a scene uses, or the default one."""
         prefix, _, local = name.partition(":")
         try:
             (namespace,) = self._query(f"SELECT ?x WHERE {{ BIND({prefix}: AS ?x) }}", False, ONTOLOGY)

@@ -31,10 +31,10 @@ def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]
         groups = [scene.of_type(t) for t in scene.types() if any_type or t in types]
     found: dict[str, None] = {}
     for eid in chain.from_iterable(_fewest(scene, groups, values)):
-        node = scene.node(eid)
-        assert node is not None
-        is_of_type = any_type or node.type in types
-        if is_of_type and wanted.label in ("", node.label) and _has_values(node.properties, values):
+        record = scene.record(eid)
+        assert record is not None
+        is_of_type = any_type or record.type in types
+        if is_of_type and wanted.label in ("", record.label) and _has_values(record.properties, values):
             found[eid] = None
     return list(found)
 
@@ -58,7 +58,7 @@ def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str
     return [eid for eid in found if _type_of(scene, eid) in types]
 
 
-def held_only_by(
+def cascade_ids(
     scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = ""
 ) -> list[str]:
     """An element and what is under it, without what something else holds too: what goes when it is removed.
@@ -103,8 +103,8 @@ def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst
 
 def is_like(scene: Scene, ontology: Ontology, eid: str, wanted: Element) -> bool:
     """Whether an element is of the class, has the label and the property values of an abstract one."""
-    node = scene.node(eid)
-    return node is not None and describes(ontology, wanted, node.type, node.label, node.properties)
+    record = scene.record(eid)
+    return record is not None and describes(ontology, wanted, record.type, record.label, record.properties)
 
 
 def describes(ontology: Ontology, wanted: Element, etype: str, label: str, properties: Mapping[str, Property]) -> bool:
@@ -146,8 +146,8 @@ def _has_values(properties: Mapping[str, Property], values: list[tuple[str, list
 
 
 def _type_of(scene: Scene, eid: str) -> str:
-    node = scene.node(eid)
-    return node.type if node is not None else ""
+    record = scene.record(eid)
+    return record.type if record is not None else ""
 
 
 def _predicates(ontology: Ontology, pred: str) -> frozenset[str] | None:
@@ -178,7 +178,7 @@ def containment_cycle(scene: Scene, predicates: Collection[str], below: Iterable
     return []
 
 
-def told(cycle: Sequence[str]) -> str:
+def format_cycle(cycle: Sequence[str]) -> str:
     """A cycle as a text; of a long one the ends."""
     ids = cycle if len(cycle) <= 8 else [*cycle[:4], "...", *cycle[-3:]]
     return " in ".join(ids)

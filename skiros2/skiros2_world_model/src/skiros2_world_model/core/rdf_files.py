@@ -26,9 +26,9 @@ WrittenStatement = tuple[str, str, str]
 
 
 def read_triples(path: Path) -> list[ox.Triple]:
-    """The triples of a Turtle or RDF/XML file; what is inside decides which of them it is.
+    """Reads a Turtle or RDF/XML file. The content decides the format, not the extension.
 
-    :raises WrongValue: the file is not there, or does not parse; the text names the file, the line and the mistake.
+    :raises WrongValue: the file is missing or does not parse; the text names the file, the line and the error.
     """
     try:
         content = path.read_bytes()
@@ -38,10 +38,10 @@ def read_triples(path: Path) -> list[ox.Triple]:
 
 
 def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
-    """The triples of a Turtle or RDF/XML text. Blank nodes get names that no other text has.
+    """Parses a Turtle or RDF/XML text. Blank nodes get globally unique names.
 
-    :param origin: what the text is, for the message.
-    :raises WrongValue: it does not parse.
+    :param origin: the name of the file, for the message.
+    :raises WrongValue: the text does not parse.
     """
     content = content.removeprefix(_BYTE_ORDER_MARK)
     is_xml = _XML_START.match(content) is not None
@@ -63,24 +63,24 @@ def parse_triples(content: bytes, origin: str) -> list[ox.Triple]:
 
 
 def parse_n_triples(texts: Iterable[str]) -> list[ox.Triple]:
-    """The triples that texts write, each as `str(triple)` does; blank nodes keep their names.
+    """Parses triples from texts as `str(triple)` writes them. Blank nodes keep their names.
 
-    :raises SyntaxError: a text is none.
+    :raises SyntaxError: a text is not a triple.
     """
     content = " .\n".join(texts)
     return [quad.triple for quad in ox.parse(f"{content} .", ox.RdfFormat.N_TRIPLES)] if content else []
 
 
 def turtle(triples: Iterable[ox.Triple], prefixes: Mapping[str, str]) -> bytes:
-    """The triples as Turtle; see `TurtleWriter`."""
+    """Serializes triples as Turtle; see `TurtleWriter`."""
     writer = TurtleWriter(prefixes)
     return writer.text(map(writer.statement, triples))
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Writes a file whole or not at all.
+    """Writes a file atomically.
 
-    :raises WrongValue: it cannot be written.
+    :raises WrongValue: the file cannot be written.
     """
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -99,9 +99,7 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 class TurtleWriter:
-    """Writes statements as Turtle, one to a line, in an order that depends on nothing but the statements.
-
-    So the difference of two texts shows what changed. Used for one text.
+    """Serializes statements as sorted Turtle, one statement per line, so that text diffs show what changed. Used once.
 
     :param prefixes: namespace by prefix.
     """
@@ -112,7 +110,7 @@ class TurtleWriter:
         self._used: set[str] = set()
 
     def text(self, statements: Iterable[WrittenStatement]) -> bytes:
-        """The statements as they are to be written, each once."""
+        """Serializes the statements, without duplicates."""
         described: dict[str, set[tuple[bool, str, str]]] = {}
         for subject, predicate, obj in statements:
             described.setdefault(subject, set()).add((predicate != "a", predicate, obj))
@@ -125,12 +123,12 @@ class TurtleWriter:
         return "\n".join([header, *paragraphs] if header else paragraphs).encode()
 
     def statement(self, triple: ox.Triple) -> WrittenStatement:
-        """A triple as it is written."""
+        """Serializes a triple."""
         predicate = self.predicate(triple.predicate.value)
         return self._term(triple.subject), predicate, self._term(triple.object)
 
     def node(self, iri: str) -> str:
-        """An IRI as it is written."""
+        """Serializes an IRI."""
         written = self._nodes.get(iri)
         if written is None:
             namespace, mark, local = iri.rpartition("#")
@@ -144,11 +142,11 @@ class TurtleWriter:
         return written
 
     def predicate(self, iri: str) -> str:
-        """The IRI of a predicate as it is written."""
+        """Serializes the IRI of a predicate."""
         return "a" if iri == _RDF_TYPE else self.node(iri)
 
     def literal(self, text: str, datatype: str) -> str:
-        """A literal as it is written: its text, and the IRI of its datatype."""
+        """Serializes a literal, given by its text and the IRI of its datatype."""
         quoted = f'"{text}"' if _PLAIN_TEXT.fullmatch(text) else str(ox.Literal(text))
         return quoted if datatype == _XSD_STRING else f"{quoted}^^{self.node(datatype)}"
 
@@ -161,9 +159,29 @@ class TurtleWriter:
 
 
 def _line_of_xml_error(content: bytes) -> int | None:
-    """The line at which a text stops being XML, for mistakes whose line the RDF parser does not tell."""
+    """The line of an XML syntax error, for errors that the RDF parser reports without a line."""
     try:
         expat.ParserCreate().Parse(content, True)
     except expat.ExpatError as error:
         return error.lineno
     return None
+
+
+def workspace_file(workspace: Path | None, filename: str) -> Path:
+    """Resolves the path of a file of the workspace, whether it exists or not.
+
+    :param filename: relative to the workspace, or absolute.
+    :raises WrongValue: the path is outside the workspace or not a valid file name.
+    """
+    if not filename:
+        raise WrongValue("the name of the file is missing")
+    if "\0" in filename or any("\ud800" <= c <= "\udfff" for c in filename):
+        raise WrongValue(f"{filename!r} cannot be the name of a file")
+    if workspace is None:
+        raise WrongValue(f"{filename}: the world model has no workspace folder")
+    folder = workspace.absolute()
+    path = Path(folder, filename)
+    parts = path.parts[len(folder.parts) :]
+    if not path.is_relative_to(folder) or ".." in parts or not parts:
+        raise WrongValue(f"{filename}: expected a file in the workspace {folder}")
+    return path

@@ -43,9 +43,9 @@ class SceneReader:
         """The given element if it has not changed since it was read, else the element as it is now, or None."""
         with self._lock:
             for scene in self._scenes(context):
-                node = scene.node(element.id)
-                if node is not None:
-                    return element if node.made.version == element.version else scene.element(element.id)
+                record = scene.record(element.id)
+                if record is not None:
+                    return element if record.provenance.version == element.version else scene.element(element.id)
         return None
 
     def has(self, eid: str, context: str) -> bool:
@@ -57,7 +57,7 @@ class SceneReader:
         """The change that removed an element; None: the element exists, or its removal is not known."""
         with self._lock:
             known = (scene.removals.get(eid) for scene in self._scenes(context))
-            return next((made for made in known if made is not None), None)
+            return next((provenance for provenance in known if provenance is not None), None)
 
     def matching(self, wanted: Element, context: str) -> list[Element]:
         """The elements like an abstract one."""

@@ -11,8 +11,7 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of, rea
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.changes import Change, Operation, Outcome, Relate
-from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.changes import SCENE, Change, Operation, Outcome, Relate
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.world_model import WorldModel
@@ -25,15 +24,15 @@ _READER = "reasoner"
 _LOCK_TIMEOUT = 0.2
 
 
-class _LentModel:
+class _ParsingModel:
     """The world model for reasoners while a change is offered: with the change, to which their own changes are added.
 
-    Used under `Reasoning.lent`.
+    Used under `Reasoning.parse_lock`.
     """
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self.reader = SceneReader(model.reasoning.lent, model.scenes, lambda: model.ontology)
+        self.reader = SceneReader(model.reasoning.parse_lock, model.scenes, lambda: model.ontology)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
@@ -57,7 +56,7 @@ class ReasonerWorldModel:
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
-        self._lent = _LentModel(model)
+        self._parsing = _ParsingModel(model)
         self._authors: dict[str, tuple[LocalWorldModel, LocalWorldModel]] = {}
 
     @property
@@ -217,24 +216,24 @@ class ReasonerWorldModel:
     def _as(self, author: str) -> Iterator[LocalWorldModel]:
         """The world model for a call of an author."""
         if author not in self._authors:
-            lent = LocalWorldModel(author, self._lent)  # type: ignore[arg-type]
-            self._authors[author] = LocalWorldModel(author, self._model), lent
-        usual, lent = self._authors[author]
+            parse_lock = LocalWorldModel(author, self._parsing)  # type: ignore[arg-type]
+            self._authors[author] = LocalWorldModel(author, self._model), parse_lock
+        usual, parse_lock = self._authors[author]
         lock, reasoning = self._model.lock, self._model.reasoning
         while True:
             if lock.acquire(timeout=_LOCK_TIMEOUT):
                 try:
-                    if not reasoning.is_lent:
+                    if not reasoning.is_parsing:
                         yield usual
                     else:  # this thread is in `parse`
-                        with reasoning.lent:
-                            yield lent
+                        with reasoning.parse_lock:
+                            yield parse_lock
                 finally:
                     lock.release()
                 return
-            with reasoning.lent:
-                if reasoning.is_lent:
-                    yield lent
+            with reasoning.parse_lock:
+                if reasoning.is_parsing:
+                    yield parse_lock
                     return
 
 

@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, data_of
-from skiros2_common.core.element_changes import ElementChanges
+from skiros2_common.core.element_content import ElementChanges
 from skiros2_common.core.errors import FOREIGN_ERRORS, Refused, SkirosError, UnknownName
 from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import REASONER_PROPERTY, Element
 from skiros2_world_model.core.changes import ADD, REMOVE, UPDATE
 from skiros2_world_model.core.checks import made_property
-from skiros2_world_model.core.scene import Node, Scene
+from skiros2_world_model.core.scene import ElementRecord, Scene
 from skiros2_world_model.core.transaction import Transaction
 
 log = logging.getLogger(__name__)
@@ -34,10 +34,10 @@ class Reasoning:
         self._reasoners: dict[str, DiscreteReasoner] = {}
         #: The request that is offered now: what reasoners write meanwhile becomes part of it.
         self.transaction: Transaction | None = None
-        #: Held by the thread that offers a change, but not while it is in a reasoner's `parse`: `is_lent` is true then.
-        #: Two threads of a reasoner that share a lock could wait for each other if `parse` kept the scene for itself.
-        self.lent = threading.RLock()
-        self.is_lent = False
+        #: Held by the thread that runs `offer`, but released during `parse`, while `is_parsing` is true: otherwise two
+        #: threads of a reasoner that share a lock could deadlock.
+        self.parse_lock = threading.RLock()
+        self.is_parsing = False
         self._stopping = threading.RLock()
         self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # in the request that is offered now
 
@@ -98,38 +98,38 @@ class Reasoning:
     def offer(self, scene: Scene, transaction: Transaction) -> None:
         """Offers every element that a transaction adds, updates or removes to every reasoner.
 
-        The reasoners' own changes of the elements become part of the transaction. Then call `settle` or `take_back`.
+        The reasoners' own changes of the elements become part of the transaction. Then call `commit` or `undo`.
 
         :raises Refused: a reasoner rejects a change.
         """
         if not self._reasoners:
             return
         asked: set[str] = set()
-        with self.lent:
+        with self.parse_lock:
             self.transaction = transaction
             try:
-                mark = -1
-                while scene.mark() != mark:  # reasoners have changed further elements
-                    mark = scene.mark()
+                savepoint = -1
+                while scene.savepoint() != savepoint:  # reasoners have changed further elements
+                    savepoint = scene.savepoint()
                     for element in transaction.removed:
                         if element.id not in asked and element.id not in scene:
                             asked.add(element.id)
                             self._offer(scene, transaction, element.id, element)
-                    for eid in (*scene.touched(), *transaction.added, *transaction.updated):
+                    for eid in (*scene.changed_ids(), *transaction.added, *transaction.updated):
                         if eid not in asked and eid in scene:
                             asked.add(eid)
                             self._offer(scene, transaction, eid, None)
             finally:
                 self.transaction = None
 
-    def settle(self) -> None:
+    def commit(self) -> None:
         """Keeps what was offered."""
         self._offered = []
 
-    def take_back(self, scene: Scene) -> None:
+    def undo(self, scene: Scene) -> None:
         """After a roll-back: tells the reasoners about each change that they were offered, that it is undone."""
         offered, self._offered = self._offered, []
-        with self.lent:
+        with self.parse_lock:
             for reasoner, action, element in reversed(offered):
                 before = scene.element(element.id)
                 if before is None:
@@ -143,15 +143,15 @@ class Reasoning:
         :param only: the reasoners to do this for; None: all.
         """
         reasoners = {_name(r): r for r in (self.all() if only is None else only)}
-        for node in list(scene):
-            named = node.properties.get(REASONER_PROPERTY)
+        for record in list(scene):
+            named = record.properties.get(REASONER_PROPERTY)
             for name in dict.fromkeys(named.values) if named is not None else ():
                 if name in reasoners:
-                    self._complete(scene, node.id, reasoners[name])
+                    self._complete(scene, record.id, reasoners[name])
 
     def _complete(self, scene: Scene, eid: str, reasoner: DiscreteReasoner) -> None:
-        element, node = scene.element(eid), scene.node(eid)
-        assert element is not None and node is not None
+        element, record = scene.element(eid), scene.record(eid)
+        assert element is not None and record is not None
         try:
             reasoner.addProperties(element)
         except NotImplementedError as error:
@@ -162,8 +162,8 @@ class Reasoning:
         changes = element.changes()
         found = changes.properties if changes is not None else {}
         new = {full_name(k): made_property(full_name(k), p.values, empty_type=p.dataType()) for k, p in found.items()}
-        if not new.keys() <= node.properties.keys():
-            scene.put(Node(eid, node.type, node.label, {**new, **node.properties}, node.made))
+        if not new.keys() <= record.properties.keys():
+            scene.put(ElementRecord(eid, record.type, record.label, {**new, **record.properties}, record.provenance))
 
     def _offer(self, scene: Scene, transaction: Transaction, eid: str, removed: Element | None) -> None:
         for reasoner in self._reasoners.values():
@@ -174,26 +174,26 @@ class Reasoning:
             if self._parse(reasoner, element, action) is False:
                 raise Refused(f"{_name(reasoner)} rejects to {action} {element!r}")
             self._offered.append((reasoner, action, element))
-            changes = element.changes() if removed is None and element.touched else None
+            changes = element.changes() if removed is None and element.may_be_changed else None
             if changes:
                 self._store(scene, transaction, _name(reasoner), element, changes)
 
     def _store(
         self, scene: Scene, transaction: Transaction, name: str, element: Element, changes: ElementChanges
     ) -> None:
-        mark = scene.mark()
+        savepoint = scene.savepoint()
         try:
             transaction.complete(element.id, changes)
         except SkirosError as error:
-            scene.roll_back_to(mark)
+            scene.roll_back_to(savepoint)
             log.error("what reasoner %s changed in %s is discarded: %s", name, element.id, error)
         stored = scene.element(element.id)
         if stored is not None:
             element.adopt(stored, keep_children=True)
 
     def _parse(self, reasoner: DiscreteReasoner, element: Element, action: str) -> bool | None:
-        self.is_lent = True
-        self.lent.release()
+        self.is_parsing = True
+        self.parse_lock.release()
         try:
             return reasoner.parse(element, action)
         except NotImplementedError as error:
@@ -201,8 +201,8 @@ class Reasoning:
         except FOREIGN_ERRORS:
             log.exception("reasoner %s failed to %s %s", _name(reasoner), action, element.id)
         finally:
-            self.lent.acquire()
-            self.is_lent = False
+            self.parse_lock.acquire()
+            self.is_parsing = False
         return None
 
 

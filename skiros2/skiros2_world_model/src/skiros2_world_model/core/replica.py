@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change
-from skiros2_world_model.core.following import follow
-from skiros2_world_model.core.scene import Node, Provenance, Scene
+from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
 
 
 @dataclass
@@ -30,13 +30,13 @@ class Replica:
     it; when the published ones have a gap, the next read fetches the scene anew.
 
     :param fetch: gets a snapshot from the server; called without the lock.
-    :param patience: how long a write waits for changes before it that are still on their way (s).
+    :param timeout: how long a write waits for changes before it that are still on their way (s).
     """
 
-    def __init__(self, fetch: Callable[[], Snapshot], patience: float = 2.0) -> None:
+    def __init__(self, fetch: Callable[[], Snapshot], timeout: float = 2.0) -> None:
         self.lock = threading.RLock()
         self._fetch = fetch
-        self._patience = patience
+        self._timeout = timeout
         self._scene = Scene()
         self._snapshot_id: str | None = None
         self._number = 0
@@ -94,7 +94,7 @@ class Replica:
                 self._take(change)
             last = changes[-1]
             arrived = self._progress.wait_for(
-                lambda: self._snapshot_id is None or self._number >= last.number, self._patience
+                lambda: self._snapshot_id is None or self._number >= last.number, self._timeout
             )
             if not arrived:
                 self._forget()
@@ -107,7 +107,7 @@ class Replica:
             if known is None:
                 return  # what is fetched later is newer
             if _session_of(known) != session or not self._progress.wait_for(
-                lambda: self._snapshot_id is None or self._number >= int(number), self._patience
+                lambda: self._snapshot_id is None or self._number >= int(number), self._timeout
             ):
                 self._forget()
 
@@ -133,7 +133,7 @@ class Replica:
                 self._reset = Provenance(change.number, change.stamp, change.author)
                 self._forget()
                 return
-            follow(self._scene, change)
+            apply_change(self._scene, change)
             self._snapshot_id = change.snapshot_id
             self._number = change.number
             self._count()
@@ -147,19 +147,19 @@ class Replica:
 
     def _count(self) -> None:
         self._version += 1
-        mutations.note()
+        local_revision.advance()
 
     def _load(self, snapshot: Snapshot) -> None:
-        made = Provenance(snapshot.number, 0.0, "")
+        provenance = Provenance(snapshot.number, 0.0, "")
         scene = Scene()
         for element in snapshot.elements:
-            scene.put(Node(element.id, element.type, element.label, element._props, made))
+            scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
         for element in snapshot.elements:
             for relation in element._rels:
                 if relation["src"] == "-1":
                     scene.relate(element.id, relation["type"], relation["dst"])
         with self.lock:
-            scene.succeed(self._scene, self._reset)
+            scene.inherit_removals(self._scene, self._reset)
             self._reset = None
             self._scene = scene
             self._snapshot_id = snapshot.snapshot_id

@@ -1,4 +1,4 @@
-"""What a validation found. Plain data, also for clients on Debian's Python."""
+"""The result of a validation. Plain data, also for clients on Debian's Python."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _SEVERITIES = (VIOLATION, WARNING, INFO)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is not as the ontologies and the shapes want it.
+    """A deviation from the ontologies or the shapes.
 
     :param severity: `VIOLATION` (a strict world model refuses it), `WARNING` or `INFO`.
-    :param file: the file, or the context, that was validated.
-    :param element: "" when it is about the file as a whole.
-    :param property: the property or relation; "" when it is about the element as a whole.
+    :param file: the validated file or context.
+    :param element: the element; "": the file as a whole.
+    :param property: the property or relation; "": the element as a whole.
     """
 
     severity: str
@@ -37,36 +37,36 @@ class Finding:
 
 
 class Report:
-    """The findings of a validation, violations first; each once."""
+    """The findings of a validation, sorted by severity, without duplicates."""
 
     def __init__(self, origin: str, findings: Iterable[Finding] = (), stamp: float | None = None) -> None:
-        self.origin = origin  #: the file or context that was validated
-        self.stamp = time.time() if stamp is None else stamp  #: when that was (s since the epoch)
+        self.origin = origin  #: the validated file or context
+        self.stamp = time.time() if stamp is None else stamp  #: the time of the validation (s since the epoch)
         self.findings = sorted(set(findings), key=_order)
 
     def count(self, severity: str) -> int:
-        """How many findings have that severity."""
+        """The number of findings with a severity."""
         return sum(finding.severity == severity for finding in self.findings)
 
     @property
     def summary(self) -> str:
-        """Such as "2 violations, 1 warning"."""
+        """The number of findings by severity, such as "2 violations, 1 warning"."""
         counts = [(self.count(severity), severity) for severity in _SEVERITIES]
-        told = [f"{count} {severity}{'s' if count > 1 else ''}" for count, severity in counts if count]
-        return ", ".join(told) or "nothing found"
+        parts = [f"{count} {severity}{'s' if count > 1 else ''}" for count, severity in counts if count]
+        return ", ".join(parts) or "nothing found"
 
     def lines(self, most: int) -> list[str]:
-        """The first findings as texts, and how many more there are."""
-        told = [str(finding) for finding in self.findings[:most]]
+        """The first findings as texts, and the number of further findings."""
+        lines = [str(finding) for finding in self.findings[:most]]
         more = len(self.findings) - most
-        return [*told, f"and {more} more"] if more > 0 else told
+        return [*lines, f"and {more} more"] if more > 0 else lines
 
     def refuse_violations(self) -> None:
-        """:raises WrongValue: there are violations; the text has the first of them."""
+        """:raises WrongValue: there are violations; the text quotes the first three."""
         count = self.count(VIOLATION)
         if count:
-            told = "; ".join(Report(self.origin, self.findings[:count]).lines(3))
-            raise WrongValue(f"{self.origin}: {told}")
+            text = "; ".join(Report(self.origin, self.findings[:count]).lines(3))
+            raise WrongValue(f"{self.origin}: {text}")
 
 
 def _order(finding: Finding) -> tuple[int, str, str, str]:

@@ -1,4 +1,4 @@
-"""From elements as users change them to operations on a scene."""
+"""Translates changed elements into operations on a scene."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skiros2_world_model.core.changes import Add, Operation, Patch, Update, rela
 
 
 @dataclass
-class ChangesLeft:
-    """Changes of an element that a write has left out."""
+class RemainingChanges:
+    """Changes of an element that a partial write did not include."""
 
     properties: dict[str, Property] = field(default_factory=dict)
     removed_properties: list[str] = field(default_factory=list)
     added_relations: list[RelationDict] = field(default_factory=list)
     removed_relations: list[RelationDict] = field(default_factory=list)
 
-    def put_back(self, element: Element) -> None:
-        """Makes them changes of the element again, after it was read anew."""
+    def restore(self, element: Element) -> None:
+        """Applies the changes to the element again after it was refreshed."""
         for key, prop in self.properties.items():
             element._put(key, prop)
         for key in self.removed_properties:
@@ -33,9 +33,9 @@ class ChangesLeft:
 
 
 def added_elements(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
-    """What adds elements with the children kept aside in them.
+    """The operations that add elements together with their local children.
 
-    :param exists: whether an id is an element of the scene, which then is no new child.
+    :param exists: whether the scene has an element of an id; existing elements are not added as children.
     :returns: the elements and children, and an operation for each.
     """
     family = _Family(exists)
@@ -46,9 +46,9 @@ def added_elements(elements: Sequence[Element], exists: Callable[[str], bool]) -
 
 
 def written(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple[list[Element], list[Operation]]:
-    """What writes some elements, with their children kept aside.
+    """The operations that write changed elements together with their local children.
 
-    :returns: the elements and children that the operations are about, and the operations; unchanged ones have none.
+    :returns: the elements and children to write, and an operation for each. Unchanged elements are omitted.
     """
     family = _Family(exists)
     given: list[Element] = []
@@ -71,7 +71,7 @@ def written(elements: Sequence[Element], exists: Callable[[str], bool]) -> tuple
 
 
 def written_properties(element: Element, keys: frozenset[str] | None) -> list[Operation]:
-    """What writes the properties of an element, or those with the keys; nothing when none was changed."""
+    """The operation that writes the changed properties of an element, limited to `keys`; none when nothing changed."""
     changes = element.changes()
     if changes is None:
         return [Update(_bare(element), False, keys)]
@@ -84,12 +84,12 @@ def written_properties(element: Element, keys: frozenset[str] | None) -> list[Op
     return [Patch(element.id, changes)] if changes else []
 
 
-def changes_left(element: Element, keys: frozenset[str] | None) -> ChangesLeft:
-    """The changes that `written_properties` leaves out."""
+def remaining_changes(element: Element, keys: frozenset[str] | None) -> RemainingChanges:
+    """The changes that `written_properties` does not write."""
     changes = element.changes()
     if changes is None:
-        return ChangesLeft()
-    return ChangesLeft(
+        return RemainingChanges()
+    return RemainingChanges(
         {key: prop for key, prop in changes.properties.items() if keys is not None and full_name(key) not in keys},
         [key for key in changes.removed_properties if keys is not None and full_name(key) not in keys],
         changes.added_relations,
@@ -98,7 +98,7 @@ def changes_left(element: Element, keys: frozenset[str] | None) -> ChangesLeft:
 
 
 class _Family:
-    """Elements that are added together. Each has a reference by which the others' relations name it."""
+    """Elements that are added in one request. Relations refer to each by a reference."""
 
     def __init__(self, exists: Callable[[str], bool]) -> None:
         self._exists = exists
@@ -106,7 +106,7 @@ class _Family:
         self.members: list[Element] = []
 
     def include(self, element: Element) -> str:
-        """Adds an element; returns the name by which relations refer to it."""
+        """Adds an element and returns its reference, `#number`."""
         known = self._references.get(id(element))
         if known is None:
             known = self._references[id(element)] = str(len(self.members))
@@ -114,7 +114,7 @@ class _Family:
         return f"#{known}"
 
     def children_of(self, element: Element, name: str) -> list[RelationDict]:
-        """Adds the children kept aside in an element; returns the relations to them, for the element itself."""
+        """Adds the local children of an element and returns its relations to them."""
         relations = []
         for subj, pred, obj in element.local_relations:
             src, dst = (self._end(side, name) for side in (subj, obj))
@@ -122,9 +122,9 @@ class _Family:
         return relations
 
     def additions(self) -> list[Add]:
-        """An operation for each element, and for the children of each, which become members."""
+        """Creates an operation for each member, adding their children as members."""
         adds = []
-        for element in self.members:  # grows meanwhile
+        for element in self.members:  # grows during the iteration
             reference = self._references[id(element)]
             flat = _bare(element)
             flat._rels = [*element._rels, *self.children_of(element, f"#{reference}")]
@@ -140,7 +140,7 @@ class _Family:
 
 
 def _bare(element: Element) -> Element:
-    """The element without children, over the same properties, which nobody changes."""
+    """A shallow copy of the element without its local children."""
     bare = Element(element.type, element.label, element.id)
     bare._props = element._props
     bare._rels = element._rels

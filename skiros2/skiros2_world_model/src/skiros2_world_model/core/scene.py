@@ -1,35 +1,31 @@
-"""The scene: an index of elements that answers every lookup from dictionaries.
+"""The scene: an in-memory index of elements. Every lookup is a dictionary access.
 
-Elements by id, relations both ways by predicate, ids by type, by label and by the values of properties that were asked
-for. It knows no ontology and checks nothing; the world model does that before it calls. The same index is the server's
-truth and a client's replica.
+It indexes elements by id, class, label and (on demand) property value, and relations in both directions by predicate.
+It performs no checks and knows no ontology; `WorldModel` validates before it writes. The server and the clients'
+replicas use the same class.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from sys import intern
 from typing import Any
 
 from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.id_index import IdIndex
-from skiros2_world_model.core.id_numbers import IdNumbers
-from skiros2_world_model.core.property_pool import PropertyPool
-from skiros2_world_model.core.removals import Removals
-from skiros2_world_model.core.value_index import ValueIndex
+from skiros2_world_model.core.indexes import IdIndex, IdNumbers, PropertyPool, ValueIndex
 
-#: The element that everything in a scene hangs on.
+#: The id of the root element.
 ROOT = "skiros:Scene-0"
 
-#: So many relations of an element are kept as dicts for the next read; fewer are made anew in no time.
-_MANY = 20
+#: Relation dicts are cached for elements with at least this number of relations.
+_CACHED_RELATIONS = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """The change that made something so: its number, when it was (s since the epoch), and who asked for it."""
+    """The change that last modified something: its number, its time (s since the epoch) and its author."""
 
     version: int = 0
     stamp: float = 0.0
@@ -41,158 +37,153 @@ _NO_PROPERTIES: Mapping[str, Property] = {}
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
-    """What the scene holds of one element. Never changed: a change puts another node in its place."""
+class ElementRecord:
+    """The stored content of one element, without relations. Immutable: a change stores a new record."""
 
     id: str
     type: str
     label: str
     properties: dict[str, Property]
-    made: Provenance = _UNKNOWN
+    provenance: Provenance = _UNKNOWN
 
     @property
     def version(self) -> int:
         """The number of the last change."""
-        return self.made.version
+        return self.provenance.version
 
 
 @dataclass
-class Dirty:
-    """What was touched since somebody looked: ids of elements, and relations."""
+class ChangeSet:
+    """The element records and relations that were added, replaced or removed, in order."""
 
-    nodes: set[str] = field(default_factory=set)
-    relations: set[tuple[str, str, str]] = field(default_factory=set)
-
-
-@dataclass
-class Step:
-    """What was changed in a scene since its `begin`, in order: elements that were put or dropped, and relations."""
-
-    contents: dict[str, None] = field(default_factory=dict)
+    records: dict[str, None] = field(default_factory=dict)
     relations: dict[tuple[str, str, str], None] = field(default_factory=dict)
 
     def elements(self) -> dict[str, None]:
-        """The elements whose content or relations were changed, gone ones too."""
-        return {**self.contents, **dict.fromkeys(eid for src, _, dst in self.relations for eid in (src, dst))}
+        """The ids of elements whose record or relations changed, including removed elements."""
+        return {**self.records, **dict.fromkeys(eid for src, _, dst in self.relations for eid in (src, dst))}
 
 
 class Scene:
-    """The index. Its owner holds a lock while it is read or changed.
+    """The index of one scene. The owner must hold its lock while reading or writing.
 
-    A change can be taken back: after `begin`, `roll_back` restores what was there, `commit` keeps what is.
+    Changes are transactional: after `begin`, `roll_back` restores the previous state and `commit` keeps the new one.
     """
 
     def __init__(self) -> None:
-        self.dirty: Dirty | None = None  #: what is touched from now on, where one who mirrors the scene wants to know
-        self._nodes: dict[str, Node] = {}
+        #: Changes that a graph sync has not written yet; None: no graph sync, or it must write the whole scene.
+        self.unsynced: ChangeSet | None = None
+        self._records: dict[str, ElementRecord] = {}
         self._out: dict[str, IdIndex] = {}  # by predicate: the objects of each subject
         self._in: dict[str, IdIndex] = {}  # by predicate: the subjects of each object
         self._by_type = IdIndex()
         self._by_label = IdIndex()
-        self._by_value: dict[str, ValueIndex] = {}  # by property, once it was asked for
+        self._by_value: dict[str, ValueIndex] = {}  # by property, built on first use
         self._numbers = IdNumbers()
         self._pool = PropertyPool()
         self._relation_cache: dict[str, tuple[RelationDict, ...]] = {}
         self._undo: list[Callable[[], None]] | None = None
-        self.step = Step()
+        self.change_set = ChangeSet()
         self.removals = Removals()
 
     # -- elements ----------------------------------------------------------------------------------------------
 
     def __len__(self) -> int:
-        return len(self._nodes)
+        return len(self._records)
 
     def __contains__(self, eid: object) -> bool:
-        return eid in self._nodes
+        return eid in self._records
 
-    def __iter__(self) -> Iterator[Node]:
-        return iter(self._nodes.values())
+    def __iter__(self) -> Iterator[ElementRecord]:
+        return iter(self._records.values())
 
-    def node(self, eid: str) -> Node | None:
-        return self._nodes.get(eid)
+    def record(self, eid: str) -> ElementRecord | None:
+        return self._records.get(eid)
 
     @property
-    def marks(self) -> Callable[[str], Node | None]:
-        """As `node`, quicker; needs no lock."""
-        return self._nodes.get
+    def record_lookup(self) -> Callable[[str], ElementRecord | None]:
+        """`record` as a bound dictionary lookup, without the call overhead. Safe without the lock."""
+        return self._records.get
 
     def element(self, eid: str) -> Element | None:
-        """The element as others get it: its content is shared until they change it."""
-        node = self._nodes.get(eid)
-        if node is None:
+        """Returns a copy-on-write element, or None when there is none of that id."""
+        record = self._records.get(eid)
+        if record is None:
             return None
-        element = Element.shared(node.type, node.label, eid, node.properties, self.relations_of(eid), node.made.version)
-        element._last_update = node.made.stamp
+        relations, made = self.relations_of(eid), record.provenance
+        element = Element.shared(record.type, record.label, eid, record.properties, relations, made.version)
+        element._last_update = made.stamp
         return element
 
     def types(self) -> list[str]:
-        """The classes that have elements."""
+        """The classes that have direct instances in the scene."""
         return [str(etype) for etype in self._by_type]
 
     def of_type(self, etype: str) -> Collection[str]:
-        """The ids of the elements of exactly that class."""
+        """The ids of the direct instances of a class."""
         return self._by_type.ids(etype)
 
     def of_label(self, label: str) -> Collection[str]:
-        """The ids of the elements with that label."""
+        """The ids of the elements with a label."""
         return self._by_label.ids(label)
 
     def of_value(self, key: str, value: Any) -> list[Collection[str]] | None:
-        """Groups of ids in which are all elements that have a value of a property; None when it cannot tell.
+        """Groups of ids that together contain every element with that value of a property, and some others.
 
-        They hold few others, and one id may be in several.
-        The first question for a property looks at all elements; from then on the answer is kept up to date.
+        The first call for a property scans all elements and builds an index.
+
+        :returns: None when the index cannot answer for a value of this type.
         """
         index = self._by_value.get(key)
         if index is None:
             index = ValueIndex()
-            for node in self._nodes.values():
-                if key in node.properties:
-                    index.add(node.id, node.properties[key].values)
+            for record in self._records.values():
+                if key in record.properties:
+                    index.add(record.id, record.properties[key].values)
             self._by_value[key] = index
         return index.candidates(value)
 
-    def put(self, node: Node) -> None:
-        """Adds an element, or puts new content in the place of the old; relations stay."""
-        before = self._nodes.get(node.id)
-        eid = before.id if before is not None else node.id
+    def put(self, record: ElementRecord) -> None:
+        """Adds an element, or replaces its record; relations stay."""
+        before = self._records.get(record.id)
+        eid = before.id if before is not None else record.id
         known = before.properties if before is not None else _NO_PROPERTIES
-        properties = {intern(k): p if known.get(k) is p else self._pool.shared(p) for k, p in node.properties.items()}
-        self._place(eid, Node(eid, intern(node.type), node.label, properties, node.made))
+        properties = {intern(k): p if known.get(k) is p else self._pool.shared(p) for k, p in record.properties.items()}
+        self._replace(eid, ElementRecord(eid, intern(record.type), record.label, properties, record.provenance))
         if self._undo is not None:
-            self._undo.append(lambda: self._place(eid, before))
+            self._undo.append(lambda: self._replace(eid, before))
 
     def drop(self, eid: str) -> None:
-        """Removes an element with all relations from and to it."""
+        """Removes an element and all its relations, in both directions."""
         for src, pred, dst in list(self.relations(eid)):
             self.unrelate(src, pred, dst)
         for src, pred, dst in list(self.relations(dst=eid)):
             self.unrelate(src, pred, dst)
-        before = self._nodes[eid]
-        self._place(eid, None)
+        before = self._records[eid]
+        self._replace(eid, None)
         if self._undo is not None:
-            self._undo.append(lambda: self._place(eid, before))
+            self._undo.append(lambda: self._replace(eid, before))
 
     def free_id(self, etype: str, desired: int = -1, others: Sequence[Scene] = ()) -> str:
-        """An id for a new element: with the desired number (from 0) if that is free, else with the next free one.
+        """Returns an unused id: with the desired number (from 0) if it is free, else with the next free number.
 
-        :param others: further scenes in which the number is to be free.
+        :param others: scenes of other contexts in which the number must be free, too.
         """
         return f"{etype}-{self._numbers.free(desired, [scene._numbers for scene in others])}"
 
     @property
     def next_number(self) -> int:
-        """All numbers from this one on are free for ids; it never goes down, so that no id is given twice."""
+        """The lowest number above all ids ever used. It never decreases, so that no id is reused."""
         return self._numbers.next
 
     def reserve(self, next_number: int) -> None:
-        """No number below this one is given from now on."""
+        """Excludes all numbers below this one from new ids."""
         self._numbers.reserve(next_number)
 
     # -- relations ---------------------------------------------------------------------------------------------
 
     def relations_of(self, eid: str) -> tuple[RelationDict, ...]:
-        """The relations of an element as dicts, outgoing and incoming; "-1" stands for the element."""
+        """The outgoing and incoming relations of an element as dicts; "-1" stands for the element itself."""
         cached = self._relation_cache.get(eid)
         if cached is not None:
             return cached
@@ -207,13 +198,13 @@ class Scene:
             if found is not None:
                 for src in (found,) if isinstance(found, str) else found:
                     relations.append(_relation(src, pred, "-1"))
-        told = tuple(relations)
-        if len(told) >= _MANY:
-            self._relation_cache[eid] = told
-        return told
+        found_relations = tuple(relations)
+        if len(found_relations) >= _CACHED_RELATIONS:
+            self._relation_cache[eid] = found_relations
+        return found_relations
 
     def related(self, src: str, pred: str, dst: str) -> bool:
-        """Whether there is exactly that relation."""
+        """Whether this relation is stated; subproperties do not count."""
         index = self._out.get(pred)
         return index is not None and index.has(src, dst)
 
@@ -222,19 +213,19 @@ class Scene:
         return set(self._out)
 
     def targets(self, src: str, pred: str) -> Collection[str]:
-        """What an element is related to by exactly that predicate."""
+        """The objects of an element's relations with a predicate; subproperties do not count."""
         index = self._out.get(pred)
         return index.ids(src) if index is not None else ()
 
     def sources(self, pred: str, dst: str) -> Collection[str]:
-        """What is related to an element by exactly that predicate."""
+        """The subjects of the relations with a predicate to an element; subproperties do not count."""
         index = self._in.get(pred)
         return index.ids(dst) if index is not None else ()
 
     def relations(
         self, src: str = "", preds: Collection[str] | None = None, dst: str = ""
     ) -> Iterator[tuple[str, str, str]]:
-        """The relations with that subject, one of those predicates, and that object; "" and None match any."""
+        """The relations that match a subject, a set of predicates and an object; "" and None match any."""
         for pred, index in self._out.items():
             if preds is not None and pred not in preds:
                 continue
@@ -253,17 +244,17 @@ class Scene:
                         yield str(name), pred, other
 
     def relate(self, src: str, pred: str, dst: str) -> bool:
-        """Adds a relation; False when it was there."""
+        """Adds a relation. Returns False when it already exists."""
         if self.related(src, pred, dst):
             return False
-        src, dst = (self._nodes[name].id if name in self._nodes else name for name in (src, dst))  # one text of each
+        src, dst = (self._records[n].id if n in self._records else n for n in (src, dst))  # share the id strings
         self._link(src, pred, dst)
         if self._undo is not None:
             self._undo.append(lambda: self._unlink(src, pred, dst))
         return True
 
     def unrelate(self, src: str, pred: str, dst: str) -> bool:
-        """Removes a relation; False when it was not there."""
+        """Removes a relation. Returns False when it does not exist."""
         if not self.related(src, pred, dst):
             return False
         self._unlink(src, pred, dst)
@@ -271,83 +262,83 @@ class Scene:
             self._undo.append(lambda: self._link(src, pred, dst))
         return True
 
-    # -- changes as a whole ------------------------------------------------------------------------------------
+    # -- transactions ------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """From now on changes are noted, until `commit` or `roll_back`."""
+        """Starts a transaction, which `commit` or `roll_back` ends."""
         self._undo = []
-        self.step = Step()
+        self.change_set = ChangeSet()
 
-    def touched(self) -> list[str]:
-        """The ids of what was changed since `begin`, gone elements too.
+    def changed_ids(self) -> list[str]:
+        """The ids of elements that changed since `begin`, including removed ones.
 
-        An element that is the subject of another relation than before is not among them: its own content is the same.
+        The subject of an added or removed relation does not count as changed, its object does.
         """
-        return list({**self.step.contents, **dict.fromkeys(dst for _, _, dst in self.step.relations)})
+        return list({**self.change_set.records, **dict.fromkeys(dst for _, _, dst in self.change_set.relations)})
 
     def roll_back(self) -> None:
-        """Takes back everything since `begin`."""
+        """Undoes all changes since `begin`."""
         self.roll_back_to(0)
-        self._undo, self.step = None, Step()
+        self._undo, self.change_set = None, ChangeSet()
 
-    def mark(self) -> int:
-        """A point between `begin` and `commit` that `roll_back_to` returns to."""
+    def savepoint(self) -> int:
+        """A point within the transaction for `roll_back_to`."""
         return len(self._undo or ())
 
-    def roll_back_to(self, mark: int) -> None:
-        """Takes back everything since a mark."""
-        while self._undo is not None and len(self._undo) > mark:
+    def roll_back_to(self, savepoint: int) -> None:
+        """Undoes all changes since a savepoint."""
+        while self._undo is not None and len(self._undo) > savepoint:
             self._undo.pop()()
 
-    def commit(self, made: Provenance) -> list[str]:
-        """Keeps everything since `begin`, and returns the ids of the elements whose content or relations changed."""
+    def commit(self, provenance: Provenance) -> list[str]:
+        """Ends the transaction, sets the provenance of every changed element and returns their ids."""
         self._undo = None
-        touched = []
-        for eid in self.step.elements():
-            old = self._nodes.get(eid)
-            self.removals.note(eid, made if old is None else None)
+        changed = []
+        for eid in self.change_set.elements():
+            old = self._records.get(eid)
+            self.removals.record(eid, provenance if old is None else None)
             if old is not None:
-                self._nodes[eid] = Node(eid, old.type, old.label, old.properties, made)
-                touched.append(eid)
-        self.step = Step()
-        return touched
+                self._records[eid] = ElementRecord(eid, old.type, old.label, old.properties, provenance)
+                changed.append(eid)
+        self.change_set = ChangeSet()
+        return changed
 
-    def succeed(self, before: Scene, made: Provenance | None) -> None:
-        """Takes over the removals of a scene that this one replaces with a change (None: not known)."""
-        self.removals.succeed(before.removals, before._nodes, made, self._nodes.__contains__)
+    def inherit_removals(self, before: Scene, provenance: Provenance | None) -> None:
+        """Copies the removals of a scene that this one replaces by a change (None: unknown)."""
+        self.removals.inherit_removals(before.removals, before._records, provenance, self._records.__contains__)
 
     def clear(self) -> None:
-        """Removes everything."""
-        for eid in list(self._nodes):
+        """Removes all elements and relations."""
+        for eid in list(self._records):
             self.drop(eid)
 
     # -- the index itself --------------------------------------------------------------------------------------
 
-    def _place(self, eid: str, node: Node | None) -> None:
-        before = self._nodes.get(eid)
-        if before is not None and (node is None or node.type != before.type):
+    def _replace(self, eid: str, record: ElementRecord | None) -> None:
+        before = self._records.get(eid)
+        if before is not None and (record is None or record.type != before.type):
             self._by_type.discard(before.type, eid)
-        if before is not None and (node is None or node.label != before.label):
+        if before is not None and (record is None or record.label != before.label):
             self._by_label.discard(before.label, eid)
         for key, index in self._by_value.items():
-            old, new = _property(before, key), _property(node, key)
+            old, new = _property(before, key), _property(record, key)
             if old is not new:
                 index.discard(eid, old.values if old is not None else ())
                 index.add(eid, new.values if new is not None else ())
-        if node is None:
-            del self._nodes[eid]
+        if record is None:
+            del self._records[eid]
             self._relation_cache.pop(eid, None)
             self._numbers.count(eid, -1)
         else:
-            self._nodes[eid] = node
-            self._by_type.add(node.type, eid)
-            self._by_label.add(node.label, eid)
+            self._records[eid] = record
+            self._by_type.add(record.type, eid)
+            self._by_label.add(record.label, eid)
             if before is None:
                 self._numbers.count(eid, 1)
         if self._undo is not None:
-            self.step.contents[eid] = None
-        if self.dirty is not None:
-            self.dirty.nodes.add(eid)
+            self.change_set.records[eid] = None
+        if self.unsynced is not None:
+            self.unsynced.records[eid] = None
 
     def _link(self, src: str, pred: str, dst: str) -> None:
         for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
@@ -355,27 +346,64 @@ class Scene:
             if index is None:
                 index = links[pred] = IdIndex()
             index.add(here, there)
-        self._note_relation(src, pred, dst)
+        self._record_relation(src, pred, dst)
 
     def _unlink(self, src: str, pred: str, dst: str) -> None:
         for links, here, there in ((self._out, src, dst), (self._in, dst, src)):
             links[pred].discard(here, there)
             if not links[pred]:
                 del links[pred]
-        self._note_relation(src, pred, dst)
+        self._record_relation(src, pred, dst)
 
-    def _note_relation(self, src: str, pred: str, dst: str) -> None:
+    def _record_relation(self, src: str, pred: str, dst: str) -> None:
         self._relation_cache.pop(src, None)
         self._relation_cache.pop(dst, None)
         if self._undo is not None:
-            self.step.relations[src, pred, dst] = None
-        if self.dirty is not None:
-            self.dirty.relations.add((src, pred, dst))
+            self.change_set.relations[src, pred, dst] = None
+        if self.unsynced is not None:
+            self.unsynced.relations[src, pred, dst] = None
 
 
 def _relation(src: str, pred: str, dst: str) -> dict[str, Any]:
     return {"src": src, "type": pred, "dst": dst, "state": True, "abstract": False}
 
 
-def _property(node: Node | None, key: str) -> Property | None:
-    return node.properties.get(key) if node is not None else None
+def _property(record: ElementRecord | None, key: str) -> Property | None:
+    return record.properties.get(key) if record is not None else None
+
+
+#: The number of removed elements that a scene remembers.
+_MAX_REMOVALS = 10_000
+
+
+class Removals:
+    """The provenance of removals, by element id, without ids that exist again; the oldest are dropped first."""
+
+    def __init__(self) -> None:
+        self._provenance: dict[str, Provenance] = {}
+
+    def get(self, eid: str) -> Provenance | None:
+        """The change that removed an element; None when it is unknown."""
+        return self._provenance.get(eid)
+
+    def record(self, eid: str, provenance: Provenance | None) -> None:
+        """Records that a change removed an element, or (None) that it exists again."""
+        self._provenance.pop(eid, None)
+        if provenance is not None:
+            self._provenance[eid] = provenance
+            if len(self._provenance) > _MAX_REMOVALS:
+                del self._provenance[next(iter(self._provenance))]
+
+    def inherit_removals(
+        self, before: Removals, ids: Iterable[str], provenance: Provenance | None, exists: Callable[[str], bool]
+    ) -> None:
+        """Copies the removals of a scene that is replaced.
+
+        :param ids: the elements of that scene; those missing from the new scene count as removed.
+        :param provenance: the change that replaced it; None: unknown.
+        :param exists: whether the new scene has an element.
+        """
+        for eid, removed in before._provenance.items():
+            self.record(eid, None if exists(eid) else removed)
+        for eid in ids:
+            self.record(eid, None if exists(eid) else provenance)

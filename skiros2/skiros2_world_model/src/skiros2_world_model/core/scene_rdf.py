@@ -1,4 +1,4 @@
-"""Scenes as RDF: elements from triples, triples from elements, and a store that follows a scene."""
+"""Conversion between scenes and RDF, and the graph sync that keeps a triple store in step with a scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skiros2_world_model.core.file_checks import LEFT_OUT
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import OWL, RDFS, XSD, Prefixes
 from skiros2_world_model.core.rdf_files import TurtleWriter, WrittenStatement
-from skiros2_world_model.core.scene import Dirty, Node, Provenance, Scene
+from skiros2_world_model.core.scene import ChangeSet, ElementRecord, Provenance, Scene
 from skiros2_world_model.core.terms import RDF_TYPE, literal, python_value
 from skiros2_world_model.core.triple_store import TripleStore
 
@@ -28,12 +28,12 @@ _NAMED_INDIVIDUAL = ox.NamedNode(OWL + "NamedIndividual")
 
 @dataclass
 class SceneContent:
-    """What a file says of a scene.
+    """The content of a scene file.
 
-    :param extras: triples that no element holds, such as comments on the file itself; they are kept and saved again.
+    :param extras: triples that belong to no element, such as comments on the file; they are saved again.
     """
 
-    nodes: list[Node] = field(default_factory=list)
+    records: list[ElementRecord] = field(default_factory=list)
     relations: list[tuple[str, str, str]] = field(default_factory=list)
     extras: list[ox.Triple] = field(default_factory=list)
 
@@ -44,17 +44,17 @@ def read_scene(
     prefixes: Prefixes,
     checks: Checks,
     origin: str,
-    made: Provenance,
+    provenance: Provenance,
 ) -> SceneContent:
-    """The elements that triples describe: the individuals of a class of the ontologies, or of an unknown one.
+    """Reads the elements that triples describe: individuals of a class, whether the ontologies declare it or not.
 
-    :param checks: notes unknown names.
+    :param checks: collects unknown names and flaws.
     :param origin: the file, for messages.
-    :param made: what the elements are to know of their last change.
-    :raises WrongValue, WrongType: a value cannot be read, or is not of its property's type.
+    :param provenance: the provenance of the elements.
+    :raises WrongValue, WrongType: a value cannot be read, or has another type than its property.
     """
     content = SceneContent()
-    reader = _Reader(ontology, prefixes, checks, origin, made, content)
+    reader = _Reader(ontology, prefixes, checks, origin, provenance, content)
     described: dict[str, list[ox.Triple]] = {}
     for triple in triples:
         subject = triple.subject
@@ -68,11 +68,15 @@ def read_scene(
             reader.read(eid, statements)
         except SkirosError as error:
             checks.refuse(eid, "", error, LEFT_OUT)
+    records = {record.id: record for record in content.records}
+    for src, relation, dst in content.relations:
+        if src in records:
+            checks.relation_ends(records[src], relation, records.get(dst), f"{src} {relation} {dst}")
     return content
 
 
 class _Reader:
-    """Reads elements into a content; what is beside them, too."""
+    """Reads elements and extra triples into a `SceneContent`."""
 
     def __init__(
         self,
@@ -80,24 +84,24 @@ class _Reader:
         prefixes: Prefixes,
         checks: Checks,
         origin: str,
-        made: Provenance,
+        provenance: Provenance,
         content: SceneContent,
     ) -> None:
         self._ontology = ontology
         self._prefixes = prefixes
         self._checks = checks
         self._origin = origin
-        self._made = made
+        self._made = provenance
         self._content = content
         self._names: dict[str, str] = {}  # of predicates and classes, by IRI
 
     def read(self, eid: str, triples: list[ox.Triple]) -> None:
-        """Reads the element that the triples of one subject describe."""
+        """Reads the triples of one subject."""
         statements = [(triple.predicate.value, triple.object, triple) for triple in triples]
         declared = [self._name(o.value) for p, o, _ in statements if p == _TYPE and isinstance(o, ox.NamedNode)]
         types = self._ontology.instance_types(declared)
         if not types and id_number(eid) >= 0 and "owl:Ontology" not in declared:
-            types = [eid.rpartition("-")[0]]  # the id says it
+            types = [eid.rpartition("-")[0]]  # derive the class from the id
         if not types:
             self._content.extras += triples
             return
@@ -122,19 +126,19 @@ class _Reader:
             prop = self._property(eid, etype, key, values[key])
             if prop is not None:
                 properties[key] = prop
-        self._content.nodes.append(Node(eid, etype, min(labels, default=""), properties, self._made))
+        self._content.records.append(ElementRecord(eid, etype, min(labels, default=""), properties, self._made))
 
     def _property(self, eid: str, etype: str, key: str, literals: list[ox.Literal]) -> Property | None:
-        """The property with the values that it can have; None when it can have none of them."""
+        """The property with its valid values; None when no value is valid."""
         try:
             return self._checked(eid, etype, key, literals)
         except SkirosError:
-            pass  # some of the values are refused, below
+            pass  # check the values one by one below
         most = self._ontology.value_limits(etype, key)[1]
         fitting = [v for v in literals if self._fits(eid, etype, key, v)]
         if most is not None and len(fitting) > most:
-            told = ", ".join(v.value for v in fitting)
-            error = WrongValue(f"{self._origin}: {eid}: {key} has {len(fitting)} values ({told}), allowed are {most}")
+            listed = ", ".join(v.value for v in fitting)
+            error = WrongValue(f"{self._origin}: {eid}: {key} has {len(fitting)} values ({listed}), allowed are {most}")
             self._checks.refuse(eid, key, error, f"kept {', '.join(v.value for v in fitting[:most])}")
             fitting = fitting[:most]
         if not fitting:
@@ -147,7 +151,7 @@ class _Reader:
         return self._checks.property(etype, key, prop, eid)
 
     def _fits(self, eid: str, etype: str, key: str, literal: ox.Literal) -> bool:
-        """Whether a property can have a value; it is refused where not."""
+        """Whether a value is valid for a property; reports an invalid value to the checks."""
         try:
             self._checks.property(etype, key, Property(key, [python_value(literal)]), eid)
         except SkirosError as error:
@@ -163,17 +167,17 @@ class _Reader:
         return name
 
 
-def element_triples(node: Node, ontology: Ontology, prefixes: Prefixes) -> Iterator[ox.Triple]:
+def element_triples(record: ElementRecord, ontology: Ontology, prefixes: Prefixes) -> Iterator[ox.Triple]:
     """The triples of an element, without its relations."""
-    subject = ox.NamedNode(prefixes.iri(node.id))
+    subject = ox.NamedNode(prefixes.iri(record.id))
     yield ox.Triple(subject, RDF_TYPE, _NAMED_INDIVIDUAL)
-    yield ox.Triple(subject, RDF_TYPE, ox.NamedNode(prefixes.iri(node.type)))
-    if node.label:
-        yield ox.Triple(subject, _LABEL, ox.Literal(node.label))
-    for key, prop in node.properties.items():
+    yield ox.Triple(subject, RDF_TYPE, ox.NamedNode(prefixes.iri(record.type)))
+    if record.label:
+        yield ox.Triple(subject, _LABEL, ox.Literal(record.label))
+    for key, prop in record.properties.items():
         if prop.values:
             predicate = ox.NamedNode(prefixes.iri(key))
-            datatype = ontology.value_limits(node.type, key)[0]
+            datatype = ontology.value_limits(record.type, key)[0]
             for value in prop.values:
                 yield ox.Triple(subject, predicate, literal(value, datatype))
 
@@ -186,14 +190,14 @@ def relation_triple(relation: tuple[str, str, str], prefixes: Prefixes) -> ox.Tr
 
 def scene_triples(scene: Scene, ontology: Ontology, prefixes: Prefixes) -> Iterator[ox.Triple]:
     """All triples of a scene."""
-    for node in scene:
-        yield from element_triples(node, ontology, prefixes)
+    for record in scene:
+        yield from element_triples(record, ontology, prefixes)
     for relation in scene.relations():
         yield relation_triple(relation, prefixes)
 
 
 def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> bytes:
-    """A scene as Turtle, with the triples beside it; the same as from all its triples, in less time."""
+    """Serializes a scene and extra triples as sorted Turtle, without building all triples first."""
     writer = TurtleWriter(prefixes.namespaces())
     names: dict[str, str] = {}
 
@@ -204,14 +208,14 @@ def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, 
         return known
 
     def statements() -> Iterator[WrittenStatement]:
-        for node in scene:
-            subject = written(node.id)
+        for record in scene:
+            subject = written(record.id)
             yield subject, "a", written("owl:NamedIndividual")
-            yield subject, "a", written(node.type)
-            if node.label:
-                yield subject, written("rdfs:label"), writer.literal(node.label, XSD + "string")
-            for key, prop in node.properties.items():
-                datatype = ontology.value_limits(node.type, key)[0]
+            yield subject, "a", written(record.type)
+            if record.label:
+                yield subject, written("rdfs:label"), writer.literal(record.label, XSD + "string")
+            for key, prop in record.properties.items():
+                datatype = ontology.value_limits(record.type, key)[0]
                 for value in prop.values:
                     yield subject, written(key), writer.literal(*literal_parts(value, datatype))
         for src, pred, dst in scene.relations():
@@ -221,11 +225,10 @@ def scene_turtle(scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, 
     return writer.text(statements())
 
 
-class Mirror:
-    """Keeps one context of the store in step with a scene.
+class GraphSync:
+    """Keeps the graph of one context in step with its scene.
 
-    `flush` brings the store up to date, in one go, before somebody asks it: with the whole scene at first, from then on
-    with what the scene notes as touched.
+    `flush` runs before a query. The first call writes the whole scene, later calls write `Scene.unsynced`.
     """
 
     def __init__(self, store: TripleStore, context: str) -> None:
@@ -234,25 +237,25 @@ class Mirror:
         self._generation = store.generation
 
     def flush(self, scene: Scene, extras: Iterable[ox.Triple], ontology: Ontology, prefixes: Prefixes) -> None:
-        """Brings the store up to date. The caller holds the lock of the scene."""
-        dirty = scene.dirty
-        if dirty is None or self._generation != self._store.generation:
+        """Writes all pending changes of the scene to the store. The caller holds the lock of the scene."""
+        unsynced = scene.unsynced
+        if unsynced is None or self._generation != self._store.generation:
             self._generation = self._store.generation
             self._store.replace(self._context, chain(scene_triples(scene, ontology, prefixes), extras))
-        elif dirty.nodes or dirty.relations:
-            self._update(scene, dirty, set(extras), ontology, prefixes)
-        scene.dirty = Dirty()  # only now: what fails is done again
+        elif unsynced.records or unsynced.relations:
+            self._update(scene, unsynced, set(extras), ontology, prefixes)
+        scene.unsynced = ChangeSet()  # only after success, so that a failed flush is repeated
 
     def _update(
-        self, scene: Scene, dirty: Dirty, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
+        self, scene: Scene, unsynced: ChangeSet, extras: set[ox.Triple], ontology: Ontology, prefixes: Prefixes
     ) -> None:
-        subjects = {ox.NamedNode(prefixes.iri(eid)) for eid in dirty.nodes}
+        subjects = {ox.NamedNode(prefixes.iri(eid)) for eid in unsynced.records}
         removed: set[ox.Triple] = set()
         added = {triple for triple in extras if triple.subject in subjects}
-        for eid in dirty.nodes:
-            node = scene.node(eid)
-            if node is not None:
-                added.update(element_triples(node, ontology, prefixes))
-        for relation in dirty.relations:
+        for eid in unsynced.records:
+            record = scene.record(eid)
+            if record is not None:
+                added.update(element_triples(record, ontology, prefixes))
+        for relation in unsynced.relations:
             (added if scene.related(*relation) else removed).add(relation_triple(relation, prefixes))
         self._store.rewrite(self._context, subjects, removed - added - extras, added)

@@ -1,4 +1,4 @@
-"""Statements in RDF about elements, as operations on a scene."""
+"""Translates RDF statements about elements into operations on a scene."""
 
 from __future__ import annotations
 
@@ -10,34 +10,35 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.property import Property, same_value
 from skiros2_common.core.world_element import Element, ElementChanges
 from skiros2_world_model.core.changes import Add, Operation, Patch, Relate
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.core.terms import python_value
 
-#: What is of a class of these vocabularies is part of an ontology, not of a scene.
+#: Instances of classes of these vocabularies belong to an ontology, not to a scene.
 _META = ("owl:", "rdfs:", "rdf:")
 
 
 def element_operations(
-    base: OntologyBase, scene: Scene, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
+    knowledge_base: KnowledgeBase, scene: Scene, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
 ) -> list[Operation]:
-    """What triples that come and go mean for the elements of a scene.
+    """The operations that have the effect of removing and adding triples.
 
-    :raises UnknownName: they speak of an element that is not there and give it no class.
-    :raises WrongValue: they take away the class of an element.
+    :raises UnknownName: a triple describes an element that does not exist, and no triple gives it a class.
+    :raises WrongValue: a triple removes the class of an element.
     """
+    prefixes = knowledge_base.prefixes
     new: dict[str, Element] = {}
     known: dict[str, Element] = {}
     operations: list[Operation] = []
     statements = [(t, False) for t in removed] + [(t, True) for t in added]
-    for triple, value in sorted(statements, key=lambda s: base.prefixes.name(s[0].predicate.value) != "rdf:type"):
+    for triple, value in sorted(statements, key=lambda s: prefixes.name(s[0].predicate.value) != "rdf:type"):
         item = triple.object
         if not isinstance(triple.subject, ox.NamedNode) or not isinstance(item, (ox.NamedNode, ox.Literal)):
             raise WrongValue(f"{triple}: elements are described without blank nodes")
-        eid, key = base.prefixes.name(triple.subject.value), base.prefixes.name(triple.predicate.value)
+        eid, key = prefixes.name(triple.subject.value), prefixes.name(triple.predicate.value)
         element = new.get(eid) or known.get(eid) or scene.element(eid)
         if key == "rdf:type":
-            etype = base.prefixes.name(item.value)
+            etype = prefixes.name(item.value)
             if not value:
                 raise WrongValue(f"{eid}: an element has a class; remove the element instead")
             if etype == "owl:NamedIndividual":
@@ -51,7 +52,7 @@ def element_operations(
         elif element is None:
             raise UnknownName(f"there is no element {eid!r}, and nothing gives it a class")
         elif isinstance(item, ox.NamedNode):
-            operations.append(Relate(eid, key, base.prefixes.name(item.value), value))
+            operations.append(Relate(eid, key, prefixes.name(item.value), value))
         elif key == "rdfs:label":
             element.label = item.value if value else ""
         else:

@@ -1,4 +1,4 @@
-"""Templates: individuals of the ontologies, and the elements that are copied from them."""
+"""Templates: individuals of the ontologies from which elements are copied."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from skiros2_world_model.core.ontology import Individual, Ontology
 
 
 def template_element(ontology: Ontology, name: str) -> Element:
-    """A template as an element without id: its class, properties, and relations to other individuals.
+    """Returns a template as an element without id: its class, properties, and relations to other individuals.
 
     :param name: the individual's name, which becomes the label and the property `skiros:Template`.
     :raises UnknownName: the ontologies have no such individual.
@@ -29,9 +29,9 @@ def template_element(ontology: Ontology, name: str) -> Element:
 
 
 def copies_of(ontology: Ontology, request: Instantiate) -> Iterator[Add]:
-    """The elements that a template makes, the template's own copy first.
+    """The operations that copy a template, starting with the copy of the template itself.
 
-    :raises UnknownName: there is no such template.
+    :raises UnknownName: the template does not exist.
     """
     filters = [full_name(pred) for pred in request.relation_filter]
     held = {pred for f in filters for pred in ontology.subproperties(f)}

@@ -42,13 +42,13 @@ class TimeLimit:
                 running = "; ".join(self._overdue.values())
                 raise Refused(f"{what}: not begun, as what was given up is still running: {running}")
         future: Future[_Result] = Future()
-        given_up = threading.Event()
+        abandoned = threading.Event()
         done = threading.Lock()  # held until it is; in a tenth of the time that waiting for the future takes
         done.acquire()
 
         def serve() -> None:
             try:
-                future.set_result(work(given_up))
+                future.set_result(work(abandoned))
             except Exception as error:
                 # Without the frames, whose variables may have to go in this thread, as answers of Oxigraph do.
                 future.set_exception(error.with_traceback(None))
@@ -61,7 +61,7 @@ class TimeLimit:
             with self._lock:
                 if not future.done():
                     self._overdue[future] = what
-                    given_up.set()
+                    abandoned.set()
                     raise TimedOut(f"{what}: given up after {self._seconds:g} s")
         return future.result()
 

@@ -1,4 +1,4 @@
-"""One request, applied to a scene whole or not at all."""
+"""Applies the operations of one request to a scene."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from skiros2_world_model.core.changes import (
 from skiros2_world_model.core.checks import Checks
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.queries import containment_cycle, held_only_by, told
-from skiros2_world_model.core.scene import ROOT, Node, Scene
+from skiros2_world_model.core.queries import cascade_ids, containment_cycle, format_cycle
+from skiros2_world_model.core.scene import ROOT, ElementRecord, Scene
 from skiros2_world_model.core.templates import copies_of
 
 HAS_TEMPLATE = "skiros:hasTemplate"
 
 
 class Transaction:
-    """The operations of one request on one scene, between its `begin` and its `commit`. Made for one use.
+    """Applies the operations of one request to one scene, between its `begin` and `commit`. Used once.
 
-    :param checks: the checks of names and values; they know the author.
-    :param others: the scenes of the other contexts, by name; they are not changed.
+    :param checks: the checks of names and values.
+    :param others: the scenes of the other contexts, by name. They are not changed.
     """
 
     def __init__(
@@ -54,22 +54,23 @@ class Transaction:
         self._author = author
         self._others = others or {}
         self._references: dict[str, str] = {}
-        self._placed: dict[str, None] = {}  # what was placed in something, and not checked yet
+        self._placed: dict[str, None] = {}  # elements placed in another one, not checked for cycles yet
         self.added: dict[str, None] = {}
         self.updated: dict[str, None] = {}
         self.removed: list[Element] = []
         self.removed_recursively = False
         self.renamed: list[tuple[str, str]] = []
-        self._loose: dict[tuple[str, str, str], bool] = {}  # whether it was there before
-        #: Relations to be added whose subjects are elements of other contexts: the context of each.
-        self.elsewhere: dict[Relate, str] = {}
+        #: Relations changed without an element of theirs, and whether each existed before.
+        self._relations_before: dict[tuple[str, str, str], bool] = {}
+        #: Relations to add whose subjects are in other contexts, with the context of each.
+        self.in_other_contexts: dict[Relate, str] = {}
 
     def run(self, operations: Iterable[Operation]) -> list[str]:
-        """Applies the operations in order, and returns the id that each was about.
+        """Applies the operations in order and returns the id that each affected.
 
-        Elements are made before anything refers to them, so that the elements of a request may refer to each other.
+        Relations of new elements are added last, so that the elements of a request may refer to each other.
 
-        :raises SkirosError: one of them is refused; the caller rolls the scene back.
+        :raises SkirosError: an operation is refused; the caller must roll the scene back.
         """
         operations = list(operations)
         for operation in operations:
@@ -95,16 +96,16 @@ class Transaction:
         return list(ids.values())
 
     def include(self, operations: Iterable[Operation], checks: Checks, author: str) -> list[str]:
-        """Applies the operations that a reasoner asks for while the transaction is offered to it, as `run`.
+        """Applies operations that a reasoner requests while it parses this transaction; see `run`.
 
-        :raises SkirosError: one of them is refused; none of them is applied.
+        :raises SkirosError: an operation is refused; none of them is applied.
         """
         part = Transaction(self._scene, self._ontology, checks, author, self._others)
-        mark = self._scene.mark()
+        savepoint = self._scene.savepoint()
         try:
             ids = part.run(operations)
         except Exception:
-            self._scene.roll_back_to(mark)
+            self._scene.roll_back_to(savepoint)
             raise
         for element in part.removed:
             if self.added.pop(element.id, "") == "":
@@ -112,17 +113,17 @@ class Transaction:
             self.updated.pop(element.id, None)
         self.added.update(part.added)
         self.updated.update((eid, None) for eid in part.updated if eid not in self.added)
-        for relation, before in part._loose.items():
-            self._loose.setdefault(relation, before)
+        for relation, before in part._relations_before.items():
+            self._relations_before.setdefault(relation, before)
         self.renamed += part.renamed
-        self.elsewhere.update(part.elsewhere)
+        self.in_other_contexts.update(part.in_other_contexts)
         self.removed_recursively |= part.removed_recursively
         return ids
 
     def complete(self, eid: str, changes: ElementChanges) -> None:
-        """Writes what a reasoner changed in an element that was offered to it.
+        """Applies the changes that a reasoner made to an element it parsed.
 
-        :raises SkirosError: it is refused.
+        :raises SkirosError: a change is refused.
         """
         links: list[tuple[str, RelationDict]] = []
         self.patch(eid, changes, links)
@@ -133,21 +134,21 @@ class Transaction:
 
     @property
     def related(self) -> list[RelationDict]:
-        """The new relations that no element of `added` and `updated` tells of."""
-        return [relation_dict(*r) for r, before in self._loose.items() if not before and self._scene.related(*r)]
+        """The added relations that no element of `added` and `updated` contains."""
+        return [relation_dict(*r) for r, was in self._relations_before.items() if not was and self._scene.related(*r)]
 
     @property
     def unrelated(self) -> list[RelationDict]:
-        """Likewise, the relations that are gone."""
-        return [relation_dict(*r) for r, before in self._loose.items() if before and not self._scene.related(*r)]
+        """The removed relations that no element of `added` and `updated` implies."""
+        return [relation_dict(*r) for r, was in self._relations_before.items() if was and not self._scene.related(*r)]
 
     def _check_unchanged(self, expected: Expect) -> None:
-        made = self._node(expected.id).made
-        if made.version > expected.version:
-            when = time.strftime("%H:%M:%S", time.localtime(made.stamp))
+        provenance = self._record(expected.id).provenance
+        if provenance.version > expected.version:
+            when = time.strftime("%H:%M:%S", time.localtime(provenance.stamp))
             raise Conflict(
-                f"{self._author}: {expected.id} was changed by {made.author or 'somebody'} at {when} (change "
-                f"{made.version}), after it was read (version {expected.version})"
+                f"{self._author}: {expected.id} was changed by {provenance.author or 'somebody'} at {when} (change "
+                f"{provenance.version}), after it was read (version {expected.version})"
             )
 
     def _apply(self, operation: Operation, links: list[tuple[str, RelationDict]]) -> str:
@@ -157,7 +158,7 @@ class Transaction:
             return operation.id
         if isinstance(operation, Relate) and operation.value:
             return self._relate(operation)
-        self._check_containment()  # what is removed from here on does not excuse what was added
+        self._check_containment()  # before a removal can break a cycle that the request added
         if isinstance(operation, Update):
             return self._update(operation, links)
         if isinstance(operation, Patch):
@@ -178,7 +179,7 @@ class Transaction:
         if operation.reference:
             self._references[operation.reference] = eid
         properties = self._properties(etype, element, eid)
-        self._scene.put(Node(eid, etype, self._checks.label(element.label, eid), properties))
+        self._scene.put(ElementRecord(eid, etype, self._checks.label(element.label, eid), properties))
         self.added[eid] = None
         links += [(eid, relation) for relation in element._rels]
         template = properties.get(TEMPLATE)
@@ -188,54 +189,54 @@ class Transaction:
 
     def _update(self, operation: Update, links: list[tuple[str, RelationDict]]) -> str:
         element = operation.element
-        node = self._node(element.id)
+        record = self._record(element.id)
         etype = self._checks.class_name(element.type, element.id)
         if operation.keys is not None:
-            etype = node.type
+            etype = record.type
         properties = self._properties(etype, element, element.id)
         if operation.keys is not None:
             written = {key: prop for key, prop in properties.items() if key in operation.keys}
-            kept = {key: prop for key, prop in node.properties.items() if key not in operation.keys}
-            self._scene.put(Node(node.id, node.type, node.label, kept | written))
+            kept = {key: prop for key, prop in record.properties.items() if key not in operation.keys}
+            self._scene.put(ElementRecord(record.id, record.type, record.label, kept | written))
         else:
-            self._scene.put(Node(node.id, etype, self._checks.label(element.label, node.id), properties))
-        self._note_update(node.id)
+            self._scene.put(ElementRecord(record.id, etype, self._checks.label(element.label, record.id), properties))
+        self._set_updated(record.id)
         if operation.relations:
-            wanted = {self._ends(node.id, r) for r in element._rels if _is_fact(r)}
-            for relation in [*self._scene.relations(node.id), *self._scene.relations(dst=node.id)]:
+            wanted = {self._ends(record.id, r) for r in element._rels if _is_fact(r)}
+            for relation in [*self._scene.relations(record.id), *self._scene.relations(dst=record.id)]:
                 if relation not in wanted:
                     self._scene.unrelate(*relation)
-            links += [(node.id, relation) for relation in element._rels]
-        return node.id
+            links += [(record.id, relation) for relation in element._rels]
+        return record.id
 
     def patch(self, eid: str, changes: ElementChanges, links: list[tuple[str, RelationDict]]) -> str:
-        """Writes some changes of an element; relations that are added go to `links`."""
-        node = self._node(eid)
-        etype = node.type if changes.type is None else self._checks.class_name(changes.type, eid)
-        label = node.label if changes.label is None else self._checks.label(changes.label, eid)
-        if changes.properties or changes.removed_properties or etype != node.type or label != node.label:
-            properties = dict(node.properties)
+        """Changes parts of an element. Appends added relations to `links`."""
+        record = self._record(eid)
+        etype = record.type if changes.type is None else self._checks.class_name(changes.type, eid)
+        label = record.label if changes.label is None else self._checks.label(changes.label, eid)
+        if changes.properties or changes.removed_properties or etype != record.type or label != record.label:
+            properties = dict(record.properties)
             for key in changes.removed_properties:
                 properties.pop(full_name(key), None)
             unchecked = {self._checks.full(key): prop for key, prop in changes.properties.items()}
-            if etype != node.type:  # what it has may not be allowed to the new class
+            if etype != record.type:  # existing properties may not be valid for the new class
                 unchecked = properties | unchecked
             for key, prop in unchecked.items():
                 checked = self._checks.property(etype, key, prop, eid)
                 properties[checked.key] = checked
-            self._scene.put(Node(eid, etype, label, properties))
+            self._scene.put(ElementRecord(eid, etype, label, properties))
         for relation in changes.removed_relations:
             self._unlink(eid, *self._ends(eid, relation))
         links += [(eid, relation) for relation in changes.added_relations]
-        self._note_update(eid)
+        self._set_updated(eid)
         return eid
 
     def _remove(self, operation: Remove) -> str:
-        root = self._node(operation.id).id
+        root = self._record(operation.id).id
         gone = [root]
         if operation.recursive:
             filters = operation.relation_filter, operation.type_filter
-            gone = held_only_by(self._scene, self._ontology, root, *filters)
+            gone = cascade_ids(self._scene, self._ontology, root, *filters)
             self.removed_recursively = True
         if ROOT in gone:
             raise Refused(f"{self._author}: {ROOT} is the root of the scene and cannot be removed")
@@ -256,7 +257,7 @@ class Transaction:
         if operation.value:
             return self._link("", relation)
         src, pred, dst = self._ends("", relation)
-        self._node(src)
+        self._record(src)
         pred = self._checks.name(pred, "relation", src)
         dst = self._target(src, pred, dst)
         for name in {pred, *self._ontology.subproperties(pred)}:
@@ -264,51 +265,48 @@ class Transaction:
         return src
 
     def _link(self, eid: str, relation: RelationDict) -> str:
-        """Adds a relation, when its two ends may be so related; returns its subject.
-
-        :param eid: the element that it is a relation of, "" when it comes alone.
-        """
+        """Checks and adds a relation of an element, or ("") one given on its own; returns its subject."""
         src, pred, dst = self._ends(eid, relation)
         who = f"{src} {pred} {dst}"
         pred = self._checks.relation_name(pred, who)
         dst = self._target(src, pred, dst)
         if src not in self._scene:
-            context = next((name for name, scene in self._others.items() if src in scene), None)
-            if context is None:
+            if (context := next((name for name, scene in self._others.items() if src in scene), None)) is None:
                 raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
-            self.elsewhere[Relate(src, pred, dst)] = context
+            self.in_other_contexts[Relate(src, pred, dst)] = context
             return src
+        self._checks.relation_ends(self._record(src), pred, self._scene.record(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):
             self._placed[dst] = None
         if eid not in (src, dst):
-            self._loose.setdefault((src, pred, dst), self._scene.related(src, pred, dst))
+            self._relations_before.setdefault((src, pred, dst), self._scene.related(src, pred, dst))
         self._scene.relate(src, pred, dst)
         return src
 
     def _unlink(self, eid: str, src: str, pred: str, dst: str) -> None:
-        """Removes a relation of an element, or ("") one that comes alone, if it is there."""
+        """Removes a relation if it exists; `eid` as in `_link`."""
         if self._scene.related(src, pred, dst):
             if eid not in (src, dst):
-                self._loose.setdefault((src, pred, dst), True)
+                self._relations_before.setdefault((src, pred, dst), True)
             self._scene.unrelate(src, pred, dst)
 
     def _target(self, src: str, pred: str, dst: str) -> str:
-        """What a relation leads to: an element, of another context too, or an individual of the ontologies."""
+        """Resolves the object of a relation: an element of any context, or an individual of the ontologies."""
         if dst in self._scene or any(dst in scene for scene in self._others.values()):
             return dst
         return self._checks.individual(dst, f"{src} {pred} {dst}")
 
     def _check_containment(self) -> None:
-        """Refuses relations that have placed an element in itself. Looks once for all since it was called last."""
+        """Refuses containment cycles through elements that were placed since the last call."""
         placed, self._placed = self._placed, {}
         cycle = containment_cycle(self._scene, self._ontology.subproperties(SPATIAL), placed)
         if cycle:
-            raise WrongValue(f"{self._author}: {told(cycle)}: an element cannot be in itself")
+            raise WrongValue(f"{self._author}: {format_cycle(cycle)}: an element cannot be in itself")
 
-    # -- shared ------------------------------------------------------------------------------------------------
+    # -- helpers -----------------------------------------------------------------------------------------------
 
     def _ends(self, eid: str, relation: RelationDict) -> tuple[str, str, str]:
-        """The relation with real ids: "-1" is the element, and `#name` one that this request makes."""
+        """Resolves the ids of a relation: "-1" is the element, `#name` a new element of the request."""
         src, dst = (self._end(eid, relation[side]) for side in ("src", "dst"))
         return src, self._checks.full(relation["type"]), dst
 
@@ -317,7 +315,7 @@ class Transaction:
             return eid
         if name.startswith("#"):
             if name[1:] not in self._references:
-                raise UnknownName(f"{self._author}: the request refers to {name}, which it does not make")
+                raise UnknownName(f"{self._author}: the request refers to {name}, but adds no such element")
             return self._references[name[1:]]
         return self._checks.full(name) if is_iri(name) else name
 
@@ -325,13 +323,13 @@ class Transaction:
         checked = [self._checks.property(etype, key, prop, who) for key, prop in element._props.items()]
         return {prop.key: prop for prop in checked}
 
-    def _node(self, eid: str) -> Node:
-        node = self._scene.node(eid)
-        if node is None:
+    def _record(self, eid: str) -> ElementRecord:
+        record = self._scene.record(eid)
+        if record is None:
             raise UnknownName(f"{self._author}: there is no element {eid!r}")
-        return node
+        return record
 
-    def _note_update(self, eid: str) -> None:
+    def _set_updated(self, eid: str) -> None:
         if eid not in self.added:
             self.updated[eid] = None
 

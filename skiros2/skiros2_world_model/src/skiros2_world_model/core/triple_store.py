@@ -152,11 +152,11 @@ class OxigraphStore:
             {"default_graph": graph_of(context)} if context else {"use_default_graph_as_union": True}
         )
 
-        def work(given_up: Event) -> list[Row]:
+        def work(abandoned: Event) -> list[Row]:
             answer = self._store.query(query, prefixes=dict(namespaces), **scope)
             if isinstance(answer, ox.QueryBoolean):
                 return [(ox.Literal(bool(answer)),)]
-            some = takewhile(lambda _: not given_up.is_set(), answer)
+            some = takewhile(lambda _: not abandoned.is_set(), answer)
             return [tuple(row) for row in islice(some, self._rows + 1)]
 
         try:

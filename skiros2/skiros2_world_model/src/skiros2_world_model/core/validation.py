@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_world_model.core.changes import SPATIAL
+from skiros2_common.core.world_element import REASONER_PROPERTY
+from skiros2_world_model.core.changes import SCENE, SPATIAL
 from skiros2_world_model.core.context import Context
-from skiros2_world_model.core.context_names import SCENE
 from skiros2_world_model.core.file_checks import CollectingChecks
-from skiros2_world_model.core.frame_validation import unconnected_frames
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.rdf_files import read_triples
 from skiros2_world_model.core.report import VIOLATION, WARNING, Finding, Report
-from skiros2_world_model.core.scene import ROOT, Provenance, Scene
+from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 from skiros2_world_model.core.scene_rdf import scene_triples
 from skiros2_world_model.core.shapes import is_shapes_file, shacl_findings
 
@@ -39,7 +40,7 @@ def scene_file_triples(path: Path) -> list[ox.Triple]:
     return read_triples(path)
 
 
-def keep_refused(path: Path, base: OntologyBase, strict: bool) -> None:
+def keep_refused(path: Path, knowledge_base: KnowledgeBase, strict: bool) -> None:
     """Renames a file that is about to be overwritten and could not be loaded, so that its content is kept.
 
     :param strict: whether a file with flaws is refused.
@@ -48,7 +49,7 @@ def keep_refused(path: Path, base: OntologyBase, strict: bool) -> None:
         return
     try:
         triples = scene_file_triples(path)
-        refused = strict and validate(triples, str(path), base, strict=True).count(VIOLATION) > 0
+        refused = strict and validate(triples, str(path), knowledge_base, strict=True).count(VIOLATION) > 0
     except WrongValue:
         refused = True
     if refused:
@@ -58,38 +59,41 @@ def keep_refused(path: Path, base: OntologyBase, strict: bool) -> None:
         log.warning("%s cannot be loaded and is overwritten now; it is kept as %s", path, kept.name)
 
 
-def validate_file(path: Path, base: OntologyBase, context: str = SCENE, strict: bool = False) -> Report:
+def validate_file(path: Path, knowledge_base: KnowledgeBase, context: str = SCENE, strict: bool = False) -> Report:
     """Validates a scene file, as it would be loaded into a context. It takes about 1 ms for each element.
 
-    :param base: the ontologies and the files of shapes.
+    :param knowledge_base: the ontologies and the files of shapes.
     :param strict: names that the ontologies do not know are violations, as for a world model that is strict.
     :raises WrongValue: the file cannot be read, or a file of shapes makes no sense.
     """
-    return validate(scene_file_triples(path), str(path), base, context, strict)
+    return validate(scene_file_triples(path), str(path), knowledge_base, context, strict)
 
 
 def validate(
-    triples: Iterable[ox.Triple], origin: str, base: OntologyBase, context: str = SCENE, strict: bool = False
+    triples: Iterable[ox.Triple], origin: str, knowledge_base: KnowledgeBase, context: str = SCENE, strict: bool = False
 ) -> Report:
     """Validates what triples say of a scene; see `validate_file`.
 
     :param origin: the file or context, for the findings.
     """
-    checks = CollectingChecks(base, origin, strict)
-    scene, extras = Context(context, base).read(triples, checks, origin, Provenance())
+    checks = CollectingChecks(knowledge_base, origin, strict)
+    scene, extras = Context(context, knowledge_base).read(triples, checks, origin, Provenance())
     placed: Iterable[Finding] = ()
     if context == SCENE:
-        placed = chain(misplaced(scene, base.index, origin), unconnected_frames(scene, base.index, origin))
-    return Report(origin, [*checks.findings, *placed, *shape_findings(scene, extras, base, origin)])
+        ontology = knowledge_base.index
+        placed = chain(misplaced(scene, ontology, origin), unconnected_frames(scene, ontology, origin))
+    return Report(origin, [*checks.findings, *placed, *shape_findings(scene, extras, knowledge_base, origin)])
 
 
-def shape_findings(scene: Scene, extras: Iterable[ox.Triple], base: OntologyBase, origin: str) -> list[Finding]:
+def shape_findings(
+    scene: Scene, extras: Iterable[ox.Triple], knowledge_base: KnowledgeBase, origin: str
+) -> list[Finding]:
     """What the shapes find in a scene and what is beside it.
 
     :raises WrongValue: a file of shapes makes no sense.
     """
-    described = chain(scene_triples(scene, base.index, base.prefixes), extras)
-    return shacl_findings(described, base.triples(), base.shapes, base.prefixes, origin)
+    described = chain(scene_triples(scene, knowledge_base.index, knowledge_base.prefixes), extras)
+    return shacl_findings(described, knowledge_base.triples(), knowledge_base.shapes, knowledge_base.prefixes, origin)
 
 
 def misplaced(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding]:
@@ -103,3 +107,69 @@ def misplaced(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding
             elif len(holders) > 1:
                 told = ", ".join(holders[:3]) + (", ..." if len(holders) > 3 else "")
                 yield Finding(WARNING, origin, eid, "", f"it is in several places: {told}")
+
+
+_SPATIAL_REASONER = "AauSpatialReasoner"
+_PUBLISH = "skiros:PublishTf"
+_POSE = [f"skiros:Position{axis}" for axis in "XYZ"] + [f"skiros:Orientation{axis}" for axis in "XYZW"]
+
+
+def unconnected_frames(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding]:
+    """The published elements with a pose in the frame of an element of which no pose is known.
+
+    A pose in the frame of an element that has a pose and is not published counts as one in the frame above that. An
+    element without a pose may have a `skiros:FrameId` of its own: that frame is supposed to come from another node.
+    """
+    holding = ontology.subproperties(SPATIAL)
+    for record in scene:
+        if not _is_spatial(record) or not _is_published(record) or not _has_pose(record):
+            continue
+        frame, base, passed = record, _above(scene, holding, record), {record.id}
+        while base is not None and base.id not in passed and _has_pose(base) and not _is_published(base):
+            passed.add(base.id)
+            frame, base = base, _above(scene, holding, base)
+        if base is None or base.id == ROOT or _has_pose(base) or _text(base, "skiros:LinkedToFrameId"):
+            continue
+        if _text(base, "skiros:FrameId") in ("", base.id) and _text(frame, "skiros:BaseFrameId") in ("", base.id):
+            text = f"its frame is connected to nothing: {base.id}, in whose frame it is, has no complete pose"
+            yield Finding(WARNING, origin, record.id, _PUBLISH, text)
+
+
+def _above(scene: Scene, holding: Collection[str], record: ElementRecord) -> ElementRecord | None:
+    """The nearest element above that has a frame."""
+    waiting, seen = [record.id], {record.id}
+    for eid in waiting:
+        for src, _, _ in scene.relations("", holding, eid):
+            found = scene.record(src)
+            if found is not None and src not in seen:
+                if _is_spatial(found):
+                    return found
+                seen.add(src)
+                waiting.append(src)
+    return None
+
+
+def _is_spatial(record: ElementRecord) -> bool:
+    prop = record.properties.get(REASONER_PROPERTY)
+    return prop is not None and _SPATIAL_REASONER in prop.values
+
+
+def _is_published(record: ElementRecord) -> bool:
+    return _text(record, _PUBLISH).lower() in ("", "true", "1")  # true by default
+
+
+def _has_pose(record: ElementRecord) -> bool:
+    try:
+        return all(math.isfinite(float(_value(record, key))) for key in _POSE)
+    except (TypeError, ValueError):
+        return False
+
+
+def _text(record: ElementRecord, key: str) -> str:
+    value = _value(record, key)
+    return "" if value is None else str(value)
+
+
+def _value(record: ElementRecord, key: str) -> Any:
+    prop = record.properties.get(key)
+    return prop.value if prop is not None else None

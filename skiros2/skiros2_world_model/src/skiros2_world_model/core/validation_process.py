@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skiros2_common.core.errors import SkirosError
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.rdf_files import parse_n_triples
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.validation import validate, validate_file
@@ -25,22 +25,22 @@ _NICENESS = 10
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
     """The answer to a request: the findings, or why there are none."""
-    base = OntologyBase()
+    knowledge_base = KnowledgeBase()
     for namespace in request["namespaces"]:
-        base.prefixes.add_namespace(namespace)
-    base.update((), parse_n_triples(request["ontologies"]))
-    base.shapes = [Path(file) for file in request["shapes"]]
+        knowledge_base.prefixes.add_namespace(namespace)
+    knowledge_base.update((), parse_n_triples(request["ontologies"]))
+    knowledge_base.shapes = [Path(file) for file in request["shapes"]]
     try:
-        return {"findings": [astuple(finding) for finding in _report(request, base).findings]}
+        return {"findings": [astuple(finding) for finding in _report(request, knowledge_base).findings]}
     except SkirosError as error:
         return {"error": str(error)}
 
 
-def _report(request: dict[str, Any], base: OntologyBase) -> Report:
+def _report(request: dict[str, Any], knowledge_base: KnowledgeBase) -> Report:
     origin, context, strict = request["origin"], request["context"], request["strict"]
     if request["triples"] is None:
-        return validate_file(Path(origin), base, context, strict)
-    return validate(parse_n_triples(request["triples"]), origin, base, context, strict)
+        return validate_file(Path(origin), knowledge_base, context, strict)
+    return validate(parse_n_triples(request["triples"]), origin, knowledge_base, context, strict)
 
 
 if __name__ == "__main__":

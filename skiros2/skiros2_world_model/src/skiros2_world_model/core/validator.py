@@ -14,7 +14,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongValue
-from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -114,15 +114,15 @@ class Validator:
         return report
 
     def _validate(self, origin: str, context: str, triples: Iterable[ox.Triple] | None) -> Report:
-        base = self._model.base
+        knowledge_base = self._model.knowledge_base
         request = {
             "origin": origin,
             "context": context,
             "strict": self._model.strict,
             "triples": None if triples is None else list(map(str, triples)),
-            "namespaces": list(base.prefixes.namespaces().values()),
-            "ontologies": list(map(str, base.triples())),
-            "shapes": list(map(str, base.shapes)),
+            "namespaces": list(knowledge_base.prefixes.namespaces().values()),
+            "ontologies": list(map(str, knowledge_base.triples())),
+            "shapes": list(map(str, knowledge_base.shapes)),
         }
         answer = json.loads(self._ask(json.dumps(request).encode()))
         if "error" in answer:

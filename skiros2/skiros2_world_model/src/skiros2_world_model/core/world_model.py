@@ -1,4 +1,4 @@
-"""The world model: contexts with scenes, ontologies, and changes that are checked, atomic, numbered and announced."""
+"""The world model: contexts with scenes, ontologies, and requests that are checked, atomic, numbered and published."""
 
 from __future__ import annotations
 
@@ -11,42 +11,48 @@ from skiros2_common.core.discrete_reasoner import DiscreteReasoner
 from skiros2_common.core.errors import ConfigurationError, SkirosError, UnknownName, WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
-from skiros2_world_model.core.announcer import Announcer, Listener, News, news_of
-from skiros2_world_model.core.changes import RESET, UPDATE, Change, Operation, Outcome, Relate
+from skiros2_world_model.core.change_notifier import ChangeNotifier, Listener, PendingChange, pending_changes
+from skiros2_world_model.core.changes import (
+    ONTOLOGY,
+    RESET,
+    SCENE,
+    UPDATE,
+    Change,
+    Operation,
+    Outcome,
+    Relate,
+    Statement,
+)
 from skiros2_world_model.core.checks import Checks
-from skiros2_world_model.core.context import Context
-from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
-from skiros2_world_model.core.contexts import Contexts
+from skiros2_world_model.core.context import Context, Contexts
 from skiros2_world_model.core.file_checks import FileChecks
 from skiros2_world_model.core.journal import Journal, first_number
 from skiros2_world_model.core.journal_state import JournalState
-from skiros2_world_model.core.ontology_base import OntologyBase
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.prefixes import is_iri
-from skiros2_world_model.core.rdf_files import parse_n_triples, write_file
+from skiros2_world_model.core.rdf_files import parse_n_triples, workspace_file, write_file
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.reasoning import Reasoning
 from skiros2_world_model.core.report import Finding, Report
-from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.statements import element_operations
 from skiros2_world_model.core.transaction import Transaction
 from skiros2_world_model.core.triple_store import TripleStore
 from skiros2_world_model.core.validation import keep_refused, scene_file_triples, shape_findings
-from skiros2_world_model.core.workspace import workspace_file
 from skiros2_world_model.core.world_model_state import WorldModelState
 
 log = logging.getLogger(__name__)
 
 
 class WorldModel(WorldModelState):
-    """What all robots of a cell share. Safe to use from all threads: one lock, `lock`, guards everything.
+    """The knowledge that all robots of a cell share. Thread-safe: one lock, `lock`, guards everything.
 
     :param ontologies: folder of the package's ontologies; None: none.
-    :param workspace: folder of the user's ontologies and scenes; without one nothing is loaded or saved.
-    :param strict: whether names that the ontologies do not know are refused.
-    :param journal: keeps every change; the world model goes on from it where it wants that. None: nothing is kept.
-    :param initial: contexts and the files to load them from, when it does not go on from the journal.
-    :param store: what answers queries; None: one in memory.
-    :param blank_on_error: an initial file, or an ontology of the workspace, that is refused is logged and left out.
+    :param workspace: folder of the user's ontologies and scenes; None: files cannot be loaded or saved.
+    :param strict: refuses names that the ontologies do not declare.
+    :param journal: records every change; the world model recovers from it if the journal says so. None: no journal.
+    :param initial: contexts and the files to load them from, when the world model does not recover.
+    :param store: the triple store that answers queries; None: one in memory.
+    :param blank_on_error: logs and skips an initial file, or an ontology of the workspace, that is refused.
     :raises ConfigurationError: a folder is missing, an ontology does not parse, or an initial file is refused.
     """
 
@@ -60,44 +66,44 @@ class WorldModel(WorldModelState):
         store: TripleStore | None = None,
         blank_on_error: bool = False,
     ) -> None:
-        self.base = OntologyBase(ontologies, workspace, store, blank_on_error)
-        self.lock = self.base.lock
+        self.knowledge_base = KnowledgeBase(ontologies, workspace, store, blank_on_error)
+        self.lock = self.knowledge_base.lock
         self.reasoning = Reasoning()
         self._workspace = workspace
         self.strict = strict
-        self.loaded: dict[str, Path] = {}  #: by context, the file that was loaded last
-        self._readable: set[Path] = set()  # files that were loaded or saved
-        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, what loading that file has warned of
-        self._contexts = Contexts(self.base)
-        self._told: set[tuple[str, str, str]] = set()
+        self.loaded: dict[str, Path] = {}  #: by context, the last loaded file
+        self._readable: set[Path] = set()  # files that were loaded or saved by this world model
+        self.flaws: dict[str, frozenset[Finding]] = {}  #: by context, the flaws that loading the file reported
+        self._contexts = Contexts(self.knowledge_base)
+        self._warned: set[tuple[str, str, str]] = set()
         self.advisory_lock = AdvisoryLock()
         self.reader = SceneReader(self.lock, self.scenes, lambda: self.ontology)
         self._journal: Journal | None = None
         state = journal.restore() if journal is not None else None
-        #: Whether this is what the journal had.
-        self.went_on = state is not None
+        #: Whether the state was recovered from the journal.
+        self.recovered = state is not None
         if state is not None:
-            self._announcer = Announcer(state.number, state.session)
-            self._go_on_from(state)
-            log.info("the world model goes on from its journal %s: %s", journal.path if journal else "", state)
+            self._notifier = ChangeNotifier(state.number, state.session)
+            self._recover(state)
+            log.info("the world model has recovered from its journal %s: %s", journal.path if journal else "", state)
         else:
-            self._announcer = Announcer(max(first_number(), journal.last if journal is not None else 0))
+            self._notifier = ChangeNotifier(max(first_number(), journal.last if journal is not None else 0))
             for context, file in initial:
                 self.load_initial(file, context, blank_on_error)
             if journal is not None:
-                made = self._announcer.next("wm")
+                provenance = self._notifier.next("wm")
                 contents = [(c.name, c.scene, list(map(str, c.extras)), c.file) for c in self._contexts.values()]
-                journal.start(self._announcer.session, made, contents)
-                self._announcer.tell(RESET, made, SCENE)
+                journal.start(self._notifier.session, provenance, contents)
+                self._notifier.notify(RESET, provenance, SCENE)
         self._journal = journal
 
-    # -- changes -----------------------------------------------------------------------------------------------
+    # -- requests ----------------------------------------------------------------------------------------------
 
     def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
-        """Applies some operations, all or none, and announces what came of it.
+        """Applies operations, all or none, and publishes the changes.
 
-        :param context: made when a request names it for the first time.
-        :raises SkirosError: one of them is refused; nothing has changed.
+        :param context: created when it does not exist.
+        :raises SkirosError: an operation is refused; nothing has changed.
         """
         with self.lock:
             operations = list(operations)
@@ -115,84 +121,85 @@ class WorldModel(WorldModelState):
                 ids = transaction.run(operations)
                 if context == SCENE:
                     self.reasoning.offer(scene, transaction)
-                news = news_of(transaction, scene) if context == SCENE else [News(UPDATE)]
-                provenance = self._announcer.next(author)
-                if news and self._journal is not None:
-                    last = self.number + len(news)
+                pending = pending_changes(transaction, scene) if context == SCENE else [PendingChange(UPDATE)]
+                provenance = self._notifier.next(author)
+                if pending and self._journal is not None:
+                    last = self.number + len(pending)
                     with self._journal.request(provenance, last, "change", context) as writer:
-                        writer.step(context, scene)
+                        writer.change_set(context, scene)
             except Exception:
                 scene.roll_back()
-                self.reasoning.take_back(scene)
+                self.reasoning.undo(scene)
                 if is_new:
                     del self._contexts[context]
                 raise
-            if not news:
-                scene.roll_back()  # all is as it was, the versions of the elements too
+            if not pending:
+                scene.roll_back()  # nothing changed: restore the versions of the elements, too
             scene.commit(provenance)
-            self.reasoning.settle()
-            for wanted, given in transaction.renamed:
-                log.warning("%s: the number of %s is taken; it was added as %s", author, wanted, given)
-            changes = self._announcer.tell_all(news, provenance, context, scene)
-            for relation, other in transaction.elsewhere.items():
+            self.reasoning.commit()
+            for wanted, assigned in transaction.renamed:
+                log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
+            changes = self._notifier.notify_all(pending, provenance, context, scene)
+            for relation, other in transaction.in_other_contexts.items():
                 changes += self.transact([relation], author, other).changes
             for other, patches in self._contexts.dangling([e.id for e in transaction.removed]):
                 changes += self.transact(patches, author, other).changes
             return Outcome(ids, changes)
 
     def checks(self, author: str) -> Checks:
-        """The checks of names and values in a request of an author."""
-        return Checks(self.ontology, self.base.prefixes, author, self.strict, self._told)
+        """Creates the checks of names and values for a request of an author."""
+        return Checks(self.ontology, self.knowledge_base.prefixes, author, self.strict, self._warned)
 
     def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> list[Change]:
-        """Adds and removes statements in a context; in "" and `ontology` those of the ontologies.
+        """Adds and removes RDF statements.
 
-        :raises SkirosError: one of them is refused; nothing has changed.
+        :param context: "" and `ontology` are the ontologies.
+        :raises SkirosError: a statement is refused; nothing has changed.
         """
         with self.lock:
             if context in ("", ONTOLOGY):
-                removed, added = self.base.new(*self.base.split(statements))
+                removed, added = self.knowledge_base.new(*self.knowledge_base.split(statements))
                 if not removed and not added:
                     return []
-                made = self._announcer.next(author)
+                provenance = self._notifier.next(author)
                 if self._journal is not None:
-                    with self._journal.request(made, made.version, "ontology", ONTOLOGY) as writer:
+                    with self._journal.request(provenance, provenance.version, "ontology", ONTOLOGY) as writer:
                         writer.ontology(map(str, removed), map(str, added))
-                self.base.update(removed, added)
-                return [self._announcer.tell(UPDATE, made, ONTOLOGY)]
-            removed, added = self.base.split(statements)
+                self.knowledge_base.update(removed, added)
+                return [self._notifier.notify(UPDATE, provenance, ONTOLOGY)]
+            removed, added = self.knowledge_base.split(statements)
             scene = self._contexts.named(context).scene
-            operations = element_operations(self.base, scene, removed, added)
+            operations = element_operations(self.knowledge_base, scene, removed, added)
             return self.transact(operations, author, context).changes
 
     def load(self, filename: str, author: str, context: str = SCENE, adds_root: bool = False) -> Change:
-        """Replaces a context with what a file of the workspace says. The present one stays when the file is refused.
+        """Replaces a context with the content of a file. The current content stays when the file is refused.
 
-        Reasoners stop before the scene is loaded and start again after it. Not to be called under the lock.
-        What is not as it should be in the file is one warning; a strict world model refuses it.
+        Reasoners are stopped before the scene is loaded and restarted afterwards. Must not be called under the lock.
+        All flaws of the file are logged in one warning; a strict world model refuses the file.
 
-        :param filename: relative to the workspace; "" is the file that the context was loaded from or saved to last.
-        :param adds_root: whether a scene without a root gets one; else it is refused.
-        :raises SkirosError: the file is outside the workspace, not there, does not parse, or is refused.
+        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
+        :param adds_root: adds the root to a scene without one, instead of refusing it.
+        :raises SkirosError: the file is outside the workspace, missing, does not parse, or is refused.
         """
         with self.reasoning.stopped() if context == SCENE else nullcontext(), self.lock:
-            target = self._contexts.get(context) or Context(context, self.base)
+            target = self._contexts.get(context) or Context(context, self.knowledge_base)
             path = workspace_file(self._workspace, filename or target.file)
-            checks = FileChecks(self.base, path, self.strict)
-            made = self._announcer.next(author)
-            scene, extras = target.read(scene_file_triples(path), checks, str(path), made, adds_root)
+            checks = FileChecks(self.knowledge_base, path, self.strict)
+            provenance = self._notifier.next(author)
+            scene, extras = target.read(scene_file_triples(path), checks, str(path), provenance, adds_root)
             if self.strict:
-                Report(str(path), shape_findings(scene, extras, self.base, str(path))).refuse_violations()
+                Report(str(path), shape_findings(scene, extras, self.knowledge_base, str(path))).refuse_violations()
             if context == SCENE:
                 self.reasoning.complete(scene)
             before = target.scene, target.extras
-            scene.succeed(target.scene, made)
+            scene.inherit_removals(target.scene, provenance)
             target.replace(scene, extras)
             file = filename or target.file
             try:
                 if self._journal is not None:
-                    with self._journal.request(made, made.version, f"load {file}", context) as writer:
-                        writer.whole(context, scene, map(str, extras), file)
+                    with self._journal.request(provenance, provenance.version, f"load {file}", context) as writer:
+                        writer.replace_context(context, scene, map(str, extras), file)
             except Exception:
                 target.replace(*before)
                 raise
@@ -201,13 +208,13 @@ class WorldModel(WorldModelState):
             self.loaded[context] = path
             self._readable.add(path)
             self.flaws[context] = frozenset(checks.findings)
-            return self._announcer.tell(RESET if context == SCENE else UPDATE, made, context)
+            return self._notifier.notify(RESET if context == SCENE else UPDATE, provenance, context)
 
     def load_initial(self, filename: str, context: str = SCENE, blank_on_error: bool = False) -> None:
-        """Loads a context as the launch parameters want it.
+        """Loads a context at the start.
 
-        :param blank_on_error: a file that is refused is logged; the context is blank then, and saved to that file.
-        :raises ConfigurationError: the file is refused, or no context can have that name.
+        :param blank_on_error: logs a refused file; the context is blank then, and `save` writes it to that file.
+        :raises ConfigurationError: the file is refused, or the name of the context is invalid.
         """
         try:
             target = self._contexts.named(context)
@@ -216,22 +223,22 @@ class WorldModel(WorldModelState):
             if not blank_on_error or context not in self._contexts:
                 raise ConfigurationError(f"scene {error}") from None
             target.file = filename
-            log.error("%s; context %s is blank, and is saved to %s", error, context, filename)
+            log.error("%s; context %s is blank and will be saved to %s", error, context, filename)
 
     def save(self, filename: str, context: str = SCENE) -> Path:
-        """Writes a context to a file of the workspace, as sorted Turtle; returns the file.
+        """Writes a context to a file of the workspace as sorted Turtle and returns the file's path.
 
         :param filename: as for `load`.
-        :raises SkirosError: the file is outside the workspace or cannot be written, or there is no such context.
+        :raises SkirosError: the file is outside the workspace or cannot be written, or the context does not exist.
         """
         with self.lock:
             target = self._contexts.named(context)
             path = workspace_file(self._workspace, filename or target.file)
-            if self.base.reads(path):
+            if self.knowledge_base.reads(path):
                 raise WrongValue(f"{path}: is read as an ontology or shapes; expected the name of a scene file")
             content = target.turtle()
             if path not in self._readable:
-                keep_refused(path, self.base, self.strict)
+                keep_refused(path, self.knowledge_base, self.strict)
             write_file(path, content)
             self._readable.add(path)
             if self._journal is not None:
@@ -239,42 +246,42 @@ class WorldModel(WorldModelState):
             target.file = filename or target.file
         return path
 
-    # -- announcements -----------------------------------------------------------------------------------------
+    # -- listeners ---------------------------------------------------------------------------------------------
 
     def add_listener(self, listener: Listener) -> None:
-        """`listener` is called after each change, in its order, by the thread that made it and under the lock."""
+        """Calls `listener` after each change, in order, in the thread that made the change and under the lock."""
         with self.lock:
-            self._announcer.add_listener(listener)
+            self._notifier.add_listener(listener)
 
     def remove_listener(self, listener: Listener) -> None:
-        """The listener is called no more."""
+        """Removes a listener; no effect when it is unknown."""
         with self.lock:
-            self._announcer.remove_listener(listener)
+            self._notifier.remove_listener(listener)
 
     def add_reasoner(self, reasoner: DiscreteReasoner) -> None:
-        """From now on the reasoner is offered every change of the scene.
+        """Adds a reasoner, which sees every further change of the scene.
 
-        Elements of the scene that name it get those of its default properties that they do not have.
+        Elements of the scene that name the reasoner get its default properties that they lack.
         """
         with self.lock:
             self.reasoning.add(reasoner)
             scene = self.scene()
-            made = self._announcer.next(reasoner.__class__.__name__)
+            provenance = self._notifier.next(reasoner.__class__.__name__)
             scene.begin()
             try:
                 self.reasoning.complete(scene, [reasoner])
-                completed = scene.touched()
+                completed = scene.changed_ids()
                 if completed and self._journal is not None:
-                    with self._journal.request(made, made.version, "change", SCENE) as writer:
-                        writer.step(SCENE, scene)
+                    with self._journal.request(provenance, provenance.version, "change", SCENE) as writer:
+                        writer.change_set(SCENE, scene)
             except Exception:
                 scene.roll_back()
                 raise
-            scene.commit(made)
+            scene.commit(provenance)
             if completed:
-                self._announcer.tell_all([News(UPDATE, ids=completed)], made, SCENE, scene)
+                self._notifier.notify_all([PendingChange(UPDATE, ids=completed)], provenance, SCENE, scene)
 
-    # -- shared ------------------------------------------------------------------------------------------------
+    # -- helpers -----------------------------------------------------------------------------------------------
 
     def _relate_individual(self, relation: Relate, author: str) -> Outcome:
         """Adds or removes a relation of an individual of the ontologies."""
@@ -284,10 +291,10 @@ class WorldModel(WorldModelState):
         return Outcome([src], self.modify([(src, pred, dst, relation.value)], author))
 
     def _full(self, name: str) -> str:
-        return self.base.prefixes.name(name) if is_iri(name) else name
+        return self.knowledge_base.prefixes.name(name) if is_iri(name) else name
 
-    def _go_on_from(self, state: JournalState) -> None:
-        self.base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
+    def _recover(self, state: JournalState) -> None:
+        self.knowledge_base.update(parse_n_triples(state.unstated), parse_n_triples(state.stated))
         for found in state.contexts:
-            context = self._contexts.setdefault(found.name, Context(found.name, self.base))
+            context = self._contexts.setdefault(found.name, Context(found.name, self.knowledge_base))
             context.restore(found)

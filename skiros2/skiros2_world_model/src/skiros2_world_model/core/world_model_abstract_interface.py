@@ -1,70 +1,69 @@
-"""The world model as skills, planning and windows see it: one port, an adapter in process and one over ROS."""
+"""The world model port for skills, planning and the GUI. Adapters: in process (`LocalWorldModel`) and over ROS."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Protocol, TypeVar
 
 from skiros2_common.core.errors import Conflict, SkirosError
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.scene import Provenance
 
 
 class WmException(SkirosError):
-    """The world model does not answer, or refuses a request; the text says why. Nothing has changed then."""
+    """The world model does not answer, or refuses a request for the reason in the text. Nothing has changed."""
 
 
 class WmConflict(WmException):
-    """A request was refused: an element that it is about was changed after it was read; the text says by whom."""
+    """A request was refused because an element has changed since it was read; the text names the author."""
 
 
 def refusal(text: str) -> WmException:
-    """The error that stands for a refusal of the world model, from its text."""
+    """The exception for the text of a refusal."""
     return WmConflict(text) if text.startswith(Conflict.MARK) else WmException(text)
 
 
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
-def acts(call: _Call) -> _Call:
-    """Marks a call of a port that changes the world model or the client; all others only read."""
-    call.acts = True  # type: ignore[attr-defined]
+def mutating(call: _Call) -> _Call:
+    """Marks a call of a port as changing the world model or the client; unmarked calls only read."""
+    call.mutating = True  # type: ignore[attr-defined]
     return call
 
 
-def reads_of(port: type) -> frozenset[str]:
-    """The names of the calls of a port that change nothing."""
+def read_only_calls(port: type) -> frozenset[str]:
+    """The names of the calls of a port that only read."""
     bases = [base for base in port.__mro__ if base.__module__ == port.__module__]
     calls = {name: call for base in bases for name, call in vars(base).items() if not name.startswith("__")}
-    return frozenset(
-        name for name, call in calls.items() if isinstance(call, (FunctionType, property)) and not hasattr(call, "acts")
-    )
+    reads = {name: call for name, call in calls.items() if not hasattr(call, "mutating")}
+    return frozenset(name for name, call in reads.items() if isinstance(call, (FunctionType, property)))
 
 
 class OntologyPort(Protocol):
-    """The ontologies, and all contexts as RDF. Every call may raise `WmException`."""
+    """The ontologies, and the RDF view of all contexts. Every call may raise `WmException`."""
 
     def is_connected(self) -> bool: ...
-    @acts
+    @mutating
     def lock(self) -> bool: ...
-    @acts
+    @mutating
     def unlock(self) -> bool: ...
-    @acts
+    @mutating
     def add_class(self, class_uri: str, parent_uri: str, context: str = "") -> bool: ...
-    @acts
+    @mutating
     def add_datatype(self, data_uri: str, parent_uri: str, context: str = "") -> bool: ...
-    @acts
+    @mutating
     def add_individual(self, element: Element, context: str = "") -> bool: ...
-    @acts
+    @mutating
     def add_ontology(self, uri: str) -> bool: ...
-    @acts
+    @mutating
     def load(self, filename: str = "", context: str = "scene") -> bool: ...
-    @acts
+    @mutating
     def save(self, filename: str = "", context: str = "scene") -> bool: ...
     def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
-    @acts
+    @mutating
     def set_default_prefix(self, default_prefix: str) -> None: ...
     def add_prefix(self, uri: str) -> str: ...
     def remove_prefix(self, uri: str) -> str: ...
@@ -82,15 +81,15 @@ class OntologyPort(Protocol):
 
 
 class WorldModelPort(OntologyPort, Protocol):
-    """The scene too. Elements that are given out may be changed freely; what is written changes the world model."""
+    """The ontologies and the scene. Returned elements are copies; changes take effect when they are written."""
 
     @property
     def version(self) -> int: ...
-    def present(self) -> Present | None: ...
+    def revisions(self) -> Revisions | None: ...
     def catch_up(self) -> None: ...
-    @acts
+    @mutating
     def add_listener(self, callback: Callable[[Any], None]) -> None: ...
-    @acts
+    @mutating
     def remove_listener(self, callback: Callable[[Any], None]) -> None: ...
     def get_scene_name(self) -> str: ...
     def get_scene(self) -> tuple[list[Element], str]: ...
@@ -109,17 +108,17 @@ class WorldModelPort(OntologyPort, Protocol):
     ) -> list[Element]: ...
     def resolve_elements(self, e: Element, context_id: str = "scene") -> list[Element]: ...
     def resolve_element(self, e: Element, context_id: str = "scene") -> Element | None: ...
-    @acts
+    @mutating
     def add_elements(self, es: Sequence[Element], context_id: str = "scene") -> list[Element]: ...
-    @acts
+    @mutating
     def add_element(self, e: Element, context_id: str = "scene") -> Element: ...
-    @acts
+    @mutating
     def update_element(self, e: Element, context_id: str = "scene") -> str: ...
-    @acts
+    @mutating
     def update_elements(self, es: Sequence[Element], context_id: str = "scene") -> list[str]: ...
-    @acts
+    @mutating
     def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = "scene") -> str: ...
-    @acts
+    @mutating
     def remove_element(
         self,
         e: Element | str,
@@ -128,7 +127,7 @@ class WorldModelPort(OntologyPort, Protocol):
         type_filter: str = "",
         context_id: str = "scene",
     ) -> int: ...
-    @acts
+    @mutating
     def instanciate(
         self,
         uri: str | Element,
@@ -138,7 +137,7 @@ class WorldModelPort(OntologyPort, Protocol):
         antiloop_bind: Collection[str] = ...,
         context_id: str = "scene",
     ) -> Element: ...
-    @acts
+    @mutating
     def set_relation(self, subj: Any, pred: str, obj: Any, value: bool = True) -> bool: ...
     def get_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]: ...
     def get_reasoner(self, pred: str) -> Any: ...
@@ -147,3 +146,24 @@ class WorldModelPort(OntologyPort, Protocol):
     def _resolve_elements2(
         self, keys: str | Sequence[str], ph: Any, verbose: bool = False
     ) -> dict[str | tuple[str, ...], Any]: ...
+
+
+class Revision(Protocol):
+    """The revision of an element, compared by identity."""
+
+    @property
+    def version(self) -> int:
+        """The current `Element.version`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Revisions:
+    """Revisions of the world model's content, compared by identity. Get a new one when `version` changes. Thread-safe.
+
+    :param ontology: a different object after each change of the ontologies.
+    :param element: returns for an element id a different object after each change of the element or its relations, in
+        both directions; None when the element does not exist.
+    """
+
+    ontology: object
+    element: Callable[[str], Revision | None]

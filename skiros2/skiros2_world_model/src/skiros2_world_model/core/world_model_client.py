@@ -1,4 +1,4 @@
-"""What both adapters of the world model do alike."""
+"""The calls that both adapters of the world model share."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from skiros2_world_model.core.changes import TEMPLATE, Instantiate, Operation, O
 from skiros2_world_model.core.combinations import combinations
 from skiros2_world_model.core.coordination import Coordination
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.present import Present
 from skiros2_world_model.core.queries import describes
 from skiros2_world_model.core.reader import no_element
-from skiros2_world_model.core.requests import added_elements, changes_left, written, written_properties
+from skiros2_world_model.core.requests import added_elements, remaining_changes, written, written_properties
 from skiros2_world_model.core.scene import ROOT, Provenance
-from skiros2_world_model.core.world_model_abstract_interface import WmException
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmException
 
 log = logging.getLogger(__name__)
 
@@ -27,86 +26,86 @@ _SCENE = "scene"
 
 
 class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
-    """The calls on the world model, made of those that the adapters define. Safe to use from all threads.
+    """The world model port, built on the primitives that an adapter defines. Thread-safe.
 
-    Every call may raise `WmException`: the world model does not answer, or refuses; nothing has changed then. Where a
-    subject or object is asked for, an element or an id will do.
+    Every call may raise `WmException` when the world model refuses or does not answer; then nothing has changed.
+    Subjects and objects may be given as elements or as ids.
     """
 
-    # -- what adapters define ----------------------------------------------------------------------------------
+    # -- defined by the adapter --------------------------------------------------------------------------------
 
     @property
     @abstractmethod
     def version(self) -> int:
-        """Changes whenever something that a condition may read may have changed; -1: not known, always read anew."""
+        """A counter that changes when anything that a condition reads may have changed; -1: unknown, do not cache."""
 
-    def present(self) -> Present | None:
-        """What tells whether an element is the same later; None: not known, it may have changed at any time."""
+    def revisions(self) -> Revisions | None:
+        """The current revisions of the ontologies and elements; None: unknown, do not cache."""
         return None
 
     def catch_up(self) -> None:
-        """Makes sure that what is read from here on is no older than this call. Blocks for a call of the server.
+        """Waits until reads are at least as new as the server's state at this call. Blocks for one service call.
 
-        For requests of others: who sends one may just have changed the world it speaks of.
+        Call it before handling a request of another node, which may refer to its latest changes.
         """
 
     @abstractmethod
     def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
-        """The element as it is now, or None when there is none of that id."""
+        """Returns the current state of an element, or None when it does not exist."""
 
     def refreshed(self, e: Element, context_id: str = _SCENE) -> Element | None:
-        """The given element if the world model has not changed it since it was read, else as `find_element`."""
+        """Returns the given element if it has not changed since it was read, else the result of `find_element`."""
         return self.find_element(e.id, context_id)
 
     def removal_of(self, eid: str, context_id: str = _SCENE) -> Provenance | None:
-        """The author, the time and the number of the change that removed an element, also by loading another scene.
+        """Returns the provenance of an element's removal, which may be the load of another scene.
 
-        None: the element exists, or its removal is not known. Reads memory where `find_element` does.
+        :returns: None when the element exists or its removal is unknown.
         """
         return None
 
     @abstractmethod
     def _matching(self, wanted: Element, context: str) -> list[Element]:
-        """The elements like an abstract one."""
+        """The elements that match an abstract element."""
 
     @abstractmethod
     def _scene_now(self) -> tuple[list[Element], str]:
-        """The root of the scene and everything under it, and the snapshot id of that state."""
+        """The root of the scene and its descendants, and the snapshot id of that state."""
 
     @abstractmethod
     def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
-        """An element and what is under it."""
+        """An element and its descendants."""
 
     @abstractmethod
     def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        """The relations of the scene along a predicate and those under it; an empty part matches any."""
+        """The relations along a predicate and its subproperties; an empty part matches any."""
 
     @abstractmethod
     def _template(self, name: str) -> Element:
-        """A template as an element without id."""
+        """Returns a template as an element without id."""
 
     # -- reading -----------------------------------------------------------------------------------------------
 
     def get_scene_name(self) -> str:
-        """The name of the file with which the world model started, relative to its workspace; "" for none."""
+        """The scene file with which the world model started, relative to its workspace; "": none."""
         return ""
 
     def get_scene(self) -> tuple[list[Element], str]:
-        """The root of the scene and everything under it, and the snapshot id of that state."""
+        """Returns the root of the scene and its descendants, and the snapshot id of that state."""
         return self._scene_now()
 
     def get_scene_elements(self) -> list[Element]:
-        """The root of the scene and everything under it."""
+        """Returns the root of the scene and its descendants."""
         return self.get_branch(ROOT)
 
     def is_scene_element(self, eid: str) -> bool:
-        """Whether the scene has an element of that id."""
+        """Whether the scene has an element."""
         return self.find_element(eid) is not None
 
     def get_element(self, eid: str, context_id: str = _SCENE) -> Element:
-        """The element as it is now.
+        """Returns the current state of an element.
 
-        :raises WmException: there is none of that id.
+        :raises WmException: it does not exist.
         """
         found = self.find_element(eid, context_id)
         if found is None:
@@ -114,9 +113,9 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return found
 
     def get_template_element(self, uri: str, context_id: str = _SCENE) -> Element:
-        """A template (an individual of the ontologies) as an element without id.
+        """Returns a template (an individual of the ontologies) as an element without id.
 
-        :raises WmException: there is none.
+        :raises WmException: it does not exist.
         """
         return self._template(self._name(uri))
 
@@ -127,30 +126,30 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         type_filter: str = "",
         context_id: str = _SCENE,
     ) -> list[Element]:
-        """An element and what is under it along a relation and those under that one, nearest first.
+        """Returns an element and its descendants along a relation and its subproperties, nearest first.
 
-        :param type_filter: only elements of this class or under it; "" takes all.
-        :raises WmException: there is no element of that id.
+        :param type_filter: returns only elements of this class or its subclasses; "": all.
+        :raises WmException: the element does not exist.
         """
         return self._branch(_id(eid), relation_filter, type_filter, context_id)
 
     def resolve_elements(self, e: Element, context_id: str = _SCENE) -> list[Element]:
-        """All elements of the class of `e` or under it, with its label (if it has one) and its property values.
+        """Returns the elements of the class of `e` or its subclasses that have its label and its property values.
 
-        A value that is "" or None matches any.
+        An empty label, and a value "" or None, matches any.
         """
         return self._matching(e, context_id)
 
     def resolve_element(self, e: Element, context_id: str = _SCENE) -> Element | None:
-        """The first of `resolve_elements`, or None."""
+        """Returns the first result of `resolve_elements`, or None."""
         return next(iter(self._matching(e, context_id)), None)
 
     # -- writing -----------------------------------------------------------------------------------------------
 
     def add_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[Element]:
-        """Adds elements with the children that were kept aside in them, all or none. Returns the new elements.
+        """Adds elements and their local children, all or none. Returns the new elements.
 
-        Each given element, and each child, gets its id and what reasoners added, too.
+        The given elements and children are updated with their ids and the changes of reasoners.
         """
         given, operations = added_elements(es, lambda eid: self._exists(eid, context_id))
         outcome = self._transact(operations, context_id)
@@ -158,28 +157,28 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return [element.view() for element in es]
 
     def add_element(self, e: Element, context_id: str = _SCENE) -> Element:
-        """Adds an element, as `add_elements`, and returns the new element."""
+        """Adds an element and returns the new element; see `add_elements`."""
         return self.add_elements([e], context_id)[0]
 
     def update_element(self, e: Element, context_id: str = _SCENE) -> str:
         """Writes an element and returns its id.
 
-        Of an element that a world model gave out, what was changed since is written; one made by hand is written
-        whole: properties and relations that it does not have are removed. Children kept aside are added.
+        Of an element that was read from a world model, only the changes since then are written. A hand-made element
+        replaces the stored one: properties and relations that it lacks are removed. Local children are added.
 
-        :raises WmException: there is no element of that id.
+        :raises WmException: the element does not exist.
         """
         return self.update_elements([e], context_id)[0]
 
     def update_elements(self, es: Sequence[Element], context_id: str = _SCENE) -> list[str]:
-        """Writes some elements, as `update_element`, all or none in one change; returns their ids."""
+        """Writes elements in one request and returns their ids; see `update_element`."""
         return self._write(es, context_id, ())
 
     def update_element_properties(self, e: Element, reasoner: str = "", context_id: str = _SCENE) -> str:
-        """Writes the properties of an element as `update_element` does, and leaves its relations; returns its id.
+        """Writes the properties of an element, but not its relations, and returns its id; see `update_element`.
 
-        :param reasoner: writes the properties that this reasoner owns, and no others.
-        :raises WmException: there is no element of that id, or no such reasoner.
+        :param reasoner: writes only the properties that this reasoner owns.
+        :raises WmException: the element or the reasoner does not exist.
         """
         return self._write_properties(e, self._keys_of(reasoner) if reasoner else None, context_id)
 
@@ -191,12 +190,12 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         type_filter: str = "",
         context_id: str = _SCENE,
     ) -> int:
-        """Removes an element, and with `recursive` what is under it along a relation and is held by nothing else.
+        """Removes an element, and with `recursive` its descendants along a relation that no other element holds.
 
-        :param e: an element, which loses its id, or an id.
-        :param type_filter: only elements of this class are taken with it; "" takes all.
+        :param e: an element, whose id is cleared, or an id.
+        :param type_filter: removes only descendants of this class; "": all.
         :returns: 1.
-        :raises WmException: there is no element of that id.
+        :raises WmException: the element does not exist.
         """
         self._transact([Remove(_id(e), recursive, rel_filter, type_filter)], context_id)
         if isinstance(e, Element):
@@ -212,13 +211,13 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         antiloop_bind: Collection[str] = set(),
         context_id: str = _SCENE,
     ) -> Element:
-        """Copies a template into the scene, in one change, and returns the copy.
+        """Copies a template into the scene in one request and returns the copy.
 
         :param uri: the individual's name, or an element of that template.
-        :param recursive: copies what it is related to by the relations of the filter, too.
+        :param recursive: also copies individuals that it is related to by the relations of the filter.
         :param relations: relations of the copy, as dicts; "-1" is the copy.
         :param antiloop_bind: individuals that are not copied again.
-        :raises WmException: there is no such individual.
+        :raises WmException: the individual does not exist.
         """
         name = uri.value_of(TEMPLATE) or uri.label if isinstance(uri, Element) else uri
         request = Instantiate(
@@ -230,21 +229,21 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     # -- relations ---------------------------------------------------------------------------------------------
 
     def set_relation(self, subj: Any, pred: str, obj: Any, value: bool = True) -> bool:
-        """Adds (`value` true) or removes a relation; also its subproperties are removed. Returns True.
+        """Adds (`value` true) a relation, or removes it and its subproperties. Returns True.
 
-        It is kept in the context of the subject.
+        The relation is stored in the context of the subject.
 
         :param subj, obj: elements of any context, or individuals of the ontologies.
-        :raises WmException: an element does not exist in any context, or the scene would contain itself.
+        :raises WmException: an element does not exist in any context, or would contain itself.
         """
         self._transact([Relate(_id(subj), self._name(pred), _id(obj), value)], _SCENE)
         return True
 
     def get_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
-        """The relations whose predicate is that one or under it, as dicts; an empty part matches any.
+        """Returns the relations along a predicate and its subproperties, as dicts; an empty part matches any.
 
-        Where subject and object are given, they are the subject's own: `src` is "-1". A relation that a reasoner owns
-        is asked of it.
+        When both subject and object are given, `src` is "-1" in the result. Relations that a reasoner owns are computed
+        by it.
         """
         if pred and self._computes(pred) is not None:
             found = self.get_reasoner_relations(subj, pred, obj)
@@ -253,18 +252,18 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return [{**r, "src": "-1"} for r in found] if _id(subj) and _id(obj) else found
 
     def get_reasoner(self, pred: str) -> DiscreteReasoner:
-        """The reasoner called so, or that owns that code, property or relation.
+        """Returns the reasoner with a class name, or the one that owns a code, property or relation.
 
-        :raises UnknownName: there is none.
+        :raises UnknownName: it does not exist.
         """
         return reasoners.get(pred)
 
     def get_reasoner_relations(self, subj: Any, pred: str, obj: Any) -> list[RelationDict]:
-        """The relations that a reasoner computes between two elements, as dicts.
+        """Computes relations between two elements with a reasoner; returns them as dicts.
 
-        :param subj, obj: elements or ids; an abstract element stands for all elements like it.
-        :param pred: the relation, or a reasoner's name for all of its relations.
-        :raises UnknownName: no reasoner owns that.
+        :param subj, obj: elements or ids; an abstract element stands for all matching elements.
+        :param pred: the relation, or the name of a reasoner for all of its relations.
+        :raises UnknownName: no reasoner owns the relation.
         """
         reasoner = reasoners.get(pred)
         by_name = pred == reasoner.__class__.__name__
@@ -276,11 +275,11 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         ]
 
     def check_relation(self, subj: Any, pred: str, obj: Any, state: bool, abstract: bool) -> bool:
-        """Whether a relation, or one under it, holds (`state` true) or does not hold.
+        """Whether a relation or one of its subproperties holds (`state` true) or does not hold.
 
-        :param subj, obj: elements or ids; an abstract element stands for some element of its class.
-        :param abstract: asks whether the relation is stated anywhere between the two elements or their templates
-            (`skiros:Template`); of an element with neither id nor name, whether the class restrictions allow it.
+        :param subj, obj: elements or ids; an abstract element stands for any matching element.
+        :param abstract: checks whether the relation is stated between the elements or their templates
+            (`skiros:Template`); for an element without id and name, whether the class restrictions allow it.
         """
         subj, obj = self._element(subj), self._element(obj)
         pred = self._name(pred)
@@ -291,19 +290,19 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return self._holds(subj, pred, obj) == state
 
     def allows_relation(self, subject_type: str, pred: str, object_type: str) -> bool:
-        """Whether the ontologies have a restriction by which a class may be so related to another."""
+        """Whether the class restrictions of the ontologies allow a relation between two classes."""
         return self._ontology.allows(*map(self._name, (subject_type, pred, object_type)))
 
     def _resolve_elements2(
         self, keys: str | Sequence[str], ph: Any, verbose: bool = False
     ) -> dict[str | tuple[str, ...], Any]:
-        """The elements that some parameters may have together, so that the relations between them hold.
+        """Returns the combinations of elements that several parameters may take, so that their relations hold.
 
-        A parameter may have any element like its abstract one; a parameter with an element of the scene keeps it. A
-        relation noted on an abstract element names the key of another parameter, or an id.
+        A parameter with an abstract element takes any matching element; one with an element of the scene keeps it.
+        Relations of an abstract element refer to other parameters by key, or to elements by id.
 
         :param keys: one key or several.
-        :returns: an array of elements under the key; for several an array of rows under the tuple of the keys.
+        :returns: an array of elements under the key; for several keys an array of rows under the tuple of keys.
         """
         names = (keys,) if isinstance(keys, str) else tuple(keys)
         found = combinations(self, names, ph)
@@ -311,7 +310,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
             log.info("%s may be: %s", ", ".join(names), found.tolist())
         return {names[0]: found[:, 0]} if len(names) == 1 else {names: found}
 
-    # -- shared ------------------------------------------------------------------------------------------------
+    # -- helpers -----------------------------------------------------------------------------------------------
 
     def _write(self, elements: Sequence[Element], context_id: str, before: Sequence[Operation]) -> list[str]:
         given, operations = written(elements, lambda eid: self._exists(eid, context_id))
@@ -326,20 +325,20 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     def _write_properties(self, e: Element, keys: frozenset[str] | None, context_id: str) -> str:
         operations = written_properties(e, keys)
         outcome = self._transact(operations, context_id) if operations else Outcome([self._known(e, context_id)])
-        left = changes_left(e, keys)
+        remaining = remaining_changes(e, keys)
         self._refresh([e], outcome, context_id, keep_children=True)
-        left.put_back(e)
+        remaining.restore(e)
         return e.id
 
     def _exists(self, eid: str, context_id: str) -> bool:
-        """Whether an id is an element of a context, or of any other one."""
+        """Whether an element exists in a context, or in any other one."""
         return self.find_element(eid, context_id) is not None or self.find_element(eid, "") is not None
 
     def _elements_of(self, cls: str, recursive: bool) -> list[str]:
         return [e.id for e in self._matching(Element(cls), _SCENE) if recursive or e.type == cls]
 
     def _holds(self, subj: Element, pred: str, obj: Element) -> bool:
-        """Whether a relation of the scene, or one under it, holds."""
+        """Whether a relation of the scene or one of its subproperties holds."""
         if not subj.id and not obj.id:
             return any(self._holds(found, pred, obj) for found in self._matching(subj, _SCENE))
         for relation in self._related(subj.id, pred, obj.id):
@@ -352,7 +351,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return False
 
     def _stated(self, subj: Element, pred: str, obj: Element) -> bool:
-        """Whether a relation is stated between two elements or their templates; see `check_relation`."""
+        """Implements `check_relation` with `abstract`."""
         ones, others = _individuals(subj), _individuals(obj)
         if not ones or not others:
             return self.allows_relation(subj.type, pred, obj.type)
@@ -363,8 +362,8 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         )
 
     def _computes(self, pred: str) -> DiscreteReasoner | None:
-        """The reasoner that computes a relation, if one does."""
-        reasoner = reasoners.find_written(pred)
+        """The reasoner that computes a relation; None when no reasoner does."""
+        reasoner = reasoners.find_or_load(pred)
         if reasoner is None or full_name(pred) not in map(full_name, relations_of(reasoner)):
             return None
         return reasoner
@@ -388,7 +387,7 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         return self.get_element(e.id, context).id
 
     def _keys_of(self, reasoner: str) -> frozenset[str]:
-        found = reasoners.find_written(reasoner)
+        found = reasoners.find_or_load(reasoner)
         if found is None:
             raise WmException(f"there is no reasoner {reasoner!r}; loaded: {', '.join(reasoners.names()) or 'none'}")
         return frozenset([*map(full_name, data_of(found)), REASONER_PROPERTY])
@@ -396,20 +395,20 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
     def _refresh(
         self, elements: Sequence[Element], outcome: Outcome, context: str, keep_children: bool = False
     ) -> None:
-        """Makes the caller's elements, those that the outcome's ids are of, what the world model has now."""
-        told = outcome.elements
+        """Updates the caller's elements, one for each id of the outcome, to their current state."""
+        written_elements = outcome.elements
         for element, eid in zip(elements, outcome.ids, strict=True):
-            fresh = told.get(eid) or self.find_element(eid, context)
+            fresh = written_elements.get(eid) or self.find_element(eid, context)
             if fresh is None:
-                element._id = eid  # it is gone again
+                element._id = eid  # removed meanwhile
             else:
                 element.adopt(fresh, keep_children)
 
 
 def _individuals(element: Element) -> list[str]:
-    """The names by which statements know an element: its template's, and its id.
+    """The names of an element in RDF statements: its template and its id.
 
-    An element without id goes by its label, if it does not say what template it is of.
+    For an element without id and template, its label.
     """
     template = element.value_of("skiros:Template") or ("" if element.id else element.label)
     return [full_name(str(name)) for name in (template, element.id) if name]

@@ -1,4 +1,4 @@
-"""What can be read of a world model."""
+"""The read access to a world model."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pyoxigraph as ox
 
 from skiros2_common.core.errors import Refused
 from skiros2_common.core.world_element import Element, RelationDict
-from skiros2_world_model.core.announcer import Announcer
-from skiros2_world_model.core.context_names import ONTOLOGY, SCENE
-from skiros2_world_model.core.contexts import Contexts
+from skiros2_world_model.core.change_notifier import ChangeNotifier
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE
+from skiros2_world_model.core.context import Contexts
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.journal import Journal
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.ontology import Ontology
-from skiros2_world_model.core.ontology_base import OntologyBase
 from skiros2_world_model.core.prefixes import is_iri
 from skiros2_world_model.core.reader import SceneReader
 from skiros2_world_model.core.scene import Scene
@@ -23,77 +23,77 @@ from skiros2_world_model.core.templates import template_element
 
 
 class WorldModelState:
-    """The state of a world model, read under its lock where a method does not take it."""
+    """The read access to a world model. Hold the lock for members that do not take it themselves."""
 
-    base: OntologyBase
+    knowledge_base: KnowledgeBase
     lock: threading.RLock
     reader: SceneReader
     _contexts: Contexts
-    _announcer: Announcer
+    _notifier: ChangeNotifier
     _journal: Journal | None
 
     @property
     def number(self) -> int:
         """The number of the last change."""
-        return self._announcer.number
+        return self._notifier.number
 
     @property
     def snapshot_id(self) -> str:
-        """The name of the present state."""
-        return self._announcer.snapshot_id
+        """The name of the current state."""
+        return self._notifier.snapshot_id
 
     @property
     def ontology(self) -> Ontology:
-        """What the ontologies say now."""
-        return self.base.index
+        """The index of the current ontologies."""
+        return self.knowledge_base.index
 
     def contexts(self) -> list[str]:
         return list(self._contexts)
 
     def scene(self, context: str = SCENE) -> Scene:
-        """The scene of a context, which is made when it is named for the first time; to be read under the lock.
+        """The scene of a context, which is created when it does not exist. Read it under the lock.
 
-        :raises WrongValue: no context can have that name.
+        :raises WrongValue: the name is invalid.
         """
         return self._contexts.named(context).scene
 
     def scenes(self, context: str) -> list[Scene]:
-        """The scene of a context, as `scene`, or for "" those of all contexts, to be read under the lock."""
+        """The scene of a context, or for "" the scenes of all contexts. Read them under the lock."""
         return [self.scene(context)] if context else self._contexts.scenes()
 
     def file_of(self, context: str) -> str:
-        """The file that a context was last loaded from or saved to, or should have been; "" when with none."""
+        """The file that a context was last loaded from or saved to (successfully or not); "" when there is none."""
         return self._contexts.named(context).file
 
     def related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
-        """The relations of the scene along a predicate and its subproperties; an empty part matches any.
+        """The relations along a predicate and its subproperties; an empty part matches any.
 
-        Those of a subject that is not in the scene are of the context that it is in.
+        Searches the context of the subject, or the scene when no subject is given.
         """
         with self.lock:
             return self.reader.related(src, pred, dst, self._contexts.home(src) or SCENE)
 
     def template(self, name: str) -> Element:
-        """A template as an element without id.
+        """Returns a template as an element without id.
 
-        :raises UnknownName: there is none.
+        :raises UnknownName: it does not exist.
         """
-        return template_element(self.ontology, self.base.prefixes.name(name) if is_iri(name) else name)
+        return template_element(self.ontology, self.knowledge_base.prefixes.name(name) if is_iri(name) else name)
 
     @property
     def history(self) -> History:
-        """What was, and who changed it. To be asked without the lock: it holds up no request.
+        """Access to past states and changes. Use it without the lock, so that no request waits for it.
 
-        :raises Refused: nothing is kept, as there is no journal.
+        :raises Refused: the world model has no journal.
         """
         if self._journal is None:
-            raise Refused("the world model keeps no journal: its past is not known")
+            raise Refused("the world model has no journal, so its history is unknown")
         return History(self._journal.path)
 
     def query(self, query: str, context: str = "", cut_prefix: bool = True) -> list[str]:
-        """The rows that a SPARQL query gives, as texts.
+        """Answers a SPARQL query with a text for each row.
 
-        :param context: the one to ask; "" asks all, `ontology` the ontologies alone.
+        :param context: the context to query; "": all, `ontology`: only the ontologies.
         :raises WrongValue: the query cannot be answered.
         """
 
@@ -102,9 +102,9 @@ class WorldModelState:
                 if name != ONTOLOGY:
                     self._contexts.named(name).flush()
 
-        return self.base.query(query, context, cut_prefix, flush)
+        return self.knowledge_base.query(query, context, cut_prefix, flush)
 
     def triples(self, context: str = SCENE) -> Iterator[ox.Triple]:
-        """All that a context holds now; the triples are made while they are read, which needs no lock."""
+        """The triples of a context in its current state, generated lazily. Iterating needs no lock."""
         with self.lock:
             return self._contexts.named(context).triples()

@@ -11,7 +11,7 @@ import rospy
 from skiros2_common.core.errors import SkirosError
 
 
-def answering(handler: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def service_handler(handler: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """A service handler whose refusals reach the client as text."""
 
     @functools.wraps(handler)

@@ -10,7 +10,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.utils import element2msg, msg2element, msg2relation, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.history import History
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
 

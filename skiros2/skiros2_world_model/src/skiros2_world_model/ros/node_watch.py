@@ -67,10 +67,10 @@ class NodeWatch(threading.Thread):
             _shut(self._connection)
 
     def run(self) -> None:
-        if self._waits_until_gone() and not self._ended.is_set():
+        if self._wait_until_gone() and not self._ended.is_set():
             self._on_gone()
 
-    def _waits_until_gone(self) -> bool:
+    def _wait_until_gone(self) -> bool:
         """Returns when the node is gone, or False when it was never there, or the watch has ended."""
         pause, longest = _PAUSES
         silent = 0  # connections in a row on which nobody has told who he is

@@ -10,15 +10,14 @@ from typing import Any
 import rospy
 from std_srvs.srv import SetBool, SetBoolRequest
 
-from skiros2_common.core.mutations import mutations
+from skiros2_common.core.revision import local_revision
 from skiros2_common.ros.master_watch import watch_master
 from skiros2_common.ros.utils import makeStatementMsg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.changes import ONTOLOGY, Statement
 from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
 from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
-from skiros2_world_model.core.statement import Statement
 from skiros2_world_model.core.world_model_abstract_interface import WmException
 from skiros2_world_model.ros.service_pool import ServicePool
 
@@ -53,7 +52,7 @@ class OntologyInterface(OntologyAbstractInterface):
         self._index: Ontology | None = None
         self._index_lock = threading.Lock()
         self._ontology_changes = 0
-        self._heard = ""  # the last change's snapshot id
+        self._last_snapshot_id = ""  # the last change's snapshot id
         self._wait_for_server()
         self._follow()
 
@@ -107,7 +106,7 @@ class OntologyInterface(OntologyAbstractInterface):
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         request = srvs.WoModifyRequest(self._author_name, context, [makeStatementMsg(*s) for s in statements])
         self._modify_service.call(request, repeatable=True)  # adding or removing twice is as once
-        self._forget_ontology()
+        self._invalidate_ontology()
 
     def _follow(self) -> None:
         """Listens to what the server tells from now on."""
@@ -115,15 +114,16 @@ class OntologyInterface(OntologyAbstractInterface):
 
     def _on_monitor(self, message: Any) -> None:
         """Something has changed in the world model; called in the thread of the subscription."""
-        is_next = message.prev_snapshot_id == self._heard  # else one was missed, which may have been of the ontologies
-        self._heard = message.snapshot_id
+        # After a missed message, assume that it concerned the ontologies.
+        is_next = message.prev_snapshot_id == self._last_snapshot_id
+        self._last_snapshot_id = message.snapshot_id
         if message.action == message.RESET or not (is_next and (message.elements or message.relation)):
-            self._forget_ontology()
+            self._invalidate_ontology()
 
-    def _forget_ontology(self) -> None:
+    def _invalidate_ontology(self) -> None:
         self._ontology_changes += 1
         self._index = None
-        mutations.note()
+        local_revision.advance()
 
     def _fetch_ontology(self) -> Ontology:
         rows = (row.split() for row in self._query(STRUCTURE_QUERY, True, ONTOLOGY))
@@ -139,6 +139,6 @@ class OntologyInterface(OntologyAbstractInterface):
                 self._query("ASK {}", True, ONTOLOGY)
                 return
             except WmException:
-                waited += self._query_service.patience
+                waited += self._query_service.timeout
                 log.info("waiting for the world model, node %s", rospy.resolve_name(self._server))
         raise WmException("the node was shut down while it waited for the world model")

@@ -11,14 +11,13 @@ import rosgraph
 import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.advisory_lock import AdvisoryLock
-from skiros2_world_model.core.ontology_base import OntologyBase
-from skiros2_world_model.core.statement import Statement
-from skiros2_world_model.ros.errors import answering
-from skiros2_world_model.ros.parameters import ontology_folder, workspace_folder
-from skiros2_world_model.ros.store_parameters import triple_store
+from skiros2_world_model.core.changes import Statement
+from skiros2_world_model.core.knowledge_base import KnowledgeBase
+from skiros2_world_model.ros.errors import service_handler
+from skiros2_world_model.ros.server_parameters import ontology_folder, triple_store, workspace_folder
 
 log = logging.getLogger(__name__)
 
@@ -44,8 +43,8 @@ class OntologyServices:
         self._ontologies = ontologies
         self._lock = lock
         self._services = [
-            rospy.Service("~ontology/query", srvs.WoQuery, answering(self._on_query)),
-            rospy.Service("~ontology/modify", srvs.WoModify, answering(self._on_modify)),
+            rospy.Service("~ontology/query", srvs.WoQuery, service_handler(self._on_query)),
+            rospy.Service("~ontology/modify", srvs.WoModify, service_handler(self._on_modify)),
             rospy.Service("~lock", SetBool, self._on_lock),
         ]
 
@@ -66,15 +65,15 @@ class OntologyServices:
         new, does not know who lives.
         """
         if not request.data:
-            done = self._lock.give_back()
+            done = self._lock.release()
             return SetBoolResponse(done, "" if done else "it is not locked")
         name = request._connection_header.get("callerid", "unknown")
         owner = f"{name} {_uri_of(name)}"
-        while not self._lock.take(owner, _OWNER_CHECK_PERIOD):
+        while not self._lock.acquire(owner, _OWNER_CHECK_PERIOD):
             holder = self._lock.owner
             if rospy.is_shutdown():
                 return SetBoolResponse(False, "the node is shutting down")
-            if holder is not None and not _is_alive(holder) and self._lock.give_back(holder):
+            if holder is not None and not _is_alive(holder) and self._lock.release(holder):
                 log.warning("%s had the lock and is gone: it is free", holder.partition(" ")[0])
         return SetBoolResponse(True, "")
 
@@ -84,8 +83,8 @@ def serve_ontologies() -> None:
 
     :raises ConfigurationError: a folder is missing, or an ontology does not parse.
     """
-    base = OntologyBase(ontology_folder(), workspace_folder(), triple_store())
-    _services = OntologyServices(base, AdvisoryLock())
+    knowledge_base = KnowledgeBase(ontology_folder(), workspace_folder(), triple_store())
+    _services = OntologyServices(knowledge_base, AdvisoryLock())
     log.info("ontologies are served")
     spin()
 

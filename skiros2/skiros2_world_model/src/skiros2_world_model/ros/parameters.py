@@ -1,32 +1,13 @@
-"""The private parameters of the world model's nodes."""
+"""Parameters of the world model's nodes that clients read too."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import rospkg
 import rospy
 import yaml
 
 from skiros2_common.core.errors import ConfigurationError
-
-
-def ontology_folder() -> Path:
-    """The folder of the package's own ontologies.
-
-    :raises ConfigurationError: the package `skiros2` cannot be found.
-    """
-    try:
-        return Path(rospkg.RosPack().get_path("skiros2")) / "ontologies"
-    except rospkg.ResourceNotFound:
-        raise ConfigurationError("package skiros2 cannot be found: source the set-up file of its workspace") from None
-
-
-def workspace_folder() -> Path:
-    """`~workspace_dir`, the folder of the user's ontologies and scenes; the package's own when it is not set."""
-    text = str(rospy.get_param("~workspace_dir", "")).strip()
-    return Path(text).expanduser() if text else ontology_folder()
 
 
 def text_list(name: str) -> list[str]:

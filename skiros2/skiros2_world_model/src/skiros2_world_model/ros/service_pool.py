@@ -24,13 +24,13 @@ class ServicePool:
     """Calls of one service. Each call has a connection to itself; idle ones are kept and used again.
 
     :param name: the service; a relative name is resolved now.
-    :param patience: how long a call waits for a server that is not there (s).
+    :param timeout: how long a call waits for a server that is not there (s).
     """
 
-    def __init__(self, name: str, kind: Any, patience: float = 5.0) -> None:
+    def __init__(self, name: str, kind: Any, timeout: float = 5.0) -> None:
         self._name = rospy.resolve_name(name)
         self._kind = kind
-        self.patience = patience
+        self.timeout = timeout
         self.server = ""  # the address of the server that has answered last; a server started anew has another one
         self._idle: list[Any] = []
         self._lock = threading.Lock()
@@ -41,7 +41,7 @@ class ServicePool:
         :param repeatable: may be sent again when the connection breaks before the answer.
         :raises WmException: the server refuses (with its text), or does not answer.
         """
-        give_up = time.monotonic() + self.patience
+        deadline = time.monotonic() + self.timeout
         while True:
             proxy = self._take()
             try:
@@ -57,10 +57,10 @@ class ServicePool:
                     raise WmException(
                         f"service {self._name} broke off: {error}; whether the request was carried out is not known"
                     ) from error
-                self._wait(give_up, error)
+                self._wait(deadline, error)
             except rospy.exceptions.TransportException as error:
                 proxy.close()  # the request was not sent whole
-                self._wait(give_up, error)
+                self._wait(deadline, error)
             except (rospy.ROSInterruptException, rospy.ROSSerializationException, UnicodeEncodeError) as error:
                 proxy.close()
                 raise WmException(f"service {self._name} was not called: {error}") from error
@@ -98,10 +98,10 @@ class ServicePool:
         with self._lock:
             self._idle.append(proxy)
 
-    def _wait(self, give_up: float, error: Exception) -> None:
+    def _wait(self, deadline: float, error: Exception) -> None:
         """Waits a moment for a server to come (again)."""
         # "requested": already true in the shutdown hooks of nodes, which are not to wait for a server that ends too.
-        if time.monotonic() > give_up or rospy.core.is_shutdown_requested():
+        if time.monotonic() > deadline or rospy.core.is_shutdown_requested():
             raise WmException(f"service {self._name} does not answer: {error}") from error
         time.sleep(_RETRY_PERIOD)
 

@@ -8,10 +8,10 @@ import rospy
 
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.context_names import SCENE
+from skiros2_world_model.core.changes import SCENE
 from skiros2_world_model.core.validator import Validator
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.errors import answering
+from skiros2_world_model.ros.errors import service_handler
 
 
 class ValidationService:
@@ -21,7 +21,7 @@ class ValidationService:
         self._validator = Validator(model)
         rospy.on_shutdown(self._validator.stop)
         self._validates_files = bool(rospy.get_param("~validate", True))
-        self._service = rospy.Service("~validation", srvs.WmValidation, answering(self._on_validation))
+        self._service = rospy.Service("~validation", srvs.WmValidation, service_handler(self._on_validation))
         for context in model.loaded:
             self.file_loaded(context)
 

@@ -52,12 +52,12 @@ def msg2change(msg: Any, context: str) -> Change:
         msg.author,
         msg.action,
         context,
-        tuple(msg2given_element(e, snapshot_number(msg.snapshot_id)) for e in msg.elements),
+        tuple(msg2shared_element(e, snapshot_number(msg.snapshot_id)) for e in msg.elements),
         tuple(msg2relation(r) for r in msg.relation),
     )
 
 
-def msg2given_element(msg: Any, version: int) -> Element:
+def msg2shared_element(msg: Any, version: int) -> Element:
     """An element as the world model gives it out, from a `WmElement`; `changes` counts from now."""
     read = msg2element(msg)
     if not read.id:

@@ -15,24 +15,21 @@ from skiros2_common.ros.reasoners import available_reasoners
 from skiros2_common.ros.utils import element2msg, msg2relation
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import Change, Operation, Outcome, snapshot_number
-from skiros2_world_model.core.context_names import ONTOLOGY
+from skiros2_world_model.core.changes import ONTOLOGY, Change, Operation, Outcome, Statement, snapshot_number
 from skiros2_world_model.core.history_entry import HistoryEntry, Point
-from skiros2_world_model.core.present import Present
+from skiros2_world_model.core.last_will import CleanupAction
 from skiros2_world_model.core.reader import SceneReader, no_element
 from skiros2_world_model.core.replica import Replica, Snapshot
 from skiros2_world_model.core.report import Finding, Report
 from skiros2_world_model.core.scene import ROOT, Provenance, Scene
-from skiros2_world_model.core.statement import Statement
-from skiros2_world_model.core.wills import Bequest
-from skiros2_world_model.core.world_model_abstract_interface import WmConflict, WmException
+from skiros2_world_model.core.world_model_abstract_interface import Revisions, WmConflict, WmException
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 from skiros2_world_model.ros.history_service import history_request, msg2entry
+from skiros2_world_model.ros.last_will_messages import last_will_request
 from skiros2_world_model.ros.ontology_interface import OntologyInterface
 from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.service_pool import ServicePool
-from skiros2_world_model.ros.will_messages import will_request
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
 __all__ = ["Element", "WmConflict", "WmException", "WorldModelInterface"]
 
@@ -72,12 +69,12 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     def version(self) -> int:
         return self._replica.version + self._ontology_changes if self._replica is not None else -1
 
-    def present(self) -> Present | None:
+    def revisions(self) -> Revisions | None:
         if self._replica is None:
             return None
         ontology = self._ontology
         self._replica.refresh()
-        return Present(ontology, self._replica.scene().marks)
+        return Revisions(ontology, self._replica.scene().record_lookup)
 
     def catch_up(self) -> None:
         if self._replica is not None:
@@ -135,8 +132,8 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         gone = [entry for entry in entries if entry.before and not entry.after]
         return Provenance(gone[0].number, gone[0].stamp, gone[0].author) if gone else None
 
-    def leave_will(self, bequests: Sequence[Bequest]) -> None:
-        self._last_will_service.call(will_request(bequests))
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        self._last_will_service.call(last_will_request(actions))
 
     # -- the past ----------------------------------------------------------------------------------------------
 
@@ -259,7 +256,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     # -- the monitor -------------------------------------------------------------------------------------------
 
-    def _is_over(self) -> bool:
+    def _is_shut_down(self) -> bool:
         return bool(rospy.is_shutdown())
 
     def _follow(self) -> None:
@@ -293,9 +290,9 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _fetch_scene(self) -> Snapshot:
         answer = self._snapshot_service.call(srvs.WmSnapshotRequest(_SCENE))
-        self._forget_ontology()  # that of this scene may be newer
+        self._invalidate_ontology()  # that of this scene may be newer
         number = snapshot_number(answer.snapshot_id)
-        return Snapshot(answer.snapshot_id, number, [msg2given_element(m, number) for m in answer.elements])
+        return Snapshot(answer.snapshot_id, number, [msg2shared_element(m, number) for m in answer.elements])
 
     def _get(
         self, action: str, context: str, asked: Any, relation_filter: str = "", type_filter: str = ""
@@ -307,7 +304,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 def _given(answer: Any) -> list[Element]:
     """The elements in an answer of `WmGet`."""
     number = snapshot_number(answer.snapshot_id)
-    return [msg2given_element(m, number) for m in answer.elements]
+    return [msg2shared_element(m, number) for m in answer.elements]
 
 
 def load_reasoners(server: str) -> None:

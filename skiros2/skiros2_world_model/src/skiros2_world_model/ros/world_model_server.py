@@ -11,32 +11,28 @@ import rospy
 
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
 from skiros2_common.core.world_element import Element
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_common.ros.utils import element2msg, msg2element, relation2msg
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
-from skiros2_world_model.core.changes import RESET, Add, Change, Operation, Outcome, Relate, Remove, Update
-from skiros2_world_model.core.context_names import SCENE
-from skiros2_world_model.core.last_wills import LastWills
+from skiros2_world_model.core.changes import RESET, SCENE, Add, Change, Operation, Outcome, Relate, Remove, Update
+from skiros2_world_model.core.last_will_store import LastWillStore
 from skiros2_world_model.core.reader import no_element
-from skiros2_world_model.core.scene import Node
+from skiros2_world_model.core.scene import ElementRecord
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.errors import answering
+from skiros2_world_model.ros.change_publisher import ChangePublisher
+from skiros2_world_model.ros.errors import service_handler
 from skiros2_world_model.ros.history_service import answer_history
-from skiros2_world_model.ros.journal_parameters import open_journal
 from skiros2_world_model.ros.last_will_service import LastWillService
 from skiros2_world_model.ros.ontology_server import OntologyServices
-from skiros2_world_model.ros.parameters import ontology_folder, text_list, workspace_folder
+from skiros2_world_model.ros.parameters import text_list
 from skiros2_world_model.ros.reasoners import Reasoners
-from skiros2_world_model.ros.store_parameters import triple_store
+from skiros2_world_model.ros.server_parameters import ontology_folder, open_journal, triple_store, workspace_folder
 from skiros2_world_model.ros.subscribers import wait_for_subscribers
 from skiros2_world_model.ros.validation_service import ValidationService
 from skiros2_world_model.ros.wire import change2msg, msg2operation
 
 log = logging.getLogger(__name__)
-
-#: Changes that wait for a slow subscriber; one that misses some sees the gap and asks anew.
-_MONITOR_QUEUE = 1000
 
 
 class WorldModelServer:
@@ -48,23 +44,23 @@ class WorldModelServer:
     def __init__(self, model: WorldModel) -> None:
         self._model = model
         self._messages: weakref.WeakKeyDictionary[Change, Any] = weakref.WeakKeyDictionary()
-        self._monitor = rospy.Publisher("~monitor", msgs.WmMonitor, latch=True, queue_size=_MONITOR_QUEUE)
+        self._monitor = ChangePublisher()
         with model.lock:
             snapshot, stamp = model.snapshot_id, rospy.Time.now()
-            self._monitor.publish(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
+            self._monitor.put(msgs.WmMonitor(snapshot, snapshot, stamp, "wm", "reset", self._scene(), []))
             model.add_listener(self._on_change)
-            wait_for_subscribers(self._monitor)
+            wait_for_subscribers(self._monitor.topic)
         self._ontologies = OntologyServices(model, model.advisory_lock)
         self._validation = ValidationService(model)  # before the services below, which use it as soon as they are there
         self._services = [
-            rospy.Service("~modify", srvs.WmModify, answering(self._on_modify)),
-            rospy.Service("~transaction", srvs.WmTransaction, answering(self._on_transaction)),
-            rospy.Service("~snapshot", srvs.WmSnapshot, answering(self._on_snapshot)),
-            rospy.Service("~scene/set_relation", srvs.WmSetRelation, answering(self._on_set_relation)),
-            rospy.Service("~scene/query_relations", srvs.WmQueryRelations, answering(self._on_query_relations)),
-            rospy.Service("~load_and_save", srvs.WoLoadAndSave, answering(self._on_load_and_save)),
-            rospy.Service("~get", srvs.WmGet, answering(self._on_get)),
-            rospy.Service("~history", srvs.WmHistory, answering(self._on_history)),
+            rospy.Service("~modify", srvs.WmModify, service_handler(self._on_modify)),
+            rospy.Service("~transaction", srvs.WmTransaction, service_handler(self._on_transaction)),
+            rospy.Service("~snapshot", srvs.WmSnapshot, service_handler(self._on_snapshot)),
+            rospy.Service("~scene/set_relation", srvs.WmSetRelation, service_handler(self._on_set_relation)),
+            rospy.Service("~scene/query_relations", srvs.WmQueryRelations, service_handler(self._on_query_relations)),
+            rospy.Service("~load_and_save", srvs.WoLoadAndSave, service_handler(self._on_load_and_save)),
+            rospy.Service("~get", srvs.WmGet, service_handler(self._on_get)),
+            rospy.Service("~history", srvs.WmHistory, service_handler(self._on_history)),
         ]
 
     # -- reading -----------------------------------------------------------------------------------------------
@@ -162,11 +158,11 @@ class WorldModelServer:
         message = self._message(change)
         if change.action == RESET:  # whoever has only the messages, as in a bag, begins from here
             message.elements = self._scene()
-        self._monitor.publish(message)
+        self._monitor.put(message)
 
     def _scene(self) -> list[Any]:
         scene = self._model.scene()
-        return [_scene_element(node, scene.relations(node.id)) for node in scene]
+        return [_scene_element(record, scene.relations(record.id)) for record in scene]
 
     def _message(self, change: Change) -> Any:
         message = self._messages.get(change)
@@ -190,10 +186,10 @@ def serve_world_model() -> None:
     model = WorldModel(*folders, strict, journal, initial, triple_store(), blank_on_error=True)
     running = Reasoners(model, text_list("~reasoners_pkgs"))
     _server = WorldModelServer(model)
-    _last_wills = LastWillService(LastWills(model, journal))
-    if model.went_on:
+    _last_wills = LastWillService(LastWillStore(model, journal))
+    if model.recovered:
         log.info("to start from the files instead: end the world model in order, or set journal_recover to never")
-    origin = "its journal" if model.went_on else scene or "a blank scene"
+    origin = "its journal" if model.recovered else scene or "a blank scene"
     log.info("the world model is ready: %s elements from %s", len(model.scene()), origin)
     spin()
     running.stop()
@@ -201,9 +197,9 @@ def serve_world_model() -> None:
         journal.close()
 
 
-def _scene_element(node: Node, outgoing: Iterable[tuple[str, str, str]]) -> Any:
+def _scene_element(record: ElementRecord, outgoing: Iterable[tuple[str, str, str]]) -> Any:
     """An element of a whole scene, with the relations that go out from it: each is told once."""
-    message = element2msg(Element.shared(node.type, node.label, node.id, node.properties, ()))
+    message = element2msg(Element.shared(record.type, record.label, record.id, record.properties, ()))
     message.relations = [msgs.Relation("-1", pred, dst) for _, pred, dst in outgoing]
     return message
 

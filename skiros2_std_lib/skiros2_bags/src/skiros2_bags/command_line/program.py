@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_bags` that read bags: what they take from the command line, and how they end."""
+"""The commands of `rosrun skiros2_bags` that read bags: arguments and exit status."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from skiros2_bags.command_line import comparing, looking, plotting, restoring, worlds
+from skiros2_bags.command_line import diff_command, run_commands, world_commands
 from skiros2_bags.core.run import Run
-from skiros2_common.command_line.answer import USAGE, Answer
-from skiros2_common.command_line.frame import Parser, answered, program, screen
+from skiros2_common.command_line.command import USAGE, CommandResult, Parser, program, run_command, screen
 from skiros2_common.command_line.layout import Screen
 
-Command = Callable[[Run, argparse.Namespace, Screen], Answer]
+Command = Callable[[Run, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = (
     "A TIME is 12.5 (s after the start of the bag), -3 (before its end; write --at=-3), 14:05:30, "
@@ -23,8 +22,8 @@ _TIMES = (
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     command, parser = _parser(name)
-    given = parser.parse_args(arguments)
-    return answered(name, lambda: command(Run.open(given.bag), given, screen()), given.json, USAGE)
+    options = parser.parse_args(arguments)
+    return run_command(name, lambda: command(Run.open(options.bag), options, screen()), options.json, USAGE)
 
 
 run = program(_run)
@@ -32,81 +31,86 @@ run = program(_run)
 
 def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     command, add_arguments, *epilog = _COMMANDS[name]
-    status = "Exit status: 0 done, 2 the bag cannot be read, or wrong usage."
+    status = "Exit status: 0 success, 2 the bag cannot be read, or wrong usage."
     parser = Parser(
         prog=name, description=(command.__doc__ or "").partition("\n\n")[0], epilog=" ".join([*epilog, status])
     )
-    parser.add_argument("bag", type=Path, metavar="BAG", help="the file")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="the bag file")
     add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
 
 
-def _no_more(parser: argparse.ArgumentParser) -> None:
+def _no_options(parser: argparse.ArgumentParser) -> None:
     pass
 
 
 def _show(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--topics", action="store_true", help="the topics too")
+    parser.add_argument("--topics", action="store_true", help="list the topics too")
 
 
 def _skills(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="", metavar="NAME", help="only this robot's")
+    parser.add_argument("--robot", default="", metavar="NAME", help="only skills of this robot")
     parser.add_argument(
-        "--depth", type=int, default=0, metavar="N", help="only so deep in the tree (1: the task's own)"
+        "--depth", type=int, default=0, metavar="N", help="only skills at this depth (1: those of the task request)"
     )
-    parser.add_argument("--total", action="store_true", help="a row for each skill: how often, how long")
+    parser.add_argument("--total", action="store_true", help="one row per skill: number of runs and times")
 
 
 def _world(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", nargs="?", default="", help="only this element")
-    parser.add_argument("--at", default="", metavar="TIME", help="when (default: at the end)")
-    parser.add_argument("--partial", action="store_true", help="what is known, although changes are missing")
-    parser.add_argument("--all", action="store_true", help="all properties, relations and elements")
+    parser.add_argument("--at", default="", metavar="TIME", help="time of the scene (default: end of the bag)")
+    parser.add_argument("--partial", action="store_true", help="accept missing changes")
+    parser.add_argument("--all", action="store_true", help="print all properties, relations and elements")
 
 
 def _changes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", nargs="?", default="", help="only changes of this element")
-    parser.add_argument("--since", default="", metavar="TIME", help="only those after that")
-    parser.add_argument("--until", default="", metavar="TIME", help="only those up to that")
-    parser.add_argument("--author", default="", metavar="NAME", help="only those that this author made")
-    parser.add_argument("--all", action="store_true", help="all lines of large changes")
+    parser.add_argument("--since", default="", metavar="TIME", help="only changes after this time")
+    parser.add_argument("--until", default="", metavar="TIME", help="only changes up to this time")
+    parser.add_argument("--author", default="", metavar="NAME", help="only changes by this author")
+    parser.add_argument("--all", action="store_true", help="print all lines of large changes")
 
 
 def _tasks(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="", metavar="NAME", help="only this robot's")
-    parser.add_argument("--task", type=int, default=None, metavar="N", help="only the tasks of this number")
+    parser.add_argument("--robot", default="", metavar="NAME", help="only tasks of this robot")
+    parser.add_argument("--task", type=int, default=None, metavar="N", help="only tasks with this number")
 
 
 def _diff(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("other", type=Path, metavar="OTHER", help="the bag that is compared with it")
+    parser.add_argument("other", type=Path, metavar="OTHER", help="the bag to compare with")
     parser.add_argument(
         "--tolerance", type=float, default=0.001, metavar="X",
-        help="how far measured numbers may be apart, as they are and relative (default: %(default)s)",
+        help="absolute and relative tolerance of measured numbers (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--all", action="store_true", help="all differences")
+    parser.add_argument("--all", action="store_true", help="print all differences")
 
 
 def _plot(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture (default: BAG with .png)")
-    parser.add_argument("--depth", type=int, default=0, metavar="N", help="only skills so deep in the tree")
+    parser.add_argument("-o", "--output", type=Path, metavar="PNG", help="the image file (default: BAG with .png)")
+    parser.add_argument("--depth", type=int, default=0, metavar="N", help="maximum depth of skills in the tree")
 
 
 def _restore(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--at", default="", metavar="TIME", help="when (default: at the end)")
-    parser.add_argument("--partial", action="store_true", help="what is known, although changes are missing")
-    parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
+    parser.add_argument("--at", default="", metavar="TIME", help="time of the scene (default: end of the bag)")
+    parser.add_argument("--partial", action="store_true", help="accept missing changes")
+    parser.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
 
 
-#: What each does, what it takes, and what is told at the end of its help.
+#: Function, options and help epilogue of each command.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
-    "show": (looking.show, _show),
-    "check": (looking.check_bag, _no_more, "Status 1: something is missing."),
-    "tasks": (looking.tasks, _tasks),
-    "skills": (looking.skills, _skills),
-    "world": (worlds.world, _world, _TIMES),
-    "changes": (worlds.changes, _changes, _TIMES),
-    "diff": (comparing.diff, _diff, "Status 1: there are differences."),
-    "plot": (plotting.plot, _plot),
-    "restore": (restoring.restore, _restore, _TIMES, "Status 2 too: the world model refuses; 3: there is none."),
+    "show": (run_commands.show, _show),
+    "check": (run_commands.check_bag, _no_options, "Status 1: something is missing."),
+    "tasks": (run_commands.tasks, _tasks),
+    "skills": (run_commands.skills, _skills),
+    "world": (world_commands.world, _world, _TIMES),
+    "changes": (world_commands.changes, _changes, _TIMES),
+    "diff": (diff_command.diff, _diff, "Status 1: there are differences."),
+    "plot": (run_commands.plot, _plot),
+    "restore": (
+        world_commands.restore,
+        _restore,
+        _TIMES,
+        "Status 2: also if the world model rejects the scene; 3: it is not running.",
+    ),
 }

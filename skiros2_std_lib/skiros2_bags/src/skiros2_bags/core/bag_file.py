@@ -1,4 +1,4 @@
-"""Reading the messages of a bag, without ROS: the definitions of their types are in the bag."""
+"""Reads the messages of a bag without ROS; the bag contains the definitions of their types."""
 
 from __future__ import annotations
 
@@ -12,19 +12,17 @@ from rosbags.rosbag1 import Reader
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from skiros2_bags.core.contract_types import check_md5
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.message import Message
+from skiros2_bags.core.message import Message, check_md5
 from skiros2_bags.core.salvage import DAMAGE, SalvageReader
 
 
 class BagFile:
-    """A bag. Nothing of it is kept open between calls; one thread at a time.
+    """A bag. No file stays open between calls. Not thread-safe.
 
-    A bag that was cut off is read as far as it goes; `damage` tells where it ends then.
+    A truncated bag is read up to its last complete record; `damage` then says where it ends.
 
-    :param path: the file.
-    :raises BagError: there is no such file, or it is no bag.
+    :raises BagError: the file does not exist or is not a bag.
     """
 
     def __init__(self, path: Path) -> None:
@@ -36,7 +34,7 @@ class BagFile:
             self.start = reader.start_time / 1e9 if reader.chunk_infos else 0.0
             self.end = (reader.end_time - 1) / 1e9 if reader.chunk_infos else 0.0
             if isinstance(reader, SalvageReader):
-                self.damage = f"{path}: the bag is cut off {reader.ends}"
+                self.damage = f"{path}: the bag is cut off {reader.end_reason}"
 
     @property
     def topics(self) -> dict[str, str]:
@@ -44,16 +42,16 @@ class BagFile:
         return {c.topic: plain_type(c.msgtype) for c in self.connections}
 
     def messages(self, *wanted: str, until: float | None = None) -> Iterator[Message]:
-        """The messages of some topics (`/tf`) or types (`tf2_msgs/TFMessage`), oldest first; of none given, all.
+        """Yields the messages of topics (`/tf`) or types (`tf2_msgs/TFMessage`), oldest first; by default all messages.
 
-        :param until: only those recorded up to then (s).
+        :param until: the last time to include (s since the epoch).
         :raises BagError: the bag cannot be read.
         """
         connections = [c for c in self.connections if not wanted or {c.topic, plain_type(c.msgtype)} & {*wanted}]
         if not connections:
             return
         numbers = {c.id for c in connections}
-        stop = None if until is None else round(until * 1e9) + 1000  # as a float, a time is not exact
+        stop = None if until is None else round(until * 1e9) + 1000  # a float does not hold a time exactly
         with self._opened() as reader:
             chosen = [c for c in reader.connections if c.id in numbers]
             known = {c.id: (c.topic, plain_type(c.msgtype), c.digest, _caller(c), c.msgdef.data) for c in chosen}
@@ -68,28 +66,28 @@ class BagFile:
         try:
             return decoder(message.data)
         except (SerdeError, *DAMAGE) as error:
-            raise BagError(f"{message.place} is no {message.type}: {error or type(error).__name__}") from error
+            raise BagError(f"{message.location} is no {message.type}: {error or type(error).__name__}") from error
 
     def _decoder(self, message: Message) -> Any:
-        """What decodes the messages of a type, as the bag defines it.
+        """Returns a decoder for the type of a message, from the definition in the bag.
 
-        :raises BagError: the definition makes no sense, or is another one than that of the contract.
+        :raises BagError: the definition is invalid, or differs from the contract's.
         """
-        place = f"{self.path}: {message.topic}: {message.type}"
+        location = f"{self.path}: {message.topic}: {message.type}"
         check_md5(message)
         name = message.type.replace("/", "/msg/")
         store = get_typestore(Stores.ROS1_NOETIC)
         try:
             types = get_types_from_msg(message.definition, name)
-            for known, fields in types.items():  # as the bag has them, also where others go by that name by now
+            for known, fields in types.items():  # the bag's definition replaces the current one
                 if store.fielddefs.get(known) != fields:
                     store.fielddefs.pop(known, None)
                     store.register({known: fields})
             found = store.generate_msgdef(name)[1]
         except (TypesysError, *DAMAGE) as error:
-            raise BagError(f"{place}: its definition in the bag makes no sense: {error}") from error
+            raise BagError(f"{location}: its definition in the bag is invalid: {error}") from error
         if found != message.md5:
-            raise BagError(f"{place}: its definition in the bag has the md5 sum {found}, expected {message.md5}")
+            raise BagError(f"{location}: its definition in the bag has the md5 sum {found}, expected {message.md5}")
         return lambda data: store.deserialize_ros1(data, name)
 
     @contextmanager
@@ -115,7 +113,7 @@ class BagFile:
 
 
 def plain_type(name: str) -> str:
-    """`std_msgs/msg/String` as `std_msgs/String`."""
+    """Returns `std_msgs/String` for `std_msgs/msg/String`."""
     package, _, rest = name.partition("/")
     return f"{package}/{rest.rpartition('/')[2]}"
 

@@ -1,4 +1,4 @@
-"""Writing a bag while messages come."""
+"""Writes a bag while messages arrive."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ from skiros2_common.core.errors import WrongValue
 
 COMPRESSIONS = ("none", "bz2", "lz4")
 
-#: What is not told again while it stays the same: servers of actions repeat it five times a second.
+#: Messages of this type are written only when they change: action servers repeat them five times a second.
 _STATUS = "actionlib_msgs/GoalStatusArray"
 
-#: Where the content of a message with a `Header` begins that is the same as before: behind number and time.
-_BEHIND_STAMP = 12
+#: Size of sequence number and time in a `Header`; the rest of an unchanged message is the same.
+_STAMP_SIZE = 12
 
 
 class BagWriter:
-    """Writes a bag; one thread at a time.
+    """Writes a bag. Not thread-safe.
 
-    Until `close` the file is called `FILE.active`. When the process is killed, what is there can be read (`BagFile`);
-    it is at most as old as the last `flush`.
+    The file is named `FILE.active` until `close`. If the process is killed, `BagFile` can read that file up to the last
+    `flush`.
 
-    :param path: the file.
     :param compression: one of `COMPRESSIONS`.
-    :param replace: whether a file that is there already is replaced.
+    :param replace: whether to replace an existing file.
     :raises WrongValue: the compression is unknown.
-    :raises BagError: the file is there, or cannot be made.
+    :raises BagError: the file exists, or cannot be created.
     """
 
     def __init__(self, path: Path, compression: str = "none", replace: bool = False) -> None:
@@ -45,7 +44,7 @@ class BagWriter:
             raise BagError(f"{path}: there is such a file already")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.active.unlink(missing_ok=True)  # of a recorder that was killed
+            self.active.unlink(missing_ok=True)  # left by a killed recorder
             self._writer = Writer(self.active)
             if compression != "none":
                 self._writer.set_compression(Writer.CompressionFormat[compression.upper()])
@@ -53,21 +52,21 @@ class BagWriter:
         except (OSError, WriterError) as error:
             raise BagError(f"{path}: the bag cannot be written: {error}") from error
         self._connections: dict[tuple[str, ...], Connection] = {}
-        self._told: dict[tuple[str, ...], bytes] = {}
+        self._last_status: dict[tuple[str, ...], bytes] = {}
 
     def write(self, topic: str, header: Mapping[str, str], time: int, data: bytes) -> None:
-        """Writes a message. A status of an action server that is as it was is left out.
+        """Writes a message. Omits an action server's status that has not changed.
 
         :param header: of the connection: `type`, `md5sum`, `message_definition`, `callerid`, `latching`.
         :param time: ns since the epoch.
-        :raises BagError: the disk does not take it.
+        :raises BagError: writing fails.
         """
         kind, md5, caller = header["type"], header["md5sum"], header.get("callerid", "")
         key = (topic, kind, md5, caller)
         if kind == _STATUS:
-            if self._told.get(key) == data[_BEHIND_STAMP:]:
+            if self._last_status.get(key) == data[_STAMP_SIZE:]:
                 return
-            self._told[key] = data[_BEHIND_STAMP:]
+            self._last_status[key] = data[_STAMP_SIZE:]
         try:
             connection = self._connections.get(key)
             if connection is None:
@@ -85,9 +84,9 @@ class BagWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Gives what was written so far to the disk.
+        """Writes all messages so far to the disk.
 
-        :raises BagError: the disk does not take it.
+        :raises BagError: writing fails.
         """
         try:
             chunk = self._writer.chunks[-1]
@@ -99,9 +98,9 @@ class BagWriter:
             raise BagError(f"{self.active}: the bag cannot be written: {error}") from error
 
     def close(self) -> None:
-        """Ends the bag and gives it its name.
+        """Completes the bag and renames it to its final name.
 
-        :raises BagError: the disk does not take it.
+        :raises BagError: writing fails.
         """
         try:
             self._writer.close()

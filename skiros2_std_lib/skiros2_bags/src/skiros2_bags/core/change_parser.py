@@ -1,8 +1,8 @@
-"""Changes of the world model from the bytes of their messages.
+"""Parses changes of the world model from serialised messages.
 
-The layout of `WmMonitor` is fixed by the contract, so it is read here without the detour over an object for each part,
-which would take most of the time that a long history takes. Values are strings of JSON behind their length; elements of
-a history have most properties in common, so each that was seen is kept by its bytes.
+The contract fixes the layout of `WmMonitor`. Parsing it directly, without an object per field, is several times faster
+for a long history. Values are JSON strings with a length prefix. Most properties repeat between elements, so parsed
+properties are cached by their bytes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import struct
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.property import Property, shown
+from skiros2_common.core.property import Property, format_value
 from skiros2_common.core.world_element import Element, RelationDict
 from skiros2_world_model.core.changes import Change, relation_dict, snapshot_number
 
@@ -21,17 +21,17 @@ _read_json = json.JSONDecoder().decode
 
 _TYPES: dict[str, type] = {kind.__name__: kind for kind in (str, int, float, bool, list, dict)}
 
-#: Properties by their bytes. Elements share them, and never change them.
-_known: dict[bytes, Property] = {}
-_MOST_KNOWN = 50_000
+#: Parsed properties by their bytes. Elements share them and never modify them.
+_cache: dict[bytes, Property] = {}
+_CACHE_SIZE = 50_000
 
 
 def change_from(data: bytes) -> Change:
-    """A change from a `WmMonitor`, as it was sent.
+    """Parses a serialised `WmMonitor`.
 
-    :raises struct.error: the data ends too early.
-    :raises ValueError: a text is not UTF-8, or a value is no JSON.
-    :raises SkirosError: a value is not of the type that is told, or there is more data than the message has.
+    :raises struct.error: the data is too short.
+    :raises ValueError: a text is not UTF-8, or a value is not JSON.
+    :raises SkirosError: a value does not have its declared type, or the data is too long.
     """
     before, at = _text(data, 0)
     snapshot_id, at = _text(data, at)
@@ -70,7 +70,7 @@ def _element(data: bytes, at: int, version: int) -> tuple[Element, int]:
         at += 4 + _length(data, at)[0]
         at += 4 + _length(data, at)[0]
         content = data[start:at]
-        prop = _known.get(content)
+        prop = _cache.get(content)
         if prop is None:
             prop = _property(content)
         properties[prop.key] = prop
@@ -91,14 +91,14 @@ def _relations(data: bytes, at: int) -> tuple[list[RelationDict], int]:
 
 
 def _property(content: bytes) -> Property:
-    """A property from its bytes. Values of classes that a library has registered stay as their JSON says."""
+    """Parses a property. Values of registered classes remain as decoded JSON."""
     key, at = _text(content, 0)
     text, at = _text(content, at)
     type_name, _ = _text(content, at)
     try:
         values = _read_json(text)
     except (ValueError, RecursionError) as error:
-        raise WrongValue(f"property {key!r}: {shown(text)} is no JSON list: {error}") from None
+        raise WrongValue(f"property {key!r}: {format_value(text)} is no JSON list: {error}") from None
     if not isinstance(values, list):
         values = [values]
     kind = _TYPES.get(type_name, type(values[0]) if values else str)
@@ -107,7 +107,7 @@ def _property(content: bytes) -> Property:
     else:
         prop = Property(key, kind)
         prop.assign(values)
-    if len(_known) >= _MOST_KNOWN:
-        _known.clear()
-    _known[content] = prop
+    if len(_cache) >= _CACHE_SIZE:
+        _cache.clear()
+    _cache[content] = prop
     return prop

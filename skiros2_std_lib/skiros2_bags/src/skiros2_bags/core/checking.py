@@ -1,21 +1,21 @@
-"""Whether a bag has all of its run from the start, so that what is read from it can be relied on."""
+"""Checks that a bag contains its run completely, from the start."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from skiros2_bags.core.contract_types import MONITOR, PROGRESS
 from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was looked at.
+    """The result of one check.
 
-    :param holds: whether it is as it should be.
-    :param text: what was found, in words.
+    :param holds: whether the check passed.
+    :param text: for people.
     """
 
     holds: bool
@@ -23,11 +23,11 @@ class Finding:
 
 
 def check(run: Run) -> list[Finding]:
-    """What is looked at: the file, the chain of the world model's changes, the tasks, the goals of actions."""
+    """Checks the file, the continuity of the world model's changes, the tasks and the goals of actions."""
     findings = [Finding(False, run.damage) if run.damage else Finding(True, "the file is whole")]
-    for look in (_check_world, _check_tasks, _check_actions):
+    for check_part in (_check_world, _check_tasks, _check_actions):
         try:
-            findings += look(run)
+            findings += check_part(run)
         except BagError as error:
             findings.append(Finding(False, str(error)))
     return findings
@@ -39,7 +39,7 @@ def _check_world(run: Run) -> Iterator[Finding]:
         return
     changes = run.changes()
     gaps = [timed for timed in changes if timed.gap]
-    yield from (Finding(False, f"at {_at(run, timed.time)} {timed.gap}") for timed in gaps)
+    yield from (Finding(False, f"at {_time(run, timed.time)} {timed.gap}") for timed in gaps)
     if not gaps:
         elements = len(changes[0].change.elements) if changes else 0
         yield Finding(
@@ -52,13 +52,13 @@ def _check_tasks(run: Run) -> Iterator[Finding]:
         yield Finding(True, "no task was run")
         return
     tasks = run.tasks()
-    late = [task for task in tasks if not task.is_whole]
+    late = [task for task in tasks if not task.is_complete]
     for task in late:
-        yield Finding(False, f"{task.robot}, task {task.id}: it was running before {_at(run, task.start)}")
+        yield Finding(False, f"{task.robot}, task {task.id}: it was running before {_time(run, task.start)}")
     if not late:
         running = [f"task {task.id} of {task.robot}" for task in tasks if not task.has_ended]
         ended = f"; not ended: {', '.join(running)}" if running else ""
-        yield Finding(True, f"{len(tasks)} tasks are there from their start{ended}")
+        yield Finding(True, f"{len(tasks)} tasks are complete from their start{ended}")
 
 
 def _check_actions(run: Run) -> Iterator[Finding]:
@@ -67,13 +67,13 @@ def _check_actions(run: Run) -> Iterator[Finding]:
     for call in calls:
         if call.goal is None:
             bad += 1
-            yield Finding(False, f"{call.name}: the goal {call.goal_id!r} was sent before it was listened to")
+            yield Finding(False, f"{call.name}: the goal {call.goal_id!r} was sent before the recorder subscribed")
         elif call.status is None:
             bad += 1
-            yield Finding(False, f"{call.name}: nothing was heard of the goal sent at {_at(run, call.goal.time)}")
+            yield Finding(False, f"{call.name}: no answer to the goal sent at {_time(run, call.goal.time)}")
     if not bad:
-        yield Finding(True, f"{len(calls)} goals of actions are there, each with an answer")
+        yield Finding(True, f"{len(calls)} goals of actions are complete, each with an answer")
 
 
-def _at(run: Run, time: float) -> str:
+def _time(run: Run, time: float) -> str:
     return f"{time - run.start:.3f} s"

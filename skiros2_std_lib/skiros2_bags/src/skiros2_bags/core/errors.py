@@ -1,4 +1,4 @@
-"""What is wrong with a bag."""
+"""Errors of bags."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from skiros2_common.core.errors import SkirosError
 
 
 class BagError(SkirosError):
-    """A bag cannot be read, or lacks what is asked of it. The text names the bag, the place and what was expected."""
+    """A bag cannot be read, or lacks required messages. The text names the bag, the location and what was expected."""

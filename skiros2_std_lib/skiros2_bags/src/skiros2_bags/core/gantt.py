@@ -1,4 +1,4 @@
-"""A picture of a run: when each skill ran, by robot, and where the world model changed."""
+"""Gantt chart of a run: skill runs by robot, goals, and changes of the world model."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from skiros2_bags.core.contract_types import MONITOR, PROGRESS
+from skiros2_bags.core.action_call import Goal
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.goal import Goal
+from skiros2_bags.core.message import MONITOR, PROGRESS
 from skiros2_bags.core.run import Run
-from skiros2_bags.core.skill_time import SkillTime
-from skiros2_bags.core.task_trace import FAILURE, IDLE, RUNNING, SUCCESS
-from skiros2_bags.core.world_changes import TimedChange
+from skiros2_bags.core.task_run import FAILURE, IDLE, RUNNING, SUCCESS, SkillRun
+from skiros2_bags.core.world_history import TimedChange
 
-#: By how a skill ended; told apart by people who see no red or green too (Okabe and Ito's palette).
+#: Colours of the final states; distinguishable by colour-blind people (Okabe and Ito's palette).
 COLOURS = {SUCCESS: "#009E73", FAILURE: "#D55E00", RUNNING: "#56B4E9", IDLE: "#999999"}
 _WORDS = {SUCCESS: "succeeded", FAILURE: "failed", RUNNING: "not ended", IDLE: "stopped"}
 _CHANGE, _GOAL, _TEXT, _GRID = "#333333", "#CC79A7", "#222222", "#E4E4E4"
@@ -28,23 +27,23 @@ _CHANGE, _GOAL, _TEXT, _GRID = "#333333", "#CC79A7", "#222222", "#E4E4E4"
 #: Inches.
 _WIDTH, _ROW, _MARGIN = 12.0, 0.24, 1.6
 
-#: More rows than these make a picture that cannot be looked at: deeper skills are left out then.
-_MOST_ROWS = 120
+#: Maximum number of rows; the deepest skills are omitted until the chart fits.
+_MAX_ROWS = 120
 
-#: A skill that took less of the picture than this is drawn so wide all the same.
-_LEAST = 0.002
+#: Minimum width of a bar, as a fraction of the chart.
+_MIN_WIDTH = 0.002
 
-#: The changes of an author who made more than these are marked in his own row alone.
-_MOST_LINES = 100
+#: Changes by an author with more changes than this are marked only in the author's row.
+_MAX_LINES = 100
 
-#: Letters that the whole width of the picture has room for.
-_LETTERS = 170
+#: Number of characters that fit into the width of the chart.
+_MAX_LETTERS = 170
 
 
 def save_gantt(run: Run, path: Path, depth: int = 0) -> None:
     """Draws a run as a PNG. Takes about a second.
 
-    :param depth: only skills so deep in the tree (1: those that tasks name); 0: all that there is room for.
+    :param depth: maximum depth of skills in the tree (1: skills of the task request); 0: as many as fit.
     :raises BagError: the bag has neither skills nor changes of the world model, or the file cannot be written.
     """
     figure = gantt(run, depth)
@@ -55,39 +54,39 @@ def save_gantt(run: Run, path: Path, depth: int = 0) -> None:
 
 
 def gantt(run: Run, depth: int = 0) -> Figure:
-    """The picture, as `save_gantt` saves it."""
+    """Returns the chart that `save_gantt` saves."""
     skills = run.skills() if PROGRESS in run.topics.values() else []
     changes = run.changes() if MONITOR in run.topics.values() else []
     goals = run.goals()
     if not skills and not changes:
         raise BagError(f"{run.path}: nothing to draw: neither skills nor changes of the world model")
-    shown = _shown(skills, depth)
+    shown = _visible(skills, depth)
     start = min([s.start for s in skills] + [g.time for g in goals], default=run.start)
     end = max([s.end for s in skills] + [g.end for g in goals if g.end is not None], default=run.end)
-    told = [timed for timed in changes if start <= timed.time <= end]
-    chart = _Chart(start, max(end - start, 1e-3), _rows(shown), _authors(told))
+    visible_changes = [timed for timed in changes if start <= timed.time <= end]
+    chart = _Chart(start, max(end - start, 1e-3), _rows(shown), _authors(visible_changes))
     chart.draw_skills(shown)
     chart.draw_goals(goals)
-    chart.draw_changes(told)
+    chart.draw_changes(visible_changes)
     left_out = f", {len(skills) - len(shown)} deeper skills left out" if len(shown) < len(skills) else ""
-    chart.finish(f"{run.path.name}: {end - start:.1f} s, {len(told)} changes of the world model{left_out}")
+    chart.finish(f"{run.path.name}: {end - start:.1f} s, {len(visible_changes)} changes of the world model{left_out}")
     return chart.figure
 
 
-#: A row: a robot and the names of skills on the way to one; a robot alone is the title of its rows.
+#: A row: a robot and the names of a skill and its ancestors. A robot alone is the heading of its rows.
 Row = tuple[str, ...]
 
 
-def _shown(skills: Sequence[SkillTime], depth: int) -> list[SkillTime]:
-    """The skills that are drawn."""
+def _visible(skills: Sequence[SkillRun], depth: int) -> list[SkillRun]:
+    """Returns the skills to draw."""
     chosen = [s for s in skills if depth == 0 or s.depth <= depth]
-    while len(_rows(chosen)) > _MOST_ROWS and (deepest := max(s.depth for s in chosen)) > 1:
+    while len(_rows(chosen)) > _MAX_ROWS and (deepest := max(s.depth for s in chosen)) > 1:
         chosen = [s for s in chosen if s.depth < deepest]
     return chosen
 
 
-def _rows(skills: Sequence[SkillTime]) -> list[Row]:
-    """A row for each skill of each robot, below that of the skill it is a part of; in the order in which they ran."""
+def _rows(skills: Sequence[SkillRun]) -> list[Row]:
+    """Returns a row for each skill of each robot, after its parent's row, ordered by first start."""
     first: dict[Row, tuple[float, int]] = {}
     for order, skill in enumerate(skills):
         for row in ((skill.robot, *skill.path[:depth]) for depth in range(skill.depth + 1)):
@@ -96,16 +95,16 @@ def _rows(skills: Sequence[SkillTime]) -> list[Row]:
 
 
 def _authors(changes: Iterable[TimedChange]) -> list[str]:
-    """Who changed the world model; who did so most often, such as reasoners that follow poses, comes last."""
+    """Returns the authors of changes; the most frequent author, such as a reasoner that follows poses, is the last."""
     return [author for author, _ in reversed(Counter(timed.change.author for timed in changes).most_common())]
 
 
 class _Chart:
     """The figure while it is drawn.
 
-    :param start: the time of its left edge (s since the epoch).
-    :param span: what it shows (s).
-    :param authors: those who changed the world model, a row for each.
+    :param start: time at its left edge (s since the epoch).
+    :param span: its length (s).
+    :param authors: of changes of the world model, one row each.
     """
 
     def __init__(self, start: float, span: float, rows: Sequence[Row], authors: Sequence[str]) -> None:
@@ -118,12 +117,12 @@ class _Chart:
         self.figure = Figure(figsize=(_WIDTH, self._height), dpi=110, layout="constrained")
         self._axes: Any = self.figure.add_subplot()
 
-    def draw_skills(self, skills: Iterable[SkillTime]) -> None:
+    def draw_skills(self, skills: Iterable[SkillRun]) -> None:
         for skill in skills:
             self._states.add(skill.state)
             y, left = self._rows[skill.robot, *skill.path], skill.start - self._start
             self._axes.barh(
-                y, max(skill.duration, _LEAST * self._span), left=left, height=0.74 if skill.depth == 1 else 0.5,
+                y, max(skill.duration, _MIN_WIDTH * self._span), left=left, height=0.74 if skill.depth == 1 else 0.5,
                 color=COLOURS.get(skill.state, COLOURS[IDLE]), edgecolor="white", linewidth=0.4,
             )  # fmt: skip
             if skill.depth == 1:
@@ -144,7 +143,7 @@ class _Chart:
         for author, at in times.items():
             y = self._authors[author]
             self._axes.vlines(at, y - 0.38, y + 0.38, colors=_CHANGE, linewidth=0.7)
-            if len(at) <= _MOST_LINES:
+            if len(at) <= _MAX_LINES:
                 self._axes.vlines(at, -0.7, y - 0.38, colors=_CHANGE, linewidth=0.4, alpha=0.2, zorder=0)
 
     def finish(self, title: str) -> None:
@@ -173,8 +172,8 @@ class _Chart:
         )
 
     def _write(self, left: float, y: float, text: str, length: float) -> None:
-        """A text in a bar of that length (s), as far as there is room for it."""
-        letters = int(length / self._span * _LETTERS)
+        """Writes a text into a bar of the given length (s), shortened to fit."""
+        letters = int(length / self._span * _MAX_LETTERS)
         if letters >= min(len(text), 5):
             shown = text if len(text) <= letters else f"{text[: letters - 1]}…"
             self._axes.text(left + 0.003 * self._span, y, shown, va="center", fontsize=6.5, color="white", clip_on=True)

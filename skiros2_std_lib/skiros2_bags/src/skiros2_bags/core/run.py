@@ -1,4 +1,4 @@
-"""A recorded run: the world model at any time, what each task did, when skills ran, and what came of actions."""
+"""A recorded run: world model, tasks, skills, actions and goals."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
-from skiros2_bags.core.action_call import ActionCall, action_calls, action_topics, topics_of
+from skiros2_bags.core.action_call import (
+    ActionCall,
+    Goal,
+    action_calls,
+    action_topic_names,
+    action_topics,
+    planning_goals,
+)
 from skiros2_bags.core.bag_file import BagFile
-from skiros2_bags.core.contract_types import MONITOR, PROGRESS
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.goal import Goal, goals_among
-from skiros2_bags.core.message import Message
-from skiros2_bags.core.skill_time import SkillTime, skill_times
-from skiros2_bags.core.task_trace import TaskTrace, task_traces
-from skiros2_bags.core.world_changes import TimedChange, timed_changes
-from skiros2_bags.core.world_history import world_at
+from skiros2_bags.core.message import MONITOR, PROGRESS, Message
+from skiros2_bags.core.task_run import SkillRun, TaskRun, skill_runs, task_runs
+from skiros2_bags.core.world_history import TimedChange, timed_changes, world_at
 from skiros2_world_model.core.scene import Scene
 
 
 class Run:
-    """What a bag holds of a run. No ROS is needed. What is asked for is read then, once; one thread at a time.
+    """The run in a bag. Needs no ROS. Reads on first access and caches. Not thread-safe.
 
-    All times are those of the bag, in s since the epoch: when a message was recorded.
+    All times are recording times in s since the epoch.
     """
 
     def __init__(self, bag: BagFile) -> None:
@@ -31,9 +34,9 @@ class Run:
 
     @classmethod
     def open(cls, path: str | PathLike[str]) -> Run:
-        """The run in a bag.
+        """Opens a bag. A truncated bag is read up to its last complete record.
 
-        :raises BagError: there is no such file, or it is no bag. One that was cut off is read as far as it goes.
+        :raises BagError: the file does not exist or is not a bag.
         """
         return cls(BagFile(Path(path)))
 
@@ -43,17 +46,17 @@ class Run:
 
     @property
     def start(self) -> float:
-        """When the first message was recorded; 0 for a bag without messages."""
+        """Time of the first message; 0 for a bag without messages."""
         return self.bag.start
 
     @property
     def end(self) -> float:
-        """When the last message was recorded."""
+        """Time of the last message."""
         return self.bag.end
 
     @property
     def damage(self) -> str:
-        """Where and why the bag ends early; "" when it is whole."""
+        """Where and why the bag ends early; "" for a complete bag."""
         return self.bag.damage
 
     @property
@@ -62,55 +65,55 @@ class Run:
         return self.bag.topics
 
     def messages(self, *wanted: str) -> Iterator[Message]:
-        """The messages of some topics (`/tf`) or types (`tf2_msgs/TFMessage`), oldest first; of none given, all.
+        """Yields the messages of topics (`/tf`) or types (`tf2_msgs/TFMessage`), oldest first; by default all messages.
 
         :raises BagError: the bag cannot be read.
         """
         return self.bag.messages(*wanted)
 
     def world(self, at: float | None = None, partial: bool = False) -> Scene:
-        """The scene at a time, with all that was recorded up to then; the caller's own.
+        """Returns a new scene with all changes recorded up to a time.
 
-        :param at: None: the end.
-        :param partial: what is known although changes are missing in the bag.
-        :raises BagError: there is none yet at that time, changes before it are missing, or one cannot be read.
+        :param at: None for the end.
+        :param partial: whether missing changes are accepted.
+        :raises BagError: there is no scene yet at that time, changes before it are missing, or one cannot be read.
         """
         return world_at(self.changes(), self.end if at is None else at, partial)
 
     def changes(self) -> list[TimedChange]:
-        """The changes of the world model, in the order in which they were made.
+        """Returns the changes of the world model, in order.
 
         :raises BagError: the bag has no such messages, or one cannot be read.
         """
         return self._changes
 
-    def tasks(self) -> list[TaskTrace]:
-        """The tasks of all skill managers, in the order in which they began.
+    def tasks(self) -> list[TaskRun]:
+        """Returns the tasks of all skill managers, ordered by start.
 
-        :raises BagError: the bag has no progress of tasks, or one cannot be read.
+        :raises BagError: the bag has no progress of tasks, or a message cannot be read.
         """
         return self._tasks
 
-    def skills(self) -> list[SkillTime]:
-        """The runs of all skills, ordered by start.
+    def skills(self) -> list[SkillRun]:
+        """Returns the runs of all skills, ordered by start.
 
         :raises BagError: as for `tasks`.
         """
-        return skill_times(self._tasks)
+        return skill_runs(self._tasks)
 
     def actions(self) -> list[ActionCall]:
-        """The goals of all actions, in the order in which they were first heard of.
+        """Returns the goals of all actions, in the order of their first message.
 
-        :raises BagError: one cannot be read.
+        :raises BagError: a message cannot be read.
         """
         return self._actions
 
     def goals(self) -> list[Goal]:
-        """What task managers were asked to reach, oldest first.
+        """Returns the goals for task managers, oldest first.
 
-        :raises BagError: one cannot be read.
+        :raises BagError: a message cannot be read.
         """
-        return goals_among(self._actions)
+        return planning_goals(self._actions)
 
     @cached_property
     def _changes(self) -> list[TimedChange]:
@@ -118,14 +121,14 @@ class Run:
         return timed_changes(self.messages(MONITOR))
 
     @cached_property
-    def _tasks(self) -> list[TaskTrace]:
+    def _tasks(self) -> list[TaskRun]:
         self._need(PROGRESS, "progress of tasks")
-        return task_traces(self.messages(PROGRESS))
+        return task_runs(self.messages(PROGRESS))
 
     @cached_property
     def _actions(self) -> list[ActionCall]:
         actions = action_topics(self.topics)
-        return action_calls(self.messages(*topics_of(actions)), actions) if actions else []
+        return action_calls(self.messages(*action_topic_names(actions)), actions) if actions else []
 
     def _need(self, message_type: str, what: str) -> None:
         if message_type not in self.topics.values():

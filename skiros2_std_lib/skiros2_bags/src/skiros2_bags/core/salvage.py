@@ -1,6 +1,6 @@
-"""Bags that were cut off: their index is missing, so it is made from the records that are whole.
+"""Reads truncated bags: rebuilds the missing index from the complete records.
 
-The format is described at http://wiki.ros.org/Bags/Format/2.0.
+Format: http://wiki.ros.org/Bags/Format/2.0.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from rosbags.rosbag1.reader import (
     read_uint32,
 )
 
-#: What reading of a damaged file may raise.
+#: Exceptions that reading a damaged file may raise.
 DAMAGE = (ReaderError, AssertionError, EOFError, IndexError, KeyError, OSError, RuntimeError, ValueError, struct.error)
 
 
 class SalvageReader(Reader):
-    """A reader of bags without index. Messages behind the first record that is damaged are lost.
+    """A reader of bags without index. Messages after the first damaged record are lost.
 
-    :ivar ends: where the whole records end (bytes), and why.
+    :ivar end_reason: where the complete records end (bytes), and why.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self.ends = ""
+        self.end_reason = ""
 
     def open(self) -> None:
-        """Opens the bag and reads it once from start to end."""
+        """Opens the bag and reads it once completely."""
         self.bio = self.path.open("rb")
         try:
             if self.bio.readline() != b"#ROSBAG V2.0\n":
@@ -66,10 +66,10 @@ class SalvageReader(Reader):
                 if data_start + length > size:
                     raise ReaderError("the last record is cut off")
             except DAMAGE as error:
-                self.ends = f"after {start} of {size} bytes: {error or type(error).__name__}"
+                self.end_reason = f"after {start} of {size} bytes: {error or type(error).__name__}"
                 break
         else:
-            self.ends = f"after {size} bytes, without an index: its recorder was killed"
+            self.end_reason = f"after {size} bytes, without an index: its recorder was killed"
         self.indexes = {number: sorted(indexes[number]) for number in connections}
         self.connections = [
             connection._replace(msgcount=len(self.indexes[number])) for number, connection in connections.items()
@@ -83,7 +83,7 @@ class SalvageReader(Reader):
         connections: dict[int, Connection],
         indexes: dict[int, list[IndexData]],
     ) -> None:
-        """Enters the messages of a chunk; of one that is cut off and not compressed, those that are whole."""
+        """Indexes the messages of a chunk; in a truncated, uncompressed chunk, the complete ones."""
         assert self.bio is not None
         data_start = self.bio.tell()
         compression = header.get_string("compression")
@@ -104,7 +104,7 @@ class SalvageReader(Reader):
                 self.chunk_infos.append(ChunkInfo(position, min(times), max(times) + 1, dict(counts)))
 
     def _messages_in(self, chunk: BinaryIO, size: int, connections: dict[int, Connection]) -> Any:
-        """(connection, time, offset) of each message of a chunk; the connections are entered."""
+        """Yields (connection, time, offset) of each message of a chunk; adds new connections to `connections`."""
         while (offset := chunk.tell()) < size:
             header = Header.read(chunk)
             if header.get_uint8("op") == RecordType.CONNECTION:
@@ -119,7 +119,7 @@ class SalvageReader(Reader):
             yield number, time, offset
 
     def _connection_from(self, source: BinaryIO) -> Connection:
-        """The connection whose record is next in a source."""
+        """Reads the next connection record of a source."""
         file, self.bio = self.bio, source
         try:
             return self.read_connection()

@@ -1,4 +1,4 @@
-"""Records a run from a running system, from before its nodes are there."""
+"""Records a run of a system; may start before the other nodes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ import rospy
 
 from skiros2_bags.core.bag_writer import BagWriter
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.selection import PARAMETERS, Selection, action_topics, is_graph_name
-from skiros2_bags.ros.scene_start import SceneStart, actions_named
+from skiros2_bags.core.selection import ACTION_PROPERTIES, PARAMETERS, Selection, action_topics, is_graph_name
 from skiros2_msgs import msg as msgs
+from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.changes import RESET, snapshot_number
 
 log = logging.getLogger(__name__)
 
-#: How often the master is asked for topics that are new (s). An action server tells clients of itself after 0.2 s.
-LOOK_PERIOD = 0.1
+#: Period of queries to the master for new topics (s). An action server waits 0.2 s before it publishes its status.
+POLL_PERIOD = 0.1
 
-#: How often parameters are read (s), and what is written given to the disk.
-SLOW_PERIOD = 2.0
+#: Period of reading the parameters and of flushing the bag (s).
+FLUSH_PERIOD = 2.0
 
-#: Bytes that a connection reads at once; large messages take many turns otherwise.
+#: Receive buffer of a connection (bytes); large messages would take many reads otherwise.
 _BUFFER = 1 << 20
 
 _DESCRIPTION = "/skill_managers/description"
@@ -44,39 +45,39 @@ _Item = tuple[str, Mapping[str, str], int, bytes]
 
 
 class Recorder:
-    """Subscribes, and writes what comes, from its creation until `close`. Needs an initialised node.
+    """Records all selected topics from its creation until `close`. Needs an initialised node.
 
-    Messages are taken by the threads of their connections, and written by one thread in the order in which they came;
-    their times are those of their arrival, by the wall clock, so that nothing waits for simulated time to begin.
+    The threads of the connections queue messages, one thread writes them in order of arrival. Message times are arrival
+    times by the wall clock, so that recording does not depend on simulated time.
 
     :param writer: the bag; closed by `close`.
-    :param robots: the names of skill managers to listen to before they are there; others are found.
+    :param robots: the names of skill managers to expect; others are found later.
     """
 
     def __init__(self, writer: BagWriter, selection: Selection, robots: Iterable[str] = ()) -> None:
-        self.problem = ""  #: why nothing is written any more
+        self.problem = ""  #: why recording has stopped
         self._writer = writer
         self._selection = selection
         self._queue: queue.Queue[_Item | None] = queue.Queue()
         self._arrival = threading.Lock()
         self._subscribing = threading.Lock()
         self._subscribers: dict[str, Any] = {}
-        self._scenes: dict[str, SceneStart] = {}
+        self._chains: dict[str, ChangeChain] = {}
         self._parameters = ""
         self._ended = threading.Event()
         self._master = rosgraph.Master(rospy.get_name())
-        self._listen(selection.named(robots))
+        self._listen(selection.initial_topics(robots))
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
-            for work, name in ((self._write, "bag writer"), (self._look, "topic finder"))
+            for work, name in ((self._write, "bag writer"), (self._poll_master, "topic finder"))
         ]
         for thread in self._threads:
             thread.start()
 
     def close(self) -> None:
-        """Ends the recording: what has come is written, the bag is whole.
+        """Stops recording, writes the queued messages and completes the bag.
 
-        :raises BagError: the disk did not take it.
+        :raises BagError: writing failed.
         """
         self._ended.set()
         self._threads[1].join()
@@ -95,21 +96,21 @@ class Recorder:
             for topic in topics:
                 if topic not in self._subscribers:
                     self._subscribers[topic] = rospy.Subscriber(
-                        topic, rospy.AnyMsg, self._take, topic, buff_size=_BUFFER, tcp_nodelay=True
+                        topic, rospy.AnyMsg, self._receive, topic, buff_size=_BUFFER, tcp_nodelay=True
                     )
 
-    def _take(self, message: Any, topic: str) -> None:
-        with self._arrival:  # so that times and places in the queue agree
+    def _receive(self, message: Any, topic: str) -> None:
+        with self._arrival:  # keeps the queue ordered by time
             self._queue.put((topic, message._connection_header, time.time_ns(), message._buff))
 
-    def _look(self) -> None:
-        """Finds new topics, and reads the parameters; until the end."""
+    def _poll_master(self) -> None:
+        """Subscribes to new topics and records parameter changes until the recorder is closed."""
         next_slow = 0.0
-        while not self._ended.wait(LOOK_PERIOD):
+        while not self._ended.wait(POLL_PERIOD):
             try:
-                self._listen(self._selection.chosen(map(tuple, self._master.getTopicTypes())))
+                self._listen(self._selection.select(map(tuple, self._master.getTopicTypes())))
                 if time.monotonic() >= next_slow:
-                    next_slow = time.monotonic() + SLOW_PERIOD
+                    next_slow = time.monotonic() + FLUSH_PERIOD
                     self._read_parameters()
             except (OSError, rosgraph.MasterException) as error:
                 log.debug("the master does not answer: %s", error)
@@ -130,46 +131,46 @@ class Recorder:
     # -- writing -----------------------------------------------------------------------------------------------
 
     def _write(self) -> None:
-        """Writes what has come, until the end."""
+        """Writes queued messages until the recorder is closed."""
         try:
             self._write_all()
         except Exception as error:
             self.problem = str(error) if isinstance(error, BagError) else f"{self._writer.path}: {error!r}"
-            log.exception("the recording ends here")
+            log.exception("recording has stopped")
             rospy.signal_shutdown(self.problem)
 
     def _write_all(self) -> None:
-        next_flush = time.monotonic() + SLOW_PERIOD
+        next_flush = time.monotonic() + FLUSH_PERIOD
         while True:
             try:
-                item = self._queue.get(timeout=SLOW_PERIOD)
+                item = self._queue.get(timeout=FLUSH_PERIOD)
                 if item is None:
                     return
                 self._write_one(item)
             except queue.Empty:
                 pass
             if time.monotonic() >= next_flush:
-                next_flush = time.monotonic() + SLOW_PERIOD
+                next_flush = time.monotonic() + FLUSH_PERIOD
                 self._writer.flush()
 
     def _write_one(self, item: _Item) -> None:
-        topic, header, stamp, data = item
+        topic, header, arrival, data = item
         if header["md5sum"] == msgs.WmMonitor._md5sum:
-            for change in self._scenes.setdefault(topic, SceneStart(topic)).following(_change(data)):
-                self._listen(action_topics(actions_named(change)))
-                self._writer.write(topic, header, stamp, _serialized(change))
+            for change in self._chains.setdefault(topic, ChangeChain(topic)).extend(_change(data)):
+                self._listen(action_topics(driver_actions(change)))
+                self._writer.write(topic, header, arrival, _serialized(change))
             return
         if topic == _DESCRIPTION:
             self._listen_to_manager(data)
-        self._writer.write(topic, header, stamp, data)
+        self._writer.write(topic, header, arrival, data)
 
     def _listen_to_manager(self, data: bytes) -> None:
-        """Listens to a manager that has named itself."""
+        """Subscribes to the topics of a manager that has announced its name."""
         name = data[4:].decode("utf-8", "replace")
         if is_graph_name(name):
-            self._listen(self._selection.named([name]))
+            self._listen(self._selection.initial_topics([name]))
         else:
-            log.warning("%r on %s is no name of a skill manager", name, _DESCRIPTION)
+            log.warning("%r on %s is not a name of a skill manager", name, _DESCRIPTION)
 
 
 def _change(data: bytes) -> Any:
@@ -180,3 +181,75 @@ def _serialized(message: Any) -> bytes:
     buffer = BytesIO()
     message.serialize(buffer)
     return buffer.getvalue()
+
+
+#: Timeout of the world model's snapshot service (s).
+SERVICE_TIMEOUT = 5.0
+
+#: Author of a scene that the recorder has requested.
+AUTHOR = "recorder"
+
+
+class ChangeChain:
+    """The changes of one world model, as a chain that starts with the whole scene.
+
+    :param topic: the monitor topic, such as `/wm/monitor`.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._service = topic.removesuffix("monitor") + "snapshot"
+        self._known = ""
+
+    def extend(self, change: Any) -> list[Any]:
+        """Returns the changes to write for a received change.
+
+        That is the change itself; with the whole scene before it, if previous changes are missing; nothing, if a
+        requested scene contains it already. May block on the snapshot service.
+        """
+        if change.action != RESET and change.prev_snapshot_id != self._known:
+            if self._includes(change):
+                return []
+            scene = self._whole_scene(change)
+            if scene is not None:
+                self._known = scene.snapshot_id
+                if self._includes(change):
+                    return [scene]
+                self._known = change.snapshot_id
+                return [scene, change]
+        self._known = change.snapshot_id
+        return [change]
+
+    def _includes(self, change: Any) -> bool:
+        """Whether the last written state contains a change."""
+        same_session = self._known.rpartition("-")[0] == change.snapshot_id.rpartition("-")[0]
+        return same_session and 0 < snapshot_number(change.snapshot_id) <= snapshot_number(self._known)
+
+    def _whole_scene(self, change: Any) -> Any:
+        """Requests the scene and returns it as a reset; None if the world model does not answer."""
+        try:
+            rospy.wait_for_service(self._service, SERVICE_TIMEOUT)
+            answer = rospy.ServiceProxy(self._service, srvs.WmSnapshot)("scene")
+        except (rospy.ServiceException, rospy.ROSException) as error:
+            log.warning("the scene before %s is unknown: %s: %s", change.snapshot_id, self._service, error)
+            return None
+        log.info("requested the scene from %s, as changes before %s are missing", self._service, change.snapshot_id)
+        state = answer.snapshot_id
+        return msgs.WmMonitor(state, state, change.stamp, AUTHOR, RESET, answer.elements, [])
+
+
+def driver_actions(change: Any) -> list[str]:
+    """Returns the driver actions that the elements of a change name."""
+    names = []
+    for element in change.elements:
+        for prop in element.properties:
+            if prop.key in ACTION_PROPERTIES:
+                names += [rospy.resolve_name(name) for name in _values(prop.dataValue) if is_graph_name(name)]
+    return names
+
+
+def _values(text: str) -> list[Any]:
+    try:
+        values = json.loads(text)
+    except ValueError:  # reported when the bag is read
+        return []
+    return values if isinstance(values, list) else [values]

@@ -1,8 +1,8 @@
-"""Recorded runs as regression tests: a bag is played again, and what is otherwise is told.
+"""Recorded runs as regression tests: replays a bag and reports the first divergence.
 
-With pytest, name the package in the top `conftest.py`; see `skiros2_bags.testing.plugin`. Without, there is
-`rosrun skiros2_bags replay BAG KIND`.
+For pytest, name this package in the top `conftest.py`; see `skiros2_bags.testing.plugin`. For the command line, there
+is `rosrun skiros2_bags replay BAG KIND`.
 """
 
-#: pytest loads the plugin with the package, and only pytest does.
+#: Loaded by pytest only.
 pytest_plugins = ["skiros2_bags.testing.plugin"]

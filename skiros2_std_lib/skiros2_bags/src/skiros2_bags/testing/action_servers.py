@@ -1,4 +1,4 @@
-"""Action servers of a replay: they answer goals as the recorded servers did, after the same times."""
+"""Action servers of a replay: they answer goals like the recorded servers, after the recorded times."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 import actionlib
 import roslib.message
 
-from skiros2_bags.core.normal import Tolerance
-from skiros2_bags.testing.action_stand_ins import message_differences
-from skiros2_bags.testing.recording import Acted, Recording
+from skiros2_bags.core.tolerance import Tolerance
+from skiros2_bags.testing.fake_action_clients import diff_messages
+from skiros2_bags.testing.recording import ActionMessage, Recording
 
 log = logging.getLogger(__name__)
 
 
 class ActionServers:
-    """Servers for some of the actions of a recording. The goals of each are answered in their order.
+    """Servers for some actions of a recording. The goals of each action are answered in order.
 
-    :param actions: their names.
+    :param actions: names of the actions.
     :param tolerance: of numbers in goals.
     """
 
@@ -27,23 +27,23 @@ class ActionServers:
         self._recording = recording
         self._tolerance = tolerance
         self._lock = threading.Lock()
-        self._waiting = {name: recording.goals(name) for name in sorted(actions)}
+        self._pending = {name: recording.goals(name) for name in sorted(actions)}
         self._timers: list[threading.Timer] = []
         self._ended: set[str] = set()  # the ids of goals
-        #: What was wrong with the goals that came: what it is, as recorded, and now.
-        self.wrong: list[tuple[str, str, str]] = []
-        self._servers = [self._server(name, goals[0]) for name, goals in self._waiting.items() if goals]
+        #: Differences between received and recorded goals: (subject, recorded, received).
+        self.mismatches: list[tuple[str, str, str]] = []
+        self._servers = [self._server(name, goals[0]) for name, goals in self._pending.items() if goals]
 
     def close(self) -> None:
-        """No more answers."""
+        """Cancels all pending answers."""
         with self._lock:
             timers, self._timers = self._timers, []
         for timer in timers:
             timer.cancel()
 
-    # -- in threads of ROS -------------------------------------------------------------------------------------------
+    # -- called in threads of ROS ------------------------------------------------------------------------------------
 
-    def _server(self, name: str, goal: Acted) -> Any:
+    def _server(self, name: str, goal: ActionMessage) -> Any:
         kind = roslib.message.get_message_class(goal.content._type.removesuffix("Goal") + "Action")
         server = actionlib.ActionServer(
             name, kind, lambda handle: self._on_goal(name, handle), self._on_cancel, auto_start=False
@@ -53,16 +53,16 @@ class ActionServers:
 
     def _on_goal(self, name: str, handle: Any) -> None:
         with self._lock:
-            expected = self._waiting[name].pop(0) if self._waiting[name] else None
+            expected = self._pending[name].pop(0) if self._pending[name] else None
         if expected is None:
-            self._note(f"a goal to {name}", "no further goal", str(handle.get_goal()))
+            self._add_mismatch(f"a goal to {name}", "no further goal", str(handle.get_goal()))
             handle.set_rejected(None, "the recording has no further goal")
             return
-        for field, wanted, found in message_differences(expected.content, handle.get_goal(), self._tolerance):
-            self._note(f"a goal to {name}, field {field}", wanted, found)
+        for field, wanted, found in diff_messages(expected.content, handle.get_goal(), self._tolerance):
+            self._add_mismatch(f"a goal to {name}, field {field}", wanted, found)
             break
         handle.set_accepted()
-        answers = [e for e in self._recording.acted if e.action == name and e.goal_id == expected.goal_id]
+        answers = [e for e in self._recording.action_messages if e.action == name and e.goal_id == expected.goal_id]
         with self._lock:
             for event in answers:
                 if event.part in ("feedback", "result"):
@@ -71,7 +71,7 @@ class ActionServers:
                     self._timers.append(timer)
                     timer.start()
 
-    def _answer(self, handle: Any, event: Acted) -> None:
+    def _answer(self, handle: Any, event: ActionMessage) -> None:
         if event.part == "feedback":
             if handle.get_goal_id().id not in self._ended:
                 handle.publish_feedback(event.content)
@@ -97,6 +97,6 @@ class ActionServers:
             self._ended.add(goal_id)
         handle.set_canceled(None, "cancelled")
 
-    def _note(self, what: str, expected: str, got: str) -> None:
+    def _add_mismatch(self, what: str, expected: str, got: str) -> None:
         with self._lock:
-            self.wrong.append((what, expected, got))
+            self.mismatches.append((what, expected, got))

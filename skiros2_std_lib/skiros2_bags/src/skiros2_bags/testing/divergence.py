@@ -1,14 +1,14 @@
-"""Where a replay went another way than the recording, so that one sees why."""
+"""The first difference between a replay and its recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from skiros2_bags.core.normal import GROUP_TYPE, PLAIN_ENDS, ROOT_TYPE, Tolerance, same_text
-from skiros2_bags.testing.recording import Seen
+from skiros2_bags.core.tolerance import DEFAULT_SUCCESS, GROUP_TYPE, ROOT_TYPE, Tolerance, same_text
+from skiros2_bags.testing.recording import NodeProgress
 
-#: So many lines of what came before are shown.
+#: Number of recorded state changes to print before a divergence.
 CONTEXT = 4
 
 
@@ -16,10 +16,10 @@ CONTEXT = 4
 class Divergence:
     """The first difference.
 
-    :param where: time in the bag and tick, or what else tells the moment.
-    :param what: the node (its path in the tree), element or step.
-    :param expected, got: as recorded, and now.
-    :param context: the lines before.
+    :param where: time in the bag and tick.
+    :param what: the node (its path in the tree), element or plan step.
+    :param expected, got: recorded value and value in the replay.
+    :param context: the state changes before.
     """
 
     where: str
@@ -36,53 +36,57 @@ class Divergence:
         return "\n".join(lines)
 
 
-def path_of(nodes: Sequence[Seen], place: tuple[int, ...]) -> str:
-    """The names of the nodes from the root to one."""
-    names = {node.place: node.name for node in nodes}
-    return " / ".join(names.get(place[:depth], "?") for depth in range(len(place) + 1))
+def path_of(nodes: Sequence[NodeProgress], index_path: tuple[int, ...]) -> str:
+    """Returns the names of the nodes from the root to a node, separated by slashes."""
+    names = {node.index_path: node.name for node in nodes}
+    return " / ".join(names.get(index_path[:depth], "?") for depth in range(len(index_path) + 1))
 
 
-def first_difference(expected: Sequence[Seen], got: Sequence[Seen], tolerance: Tolerance) -> tuple[int, ...] | None:
-    """The place of the node that tells best why two trees differ; None when they do not.
+def first_difference(
+    expected: Sequence[NodeProgress], got: Sequence[NodeProgress], tolerance: Tolerance
+) -> tuple[int, ...] | None:
+    """Returns the index path of the most specific node that differs between two trees; None for equal trees.
 
-    That is the first one that is another skill; else the lowest that has failed in one of them only; else the first
-    that is there in one of them only; else the lowest.
+    In order of priority: the first node with a different skill; the deepest that failed in only one tree; the first
+    that exists in only one tree; the deepest.
     """
-    wanted, found = {n.place: n for n in expected}, {n.place: n for n in got}
-    wrong: list[tuple[int, int, tuple[int, ...]]] = []
-    for place in {*wanted, *found}:
-        one, other = wanted.get(place), found.get(place)
+    wanted, found = {n.index_path: n for n in expected}, {n.index_path: n for n in got}
+    mismatches: list[tuple[int, int, tuple[int, ...]]] = []
+    for index_path in {*wanted, *found}:
+        one, other = wanted.get(index_path), found.get(index_path)
         if one is None or other is None:
-            wrong.append((2, len(place), place))
+            mismatches.append((2, len(index_path), index_path))
         elif one.type != other.type:
-            wrong.append((0, len(place), place))
-        elif not same_node(one, other, tolerance):
-            one_has_failed = (other.state == "F") != (one.state == "F")
-            wrong.append((1 if one_has_failed else 3, -len(place), place))
-    return min(wrong)[2] if wrong else None
+            mismatches.append((0, len(index_path), index_path))
+        elif not nodes_match(one, other, tolerance):
+            one_failed = (other.state == "F") != (one.state == "F")
+            mismatches.append((1 if one_failed else 3, -len(index_path), index_path))
+    return min(mismatches)[2] if mismatches else None
 
 
-def same_node(one: Seen, other: Seen, tolerance: Tolerance, *, code: bool = True) -> bool:
-    """Whether two nodes were told in the same way.
+def nodes_match(one: NodeProgress, other: NodeProgress, tolerance: Tolerance, *, code: bool = True) -> bool:
+    """Whether two nodes report the same progress.
 
-    :param code: whether their progress codes are compared too; those of steps count ticks.
+    :param code: whether to compare their progress codes.
     """
-    if (one.place, one.type, one.processor, one.state) != (other.place, other.type, other.processor, other.state):
+    if (one.index_path, one.type, one.processor) != (other.index_path, other.type, other.processor):
+        return False
+    if one.state != other.state:
         return False
     if one.label != other.label and one.type not in (ROOT_TYPE, GROUP_TYPE):
         return False
-    if both_end_plainly(one, other):
+    if both_succeed_without_message(one, other):
         return True
     return (not code or one.code == other.code) and same_text(one.message, other.message, tolerance)
 
 
-def both_end_plainly(one: Seen, other: Seen) -> bool:
-    """Whether both nodes succeeded without a message of their own."""
-    return all(n.state == "S" and (n.code, n.message) in PLAIN_ENDS for n in (one, other))
+def both_succeed_without_message(one: NodeProgress, other: NodeProgress) -> bool:
+    """Whether both nodes succeeded with a default message."""
+    return all(n.state == "S" and (n.code, n.message) in DEFAULT_SUCCESS for n in (one, other))
 
 
-def node_text(node: Seen | None) -> str:
-    """A node's state, code and message."""
+def node_text(node: NodeProgress | None) -> str:
+    """Formats a node's state, code and message."""
     if node is None:
         return "no such node"
     words = {"R": "running", "S": "success", "F": "failure", ".": "idle"}

@@ -1,4 +1,4 @@
-"""Recorded goals and changes of the world, given to real nodes; what these do is recorded again and compared."""
+"""Plays recorded goals and changes of the world model to running nodes, and records what the nodes do."""
 
 from __future__ import annotations
 
@@ -12,24 +12,32 @@ import actionlib
 import rospy
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.testing.lab import Lab
-from skiros2_bags.testing.past_world import operations_of, requests_of
-from skiros2_bags.testing.recording import Acted, Changed, Event, Events, Recording, Told, tree
+from skiros2_bags.testing.recorded_world import change_operations, group_requests
+from skiros2_bags.testing.recording import (
+    ActionMessage,
+    Event,
+    Events,
+    Recording,
+    TaskProgress,
+    WorldChange,
+    nodes_from_message,
+)
+from skiros2_bags.testing.replay_system import ReplaySystem
 from skiros2_common.core.errors import TimedOut
-from skiros2_common.ros.listeners import wait_for_listeners
+from skiros2_common.ros.subscribers import wait_for_subscribers
 from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
+from skiros2_world_model.core.apply_change import apply_change
 from skiros2_world_model.core.changes import RESET, Change, snapshot_number
-from skiros2_world_model.core.following import follow
 from skiros2_world_model.core.scene import Scene
-from skiros2_world_model.ros.wire import msg2change, msg2given_element, operation2msg
+from skiros2_world_model.ros.wire import msg2change, msg2shared_element, operation2msg
 
-#: What was done in so many seconds may take this many times as long, and `PATIENCE` more (s).
-SLOWER, PATIENCE = 3.0, 20.0
+#: Timeout of a step: a multiple of its recorded duration, plus seconds.
+SLOWDOWN, TIMEOUT = 3.0, 20.0
 
 
-class Observer:
-    """Takes down what some managers and the world model tell, as a recorder does.
+class RunObserver:
+    """Records the progress of managers and the changes of the world model.
 
     :param managers: their names.
     """
@@ -53,68 +61,68 @@ class Observer:
 
     @property
     def is_connected(self) -> bool:
-        """Whether all that is listened to is there."""
+        """Whether all publishers are connected."""
         return all(s.get_num_connections() for s in self._subscribers)
 
-    def has_heard(self, snapshot_id: str) -> bool:
-        """Whether the change that led to a state of the world model has come, or a later one."""
+    def has_received(self, snapshot_id: str) -> bool:
+        """Whether a state of the world model, or a later one, has been received."""
         number = snapshot_number(snapshot_id)
         return any(event.change.number >= number for event in self.events.changes)
 
     def _on_change(self, message: Any) -> None:
         with self._lock:
-            self._events.append(Changed(next(self._orders), time.time(), msg2change(message, "scene")))
+            self._events.append(WorldChange(next(self._orders), time.time(), msg2change(message, "scene")))
 
     def _on_progress(self, message: Any, manager: str) -> None:
         if message.progress:
-            nodes, task = tree(message.progress), message.progress[0].task_id
+            nodes, task = nodes_from_message(message.progress), message.progress[0].task_id
             with self._lock:
-                self._events.append(Told(next(self._orders), time.time(), manager, task, nodes))
+                self._events.append(TaskProgress(next(self._orders), time.time(), manager, task, nodes))
 
 
 class Player:
-    """Gives the recorded goals and changes to the nodes, in their order.
+    """Plays the recorded goals and changes to the nodes, in order.
 
-    A goal is sent as soon as all goals have ended that had ended before it in the recording; what comes between goals
-    has the same time after the last one.
+    A goal is sent once all goals have ended that had ended before it in the recording. Changes and cancel requests keep
+    their recorded time after the last goal.
 
-    :param goals: those to be sent.
-    :param changes: those to be made.
+    :param goals: the goals to send.
+    :param changes: the changes to make.
     :param apply: makes the changes of one request.
     """
 
     def __init__(
         self,
         recording: Recording,
-        goals: Sequence[Acted],
-        changes: Sequence[Changed],
-        apply: Callable[[Sequence[Changed]], None],
-        lab: Lab,
+        goals: Sequence[ActionMessage],
+        changes: Sequence[WorldChange],
+        apply: Callable[[Sequence[WorldChange]], None],
+        system: ReplaySystem,
     ) -> None:
         self._recording = recording
         self._goals = {goal.order: goal for goal in goals}
-        self._changes = {request[0].order: request for request in requests_of(changes)}
+        self._changes = {request[0].order: request for request in group_requests(changes)}
         self._apply = apply
-        self._lab = lab
+        self._system = system
         self._clients: dict[str, Any] = {}
         self._sent: dict[str, Any] = {}
 
     def connect(self) -> None:
-        """Waits for the servers of all goals."""
+        """Waits for the action servers of all goals."""
         for goal in self._goals.values():
             if goal.action not in self._clients:
                 kind = _action_of(goal)
                 client = self._clients[goal.action] = actionlib.ActionClient(goal.action, kind)
-                if not client.wait_for_server(rospy.Duration.from_sec(PATIENCE)):
-                    raise TimedOut(f"no server of {goal.action} within {PATIENCE:g} s")
-                wait_for_listeners(client.pub_goal)
+                if not client.wait_for_server(rospy.Duration.from_sec(TIMEOUT)):
+                    raise TimedOut(f"no server of {goal.action} within {TIMEOUT:g} s")
+                wait_for_subscribers(client.pub_goal)
 
     def play(self) -> None:
-        """Plays all, and waits for the ends of the goals.
+        """Plays all events, and waits for the end of all goals.
 
-        :raises TimedOut: something does not end.
+        :raises TimedOut: a goal does not end.
         """
-        cancels = [e for e in self._recording.acted if e.part == "cancel"]
+        cancels = [e for e in self._recording.action_messages if e.part == "cancel"]
         inputs: list[Event] = [*self._goals.values(), *(r[0] for r in self._changes.values()), *cancels]
         anchor, anchored_at = 0.0, time.monotonic()
         for event in sorted(inputs, key=lambda e: e.order):
@@ -126,9 +134,9 @@ class Player:
                 continue
             if anchor:
                 time.sleep(max(0.0, anchored_at + event.time - anchor - time.monotonic()))
-            if isinstance(event, Changed):
+            if isinstance(event, WorldChange):
                 self._apply(self._changes[event.order])
-            elif isinstance(event, Acted) and event.goal_id in self._sent:
+            elif isinstance(event, ActionMessage) and event.goal_id in self._sent:
                 self._sent[event.goal_id].cancel()
         for goal in self._goals.values():
             if self._recording.result(goal) is not None:
@@ -138,24 +146,24 @@ class Player:
         for client in self._clients.values():
             client.stop()
 
-    def _ended_before(self, goal: Acted) -> bool:
-        """Whether all goals have ended that had ended before this one was sent."""
+    def _ended_before(self, goal: ActionMessage) -> bool:
+        """Whether all goals have ended that ended before a goal was sent in the recording."""
         results = {other.goal_id: self._recording.result(other) for other in self._goals.values()}
         earlier = [g for g in self._goals.values() if (r := results[g.goal_id]) is not None and r.order < goal.order]
         return all(self._is_done(other) for other in earlier)
 
-    def _is_done(self, goal: Acted) -> bool:
+    def _is_done(self, goal: ActionMessage) -> bool:
         handle = self._sent.get(goal.goal_id)
         return handle is not None and handle.get_comm_state() == actionlib.CommState.DONE
 
     def _wait_for(self, condition: Callable[[], bool], what: str) -> None:
         results = ((goal, self._recording.result(goal)) for goal in self._goals.values())
         longest = max((result.time - goal.time for goal, result in results if result is not None), default=0.0)
-        self._lab.wait_for(condition, what, SLOWER * longest + PATIENCE)
+        self._system.wait_for(condition, what, SLOWDOWN * longest + TIMEOUT)
 
 
-class SceneFollower:
-    """Makes recorded changes in a world model that is a node.
+class WorldModelWriter:
+    """Makes recorded changes in a world model node.
 
     :param node: its name.
     """
@@ -164,28 +172,28 @@ class SceneFollower:
         self._node = node
         self._transact = rospy.ServiceProxy(f"{node}/transaction", srvs.WmTransaction)
 
-    def apply(self, request: Sequence[Changed]) -> None:
-        """Makes the changes of a request, as far as they are not made already."""
+    def apply(self, request: Sequence[WorldChange]) -> None:
+        """Makes the changes of a request that are not in the scene yet."""
         scene = self.scene()
-        operations = [operation2msg(o) for event in request for o in operations_of(event.change, scene)]
+        operations = [operation2msg(o) for event in request for o in change_operations(event.change, scene)]
         if operations:
             self._transact(request[0].change.author, "", operations)
 
     def scene(self) -> Scene:
-        """The scene as it is now."""
-        return fetched_scene(self._node)
+        """Fetches the current scene."""
+        return fetch_scene(self._node)
 
 
-def fetched_scene(node: str) -> Scene:
-    """The scene of a world model that is a node."""
+def fetch_scene(node: str) -> Scene:
+    """Fetches the scene of a world model node."""
     answer = rospy.ServiceProxy(f"{node}/snapshot", srvs.WmSnapshot)("")
-    elements = tuple(msg2given_element(m, 0) for m in answer.elements)
+    elements = tuple(msg2shared_element(m, 0) for m in answer.elements)
     scene = Scene()
-    follow(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
+    apply_change(scene, Change(0, "", "", 0.0, "", RESET, "scene", elements))
     return scene
 
 
-def _action_of(goal: Acted) -> Any:
+def _action_of(goal: ActionMessage) -> Any:
     import roslib.message
 
     name = goal.content._type.removesuffix("Goal") + "Action"

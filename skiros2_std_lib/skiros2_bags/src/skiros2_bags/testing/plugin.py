@@ -1,4 +1,4 @@
-"""The plugin of pytest: bags as tests.
+"""The pytest plugin: bags as tests.
 
     pytest_plugins = ["skiros2_bags.testing"]  # in the top conftest.py
 
@@ -8,8 +8,8 @@
     def test_pick_goes_as_recorded(replayed):
         assert replayed is None, replayed
 
-Bags on the command line become tests of their own, one for each kind. Names of files are relative to the folder of the
-test, or to where pytest was started.
+Bags on the command line become tests of their own, one per kind. File names are relative to the folder of the test, or
+to the working directory.
 """
 
 from __future__ import annotations
@@ -23,28 +23,29 @@ from typing import Any
 
 import pytest
 
-from skiros2_bags.core.normal import NARROW, Tolerance
-from skiros2_bags.testing.kinds import KINDS, RERUN, Settings, replay
+from skiros2_bags.core.tolerance import NARROW, Tolerance
+from skiros2_bags.testing.replay import KINDS, RERUN, Settings, replay
 from skiros2_bags.testing.replay_program import WHILE_STDIN
 
-#: What a program that tells a divergence ends with.
+#: Exit status of the replay program after a divergence.
 _DIVERGED = 1
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("replay", "recorded runs of skills")
-    group.addoption("--replay", action="append", default=[], metavar="BAG", help="play a bag as a test; many times")
+    group.addoption("--replay", action="append", default=[], metavar="BAG", help="replay a bag as a test; repeatable")
     group.addoption(
-        "--replay-kind", action="append", default=[], choices=sorted(KINDS), help="how to play them; many times; rerun"
-    )
-    group.addoption("--replay-workspace", default="", metavar="FOLDER", help="of the ontologies of their scenes")
+        "--replay-kind", action="append", default=[], choices=sorted(KINDS),
+        help="the kind of replay; repeatable (default: rerun)",
+    )  # fmt: skip
+    group.addoption("--replay-workspace", default="", metavar="FOLDER", help="folder of the ontologies of the scenes")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "replay(bag, kind='rerun', workspace=None, played=(), launch=(), relative=..., absolute=...): the bag that the "
-        "fixture `replayed` plays again",
+        "replay(bag, kind='rerun', workspace=None, played=(), launch=(), relative=..., absolute=...): the bag for the "
+        "fixture `replayed`",
     )
 
 
@@ -58,11 +59,11 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
 
 
 class Diverged(AssertionError):
-    """A replay went another way than the recording."""
+    """A replay differs from its recording."""
 
 
 class ReplayItem(pytest.Item):
-    """A bag of the command line."""
+    """A bag from the command line."""
 
     def __init__(self, *, bag: Path, kind: str, settings: Settings, **more: Any) -> None:
         super().__init__(**more)
@@ -71,7 +72,7 @@ class ReplayItem(pytest.Item):
         self._settings = settings
 
     def runtest(self) -> None:
-        found = played_again(self._bag, self._kind, self._settings)
+        found = replay_bag(self._bag, self._kind, self._settings)
         if found is not None:
             raise Diverged(found)
 
@@ -86,7 +87,7 @@ class ReplayItem(pytest.Item):
 
 @pytest.fixture
 def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
-    """The first divergence of the bag that the test's marker `replay` names, in words; None: all goes as recorded."""
+    """The first divergence of the bag that the marker `replay` of the test names, as text; None without one."""
     marker = request.node.get_closest_marker("replay")
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError("the fixture `replayed` needs a marker: @pytest.mark.replay(BAG, kind=...)")
@@ -94,31 +95,31 @@ def replayed(request: pytest.FixtureRequest) -> Iterator[str | None]:
     kind = given.pop("kind", RERUN)
     if kind not in KINDS:
         raise pytest.UsageError(f"replay kind {kind!r}: expected one of {', '.join(KINDS)}")
-    yield played_again(_file(request, marker.args[0]), kind, _settings(request, given))
+    yield replay_bag(_file(request, marker.args[0]), kind, _settings(request, given))
 
 
-def played_again(bag: Path, kind: str, settings: Settings) -> str | None:
-    """Plays a bag again. Returns the first divergence in words; None: all goes as recorded.
+def replay_bag(bag: Path, kind: str, settings: Settings) -> str | None:
+    """Replays a bag. Returns the first divergence as text; None without one.
 
-    Kinds with nodes run in a process of their own, since rospy can be initialised once.
+    Kinds with nodes run in a separate process, since rospy can be initialised only once.
 
-    :raises SkirosError: a re-run cannot be played.
-    :raises RuntimeError: another kind cannot be played.
+    :raises SkirosError: a re-run fails.
+    :raises RuntimeError: a replay in a separate process fails.
     """
     if kind == RERUN:
         found = replay(bag, kind, settings)
         return None if found is None else str(found)
     program = (sys.executable, "-m", "skiros2_bags.testing.replay_program", WHILE_STDIN)
-    status, told, complaint = _run_to_end([*program, str(bag), kind, *_arguments(settings)])
+    status, output, errors = _run_bound_to_stdin([*program, str(bag), kind, *_arguments(settings)])
     if status not in (0, _DIVERGED):
-        raise RuntimeError(f"{bag} ({kind}) cannot be played: {complaint or told}")
-    return told if status == _DIVERGED else None
+        raise RuntimeError(f"{bag} ({kind}) cannot be played: {errors or output}")
+    return output if status == _DIVERGED else None
 
 
-def _run_to_end(command: list[str]) -> tuple[int, str, str]:
-    """Runs a program that ends itself when its standard input ends: that too when this process ends meanwhile.
+def _run_bound_to_stdin(command: list[str]) -> tuple[int, str, str]:
+    """Runs a program that exits when its standard input ends, which is also when this process ends.
 
-    Returns its status, and what it wrote to stdout and stderr.
+    :returns: exit status, stdout and stderr.
     """
     stdin, writing = os.pipe()
     with os.fdopen(writing, "wb") as kept:
@@ -129,11 +130,11 @@ def _run_to_end(command: list[str]) -> tuple[int, str, str]:
         finally:
             os.close(stdin)
         try:
-            told, complaint = program.communicate()
+            output, errors = program.communicate()
         finally:
             kept.close()
             program.wait()
-    return program.returncode, told.strip(), complaint.strip()
+    return program.returncode, output.strip(), errors.strip()
 
 
 def _arguments(settings: Settings) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a bag holds for a replay: progress, changes of the world, actions and clock, in the order in which they came."""
+"""The events of a bag for a replay, in order: task progress, world model changes, action messages and clock."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from typing import Any
 import genpy
 import roslib.message
 
-from skiros2_bags.core.contract_types import MONITOR, PROGRESS
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.core.message import Message
-from skiros2_bags.core.normal import GROUP_TYPE, ROOT_TYPE
+from skiros2_bags.core.message import MONITOR, PROGRESS, Message
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.selection import PARAMETERS
-from skiros2_bags.core.world_changes import read_change
+from skiros2_bags.core.tolerance import GROUP_TYPE, ROOT_TYPE
+from skiros2_bags.core.world_history import read_change
 from skiros2_common.core.errors import WrongValue
 from skiros2_msgs.msg import SkillProgress
 from skiros2_world_model.core.changes import Change
 
-#: The parts of an action, as its topics end.
+#: Topic suffixes of an action, and suffixes of their types.
 _PARTS = {"goal": "Goal", "feedback": "Feedback", "result": "Result"}
 
 STATES = {
@@ -35,15 +34,15 @@ STATES = {
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A node as it was told.
+class NodeProgress:
+    """The progress of a node.
 
-    :param place: which child of which child of the root it is; () is the root.
+    :param index_path: child indices from the root to the node; () for the root.
     :param state: `R`unning, `S`uccess, `F`ailure, `.` idle.
-    :param seconds: from its start to its last report of progress.
+    :param seconds: time from its start to its last report.
     """
 
-    place: tuple[int, ...]
+    index_path: tuple[int, ...]
     type: str
     label: str
     processor: str
@@ -62,10 +61,10 @@ class Seen:
 
 @dataclass(frozen=True)
 class Event:
-    """Something in a bag.
+    """One message of a bag.
 
-    :param order: which of the bag's messages it is.
-    :param time: when it was recorded (s).
+    :param order: number of the message in the bag.
+    :param time: recording time (s since the epoch).
     """
 
     order: int
@@ -73,29 +72,29 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Told(Event):
-    """The tree of a task, each node before its children."""
+class TaskProgress(Event):
+    """The progress of a task, each node before its children."""
 
     manager: str
     task: int
-    nodes: tuple[Seen, ...]
+    nodes: tuple[NodeProgress, ...]
 
 
 @dataclass(frozen=True)
-class Changed(Event):
+class WorldChange(Event):
     """A change of the world model."""
 
     change: Change
 
 
 @dataclass(frozen=True)
-class Acted(Event):
+class ActionMessage(Event):
     """A message of an action.
 
     :param part: `goal`, `feedback`, `result` or `cancel`.
-    :param goal_id: "" in a cancellation is all goals.
-    :param content: the goal, feedback or result itself; None in a cancellation.
-    :param caller: the node that has sent it.
+    :param goal_id: "" in a cancel request for all goals.
+    :param content: goal, feedback or result; None in a cancel request.
+    :param caller: the sending node.
     :param status, text: of the goal, in a result.
     """
 
@@ -109,7 +108,7 @@ class Acted(Event):
 
 
 @dataclass(frozen=True)
-class Ticked(Event):
+class ClockTick(Event):
     """The simulated time (s)."""
 
     now: float
@@ -123,55 +122,55 @@ class Parameters(Event):
 
 
 class Events:
-    """What happened in a run, in order."""
+    """The events of a run, in order."""
 
     def __init__(self, events: Iterable[Event]) -> None:
         self.events = list(events)
 
     @property
-    def told(self) -> list[Told]:
-        return [e for e in self.events if isinstance(e, Told)]
+    def progress(self) -> list[TaskProgress]:
+        return [e for e in self.events if isinstance(e, TaskProgress)]
 
     @property
-    def changes(self) -> list[Changed]:
-        return [e for e in self.events if isinstance(e, Changed)]
+    def changes(self) -> list[WorldChange]:
+        return [e for e in self.events if isinstance(e, WorldChange)]
 
     @property
-    def acted(self) -> list[Acted]:
-        return [e for e in self.events if isinstance(e, Acted)]
+    def action_messages(self) -> list[ActionMessage]:
+        return [e for e in self.events if isinstance(e, ActionMessage)]
 
     @functools.cached_property
     def managers(self) -> list[str]:
-        """The names of the skill managers that have told of tasks."""
-        return sorted({e.manager for e in self.told})
+        """The names of the skill managers with recorded tasks."""
+        return sorted({e.manager for e in self.progress})
 
     @functools.cached_property
     def parameters(self) -> dict[str, Any]:
-        """The last parameters that were recorded, by name; none where the bag has none."""
+        """The last recorded parameters by name; empty without recorded parameters."""
         found = [e.values for e in self.events if isinstance(e, Parameters)]
         return found[-1] if found else {}
 
-    def goals(self, action: str) -> list[Acted]:
-        """The goals that were sent to an action, oldest first."""
-        return [e for e in self.acted if e.action == action and e.part == "goal"]
+    def goals(self, action: str) -> list[ActionMessage]:
+        """Returns the goals sent to an action, oldest first."""
+        return [e for e in self.action_messages if e.action == action and e.part == "goal"]
 
-    def result(self, goal: Acted) -> Acted | None:
-        """What became of a goal; None when that is not in the bag."""
-        same = (e for e in self.acted if e.action == goal.action and e.part == "result" and e.goal_id == goal.goal_id)
-        return next(same, None)
+    def result(self, goal: ActionMessage) -> ActionMessage | None:
+        """Returns the result of a goal; None if it was not recorded."""
+        results = (e for e in self.action_messages if (e.action, e.part) == (goal.action, "result"))
+        return next((e for e in results if e.goal_id == goal.goal_id), None)
 
 
 class Recording(Events):
-    """A bag, read whole; needs no master, but the packages whose actions it holds.
+    """The events of a bag, read completely. Needs the packages of the recorded actions, but no master.
 
-    :raises BagError: it is no bag, was cut off, or its messages are other ones than those of this system.
+    :raises BagError: the file is not a bag, is truncated, or its messages differ from those of this system.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.run = Run.open(path)
         if self.run.damage:
-            raise BagError(f"{self.run.damage}; a replay needs the whole")
+            raise BagError(f"{self.run.damage}; a replay needs a complete bag")
         messages = enumerate(self.run.messages())
         super().__init__(event for order, message in messages for event in _events(order, message))
 
@@ -181,21 +180,21 @@ def _events(order: int, message: Message) -> Iterator[Event]:
     if kind == PROGRESS and topic.endswith("/monitor"):
         nodes = message.content.progress
         if nodes:
-            yield Told(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, tree(nodes))
+            yield TaskProgress(order, time, topic.removesuffix("/monitor"), nodes[0].task_id, nodes_from_message(nodes))
     elif kind == MONITOR and topic.endswith("wm/monitor"):
-        yield Changed(order, time, read_change(message))
+        yield WorldChange(order, time, read_change(message))
     elif kind == "rosgraph_msgs/Clock":
         clock = message.content.clock
-        yield Ticked(order, time, clock.sec + clock.nanosec / 1e9)
+        yield ClockTick(order, time, clock.sec + clock.nanosec / 1e9)
     elif topic == PARAMETERS:
         yield Parameters(order, time, _parameters(message))
     elif kind == "actionlib_msgs/GoalID" and topic.endswith("/cancel"):
         action = topic.removesuffix("/cancel")
-        yield Acted(order, time, action, "cancel", message.content.id, None, message.caller)
+        yield ActionMessage(order, time, action, "cancel", message.content.id, None, message.caller)
     else:
         action, _, part = topic.rpartition("/")
         if part in _PARTS and kind.endswith(f"Action{_PARTS[part]}"):
-            yield _acted(Event(order, time), action, part, _ros_message(message), message.caller)
+            yield _action_message(Event(order, time), action, part, _ros_message(message), message.caller)
 
 
 def _parameters(message: Message) -> dict[str, Any]:
@@ -206,9 +205,9 @@ def _parameters(message: Message) -> dict[str, Any]:
 
 
 def _ros_message(message: Message) -> Any:
-    """The message as skills get it.
+    """Returns the message as an object of its ROS class.
 
-    :raises BagError: this system has no such message.
+    :raises BagError: this system has no such class.
     """
     try:
         return _message_class(message.type, message.md5)().deserialize(message.data)
@@ -218,9 +217,9 @@ def _ros_message(message: Message) -> Any:
 
 @functools.cache
 def _message_class(name: str, digest: str) -> Any:
-    """The class of a message.
+    """Returns the class of a message.
 
-    :raises WrongValue: there is none, or it is another one than the one with that md5 sum.
+    :raises WrongValue: it does not exist, or has another md5 sum.
     """
     found = roslib.message.get_message_class(name)
     if found is None:
@@ -230,39 +229,40 @@ def _message_class(name: str, digest: str) -> Any:
     return found
 
 
-def _acted(at: Event, action: str, part: str, message: Any, caller: str) -> Acted:
+def _action_message(at: Event, action: str, part: str, message: Any, caller: str) -> ActionMessage:
     if part == "goal":
-        return Acted(at.order, at.time, action, part, message.goal_id.id, message.goal, caller)
+        return ActionMessage(at.order, at.time, action, part, message.goal_id.id, message.goal, caller)
     status, content = message.status, getattr(message, part)
-    return Acted(at.order, at.time, action, part, status.goal_id.id, content, caller, status.status, status.text)
+    goal_id = status.goal_id.id
+    return ActionMessage(at.order, at.time, action, part, goal_id, content, caller, status.status, status.text)
 
 
-def tree(nodes: list[Any]) -> tuple[Seen, ...]:
-    """The nodes of a message with their places, each before its children."""
-    places: dict[int, tuple[int, ...]] = {}
+def nodes_from_message(nodes: list[Any]) -> tuple[NodeProgress, ...]:
+    """Returns the nodes of a progress message with their index paths, each before its children."""
+    index_paths: dict[int, tuple[int, ...]] = {}
     children: dict[int, int] = {}
-    seen = []
+    found = []
     for node in nodes:
-        if node.parent_id in places:
+        if node.parent_id in index_paths:
             index = children.get(node.parent_id, 0)
             children[node.parent_id] = index + 1
-            place = (*places[node.parent_id], index)
+            index_path = (*index_paths[node.parent_id], index)
         else:
-            place = ()
-        places[node.id] = place
+            index_path = ()
+        index_paths[node.id] = index_path
         params = tuple(p.param for p in node.params)
         state = STATES.get(node.state, "?")
-        seen.append(
-            Seen(
-                place, node.type, node.label, node.processor, state, node.progress_code, node.progress_message,
+        found.append(
+            NodeProgress(
+                index_path, node.type, node.label, node.processor, state, node.progress_code, node.progress_message,
                 node.progress_time, params,
             )
         )  # fmt: skip
-    return tuple(seen)
+    return tuple(found)
 
 
 def _flat(values: Any, prefix: str = "") -> dict[str, Any]:
-    """Parameters by full name."""
+    """Returns nested parameters by full name."""
     if not isinstance(values, dict):
         return {prefix or "/": values}
     found: dict[str, Any] = {}

@@ -1,7 +1,6 @@
-"""`rosrun skiros2_bags replay BAG KIND`: plays a recorded run again and tells the first difference.
+"""`rosrun skiros2_bags replay BAG KIND`: replays a recorded run and prints the first divergence.
 
-Ends with 0 when all goes as recorded, with 1 after a difference, with 2 when it cannot be played, and with 128 + n
-when signal n has ended it.
+Exit status: 0 without divergence, 1 after a divergence, 2 if the replay fails, 128 + n after signal n.
 """
 
 from __future__ import annotations
@@ -13,27 +12,30 @@ import sys
 import threading
 from pathlib import Path
 
-from skiros2_bags.core.normal import NARROW, Tolerance
+from skiros2_bags.core.tolerance import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.kinds import KINDS, Settings, replay
-from skiros2_common.core.end_signals import status_of
+from skiros2_bags.testing.replay import KINDS, Settings, replay
 from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.termination import exit_status
 
-#: For a program that plays a bag: when it ends, however that is, its end of the pipe closes.
+#: Option for a calling program: the replay exits when the caller, the other end of the pipe, exits.
 WHILE_STDIN = "--while-stdin"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Returns the exit status."""
+    """Runs the program.
+
+    :returns: the exit status.
+    """
     parser = argparse.ArgumentParser(prog="replay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("bag", type=Path)
     parser.add_argument("kind", choices=KINDS, help="\n".join(f"{name}: {what}" for name, what in KINDS.items()))
-    parser.add_argument("--workspace", type=Path, help="folder of the ontologies of the scene; as recorded")
-    parser.add_argument("--played", default="", help="labels of primitives that do what was told of them: a,b")
-    parser.add_argument("--launch", default="", help="trace: what stands beside the platform: 'PACKAGE FILE ARGUMENTS'")
-    parser.add_argument("--relative", type=float, default=NARROW.relative, help="how far numbers may be apart")
-    parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="likewise, whatever their size")
-    parser.add_argument(WHILE_STDIN, action="store_true", help="end when the standard input ends")
+    parser.add_argument("--workspace", type=Path, help="folder of the ontologies of the scene (default: as recorded)")
+    parser.add_argument("--played", default="", help="labels of primitives to replace by their recorded progress: a,b")
+    parser.add_argument("--launch", default="", help="trace: what else to start: 'PACKAGE FILE ARGUMENTS'")
+    parser.add_argument("--relative", type=float, default=NARROW.relative, help="relative tolerance of numbers")
+    parser.add_argument("--absolute", type=float, default=NARROW.absolute, help="absolute tolerance of numbers")
+    parser.add_argument(WHILE_STDIN, action="store_true", help="exit when the standard input ends")
     given = parser.parse_args(arguments)
     if given.while_stdin:
         threading.Thread(target=_end_with_stdin, name="end of stdin", daemon=True).start()
@@ -50,13 +52,13 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt as interrupt:
         print("replay: stopped; everything that it started has ended", file=sys.stderr)  # noqa: T201
-        return status_of(interrupt)
+        return exit_status(interrupt)
     print(found if found is not None else "as recorded")  # noqa: T201
     return 0 if found is None else 1
 
 
 def _end_with_stdin() -> None:
-    # Not through sys.stdin: a thread that waits there when Python ends makes it end with an error.
+    # Not through sys.stdin: a thread that waits there makes Python exit with an error.
     while os.read(0, 1024):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

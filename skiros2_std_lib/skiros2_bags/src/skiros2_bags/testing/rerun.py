@@ -1,68 +1,84 @@
-"""Deterministic re-run: the trees of a recording are ticked again in this process, from the recording alone.
+"""Deterministic re-run: ticks the trees of a recording in this process, without ROS nodes.
 
-Each message of progress stands for a tick. Before it, what came before it in the bag is played: changes of the world
-model by others, answers of action servers, cancellations, the clock. After it the tree has to be as it was told then,
-and at the end the world model has to have had the same changes.
+Each progress message stands for one tick. All recorded inputs before it are applied first: changes of the world model
+by others, answers of action servers, cancel requests, the clock. After the tick, the tree must match the progress
+message; at the end, the tasks must have made the recorded changes of the world model.
 
-Of two things that came within `WINDOW` of each other, and of the time within a tick, a bag does not tell exactly which
-was first. Where that matters the recording has gone the other way than the order in the bag: both are tried.
+Message times do not determine the order of messages within `WINDOW`, or the exact time of a tick. After a divergence,
+alternative orders and times of the inputs near it are tried.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+
+import actionlib
+import rospy
 
 from skiros2_bags.core.errors import BagError
+from skiros2_bags.core.tolerance import Tolerance, diff_changes, summary
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.kinds import Settings
-from skiros2_bags.testing.recording import Acted, Changed, Event, Recording, Ticked, Told
-from skiros2_bags.testing.rerun_process import Rerun
-from skiros2_bags.testing.task_runs import TaskRun, task_runs
+from skiros2_bags.testing.fake_action_clients import RecordedActions
+from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks, task_changes, tick_times
+from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
+from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Recording, TaskProgress, WorldChange
+from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.rerun_manager import RerunManager
+from skiros2_bags.testing.rerun_task import RerunTask
+from skiros2_common.ros.action_server_watch import ServerWatch
+from skiros2_skill.testing.fake_clock import FakeClock
+from skiros2_skill.testing.replace import replaced
+from skiros2_world_model.core.changes import Change
 
-#: How far apart in the bag two messages may be whose order is not certain (s).
+#: Messages closer than this in the bag may have arrived in another order (s).
 WINDOW = 0.02
 
-#: How far off the time of a tick may be (s); in simulated time a step of the clock more.
+#: Uncertainty of the time of a tick (s); plus one clock step in simulated time.
 JITTER = 0.005
 
-#: So many ways to read a bag are tried at most.
+#: Maximum number of passes.
 ATTEMPTS = 60
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How the uncertain parts of a bag are taken.
+class Ordering:
+    """A choice of the uncertain orders and times.
 
-    :param places: orders of messages, and where they are put instead.
-    :param shifts: orders of progress messages, and how much their ticks are moved in time (s).
+    :param orders: (order of a message, its new order).
+    :param time_shifts: (order of a progress message, time shift of its tick in s).
     """
 
-    places: tuple[tuple[int, float], ...] = ()
-    shifts: tuple[tuple[int, float], ...] = ()
+    orders: tuple[tuple[int, float], ...] = ()
+    time_shifts: tuple[tuple[int, float], ...] = ()
 
 
 def rerun(recording: Recording, settings: Settings) -> Divergence | None:
-    """Runs all tasks of a recording again. None: all went as recorded.
+    """Re-runs all tasks of a recording. Returns the first divergence; None without one.
 
-    :raises BagError: the bag has not what that takes.
+    :raises BagError: the bag lacks required messages.
     """
-    runs = task_runs(recording)
+    runs = recorded_tasks(recording)
     if not runs:
         raise BagError(f"{recording.path}: no progress of tasks; expected a topic /MANAGER/monitor")
-    reading = Reading()
-    best = _attempt(recording, runs, settings, reading)
+    ordering = Ordering()
+    best = _attempt(recording, runs, settings, ordering)
     attempts = 1
     while best is not None and attempts < ATTEMPTS:
-        for other in _other_readings(recording, reading, best[0]):
+        for other in _alternatives(recording, ordering, best[0]):
             attempts += 1
             found = _attempt(recording, runs, settings, other)
             if found is None:
                 return None
             if found[0].order > best[0].order:
-                best, reading = found, other
+                best, ordering = found, other
                 break
             if attempts >= ATTEMPTS:
                 break
@@ -72,12 +88,13 @@ def rerun(recording: Recording, settings: Settings) -> Divergence | None:
 
 
 def _attempt(
-    recording: Recording, runs: list[TaskRun], settings: Settings, reading: Reading
+    recording: Recording, runs: list[RecordedTask], settings: Settings, ordering: Ordering
 ) -> tuple[Event, Divergence] | None:
-    """The first event after which all was not as recorded."""
-    places = dict(reading.places)
-    events = sorted(recording.events, key=lambda e: places.get(e.order, e.order))
-    with Rerun(recording, runs, settings.workspace, settings.played, settings.tolerance, dict(reading.shifts)) as run:
+    """Returns the first event with a divergence, and the divergence."""
+    orders = dict(ordering.orders)
+    shifts = dict(ordering.time_shifts)
+    events = sorted(recording.events, key=lambda e: orders.get(e.order, e.order))
+    with RerunPass(recording, runs, settings.workspace, settings.played, settings.tolerance, shifts) as run:
         for event in events:
             divergence = run.play(event)
             if divergence is not None:
@@ -86,29 +103,189 @@ def _attempt(
     return (replace(events[-1], order=math.inf), divergence) if divergence is not None else None  # type: ignore[arg-type]
 
 
-def _other_readings(recording: Recording, reading: Reading, at: Event) -> Iterator[Reading]:
-    """Other ways to read the bag near an event, the likely ones first."""
-    if not isinstance(at, Told):
+def _alternatives(recording: Recording, ordering: Ordering, at: Event) -> Iterator[Ordering]:
+    """Yields alternative orderings near an event, the most likely first."""
+    if not isinstance(at, TaskProgress):
         return
     near = [e for e in recording.events if abs(e.time - at.time) <= WINDOW and _is_input(e)]
     near.sort(key=lambda e: abs(e.order - at.order))
-    moved = dict(reading.places)
+    moved = dict(ordering.orders)
     for event in near:
         if event.order not in moved:
-            place = at.order + 0.5 if event.order < at.order else at.order - 0.5
-            yield replace(reading, places=(*reading.places, (event.order, place)))
-    if at.order not in dict(reading.shifts):
-        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, Ticked))
+            order = at.order + 0.5 if event.order < at.order else at.order - 0.5
+            yield replace(ordering, orders=(*ordering.orders, (event.order, order)))
+    if at.order not in dict(ordering.time_shifts):
+        step = JITTER + _clock_step(e for e in recording.events if isinstance(e, ClockTick))
         for shift in (step, -step):
-            yield replace(reading, shifts=(*reading.shifts, (at.order, shift)))
+            yield replace(ordering, time_shifts=(*ordering.time_shifts, (at.order, shift)))
 
 
 def _is_input(event: Event) -> bool:
-    return isinstance(event, Changed) or (isinstance(event, Acted) and event.part == "cancel")
+    return isinstance(event, WorldChange) or (isinstance(event, ActionMessage) and event.part == "cancel")
 
 
-def _clock_step(ticks: Iterable[Ticked]) -> float:
-    """How far apart two messages of the clock are (s)."""
+def _clock_step(ticks: Iterable[ClockTick]) -> float:
+    """Returns the median period of the clock (s)."""
     times = [tick.now for tick, _ in zip(ticks, range(100), strict=False)]
     steps = sorted(b - a for a, b in itertools.pairwise(times))
     return steps[len(steps) // 2] if steps else 0.0
+
+
+class RerunPass:
+    """One pass through a recording. A context manager; `play` takes the events in order.
+
+    :param workspace: folder of additional ontologies.
+    :param played: labels of primitives that are replaced by their recorded progress.
+    :param time_shifts: time shift of ticks (s), by the order of their progress message.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        runs: Sequence[RecordedTask],
+        workspace: Path | None,
+        played: frozenset[str],
+        tolerance: Tolerance,
+        time_shifts: Mapping[int, float],
+    ) -> None:
+        self._exit = contextlib.ExitStack()
+        self._tolerance = tolerance
+        self._time_shifts = time_shifts
+        self._begin = recording.events[0].time
+        self._runs = {message.order: run for run in runs for message in run.progress}
+        self._times = {
+            message.order: tick
+            for run in runs
+            for message, tick in zip(run.progress, tick_times(run.progress), strict=True)
+        }
+        self._own = {event.order: event for event in task_changes(recording, runs)}
+        self._first = min(run.begin for run in runs)
+        self._inputs = input_operations(recording)
+        scene = scene_before(recording, self._first)
+        self.model = world_model_with(scene, workspace)
+        add_reasoners(self.model)
+        self.actions = RecordedActions(recording, tolerance)
+        # Starts at 0: the resolution of a float with s since the epoch is too low for the clock's nanosecond steps.
+        self.clock = FakeClock(0.0)
+        self._is_simulated = any(isinstance(e, ClockTick) for e in recording.events)
+        self._changes_made: list[Change] = []
+        self.managers = {
+            name: RerunManager(name, self.model, self.actions, played) for name in {run.manager for run in runs}
+        }
+        self._tasks: dict[int, RerunTask] = {}
+        self._cancelled: set[str] = set()
+
+    def __enter__(self) -> RerunPass:
+        enter = self._exit.enter_context
+        enter(self.clock)
+        enter(replaced(time, "time", lambda: self._begin + self.clock.now))
+        enter(replaced(actionlib, "SimpleActionClient", self.actions.client))
+        enter(replaced(ServerWatch, "is_connected", lambda watch: watch._client.is_connected()))
+        if self._is_simulated:
+            enter(replaced(rospy.core, "is_initialized", lambda: True))
+            enter(replaced(rospy.rostime, "_rostime_current", rospy.rostime._rostime_current))  # restored at the end
+        self.model.add_listener(self._on_change)
+        for manager in self.managers.values():
+            manager.load()
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._exit.close()
+
+    # -- the events --------------------------------------------------------------------------------------------------
+
+    def play(self, event: Event) -> Divergence | None:
+        """Applies one event. Returns a divergence; None without one."""
+        if isinstance(event, ClockTick):
+            if self._is_simulated:
+                rospy.rostime._set_rostime(rospy.Time.from_sec(event.now))
+        elif event.order < self._first:
+            return None
+        elif isinstance(event, WorldChange):
+            if event.order not in self._own:
+                self.model.transact(self._inputs[event.order], event.change.author)
+        elif isinstance(event, ActionMessage):
+            if event.part == "cancel":
+                self._cancel(event)
+        elif isinstance(event, TaskProgress) and event.order in self._runs:
+            return self._tick(event)
+        return None
+
+    def end(self) -> Divergence | None:
+        """Compares the changes of the world model. Returns a divergence; None without one."""
+        divergence = self._changed_differently()
+        if divergence is not None:
+            return divergence
+        remaining = [_subject(change) for change in self._changes_made]
+        for event in self._own.values():
+            if _subject(event.change) not in remaining:
+                what = f"the world model, by {event.change.author}"
+                return Divergence(self._where(event), what, summary(event.change), "nothing")
+            remaining.remove(_subject(event.change))
+        if not remaining:
+            return None
+        return Divergence("at the end", "the world model", "no further change", f"a change of {remaining[0]}")
+
+    # -- internal ----------------------------------------------------------------------------------------------------
+
+    def _tick(self, progress: TaskProgress) -> Divergence | None:
+        run = self._runs[progress.order]
+        manager = self.managers[run.manager]
+        now = self._times[progress.order] + self._time_shifts.get(progress.order, 0.0) - self._begin
+        self.clock.advance(max(0.0, now - self.clock.now))
+        self.actions.sender = run.manager
+        task = self._tasks.get(id(run))
+        if task is None:
+            task = self._tasks[id(run)] = RerunTask(run, manager, self._tolerance)
+        expected = list(self._own.values())[len(self._changes_made) :]
+        due_changes = [event.change for event in expected if event.order < progress.order]
+        self.actions.deliver_answers(task.progress, progress, task.states_between(progress))
+        mismatch = task.tick(progress, due_changes)
+        if mismatch is None and not self.actions.mismatches:
+            return None
+        earlier = self._changed_differently()
+        if earlier is not None:
+            return earlier
+        where = f"{self._where(progress)}, tick {run.progress.index(progress) + 1} of {run}"
+        context = task.context(progress)
+        if self.actions.mismatches:
+            return Divergence(where, *self.actions.mismatches[0], context)
+        assert mismatch is not None
+        return Divergence(where, *mismatch, context)
+
+    def _cancel(self, event: ActionMessage) -> None:
+        if not event.action.endswith("/execute"):
+            return
+        for task in self._tasks.values():
+            goal = task.run.goal
+            if goal is not None and goal.action == event.action and event.goal_id in ("", goal.goal_id):
+                task.preempt()
+
+    def _on_change(self, change: Change) -> None:
+        if self.actions.sender and change.author in self.managers and self.managers[change.author].is_ticking:
+            self._changes_made.append(change)
+
+    def _changed_differently(self) -> Divergence | None:
+        """Returns the first change that differs from its recorded change.
+
+        Changes of one element are compared in order; the order between elements within a tick may differ.
+        """
+        made: dict[str, list[Change]] = defaultdict(list)
+        for change in self._changes_made:
+            made[_subject(change)].append(change)
+        for event in self._own.values():
+            waiting = made[_subject(event.change)]
+            got = waiting.pop(0) if waiting else None
+            differences = diff_changes(event.change, got, self._tolerance) if got is not None else []
+            if differences:
+                what = f"the world model, by {event.change.author}"
+                return Divergence(self._where(event), what, summary(event.change), "\n".join(differences))
+        return None
+
+    def _where(self, event: Event) -> str:
+        return f"{event.time - self._begin:.3f} s" if not math.isinf(event.order) else "at the end"
+
+
+def _subject(change: Change) -> str:
+    """Returns the ids of the elements of a change; else its relations."""
+    return ", ".join([e.id for e in change.elements] or [str(sorted(r.items())) for r in change.relations])

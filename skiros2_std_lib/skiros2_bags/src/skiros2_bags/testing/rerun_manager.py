@@ -1,22 +1,25 @@
-"""A skill manager as a re-run has it: the robot's skills, as the recording's world model lists them."""
+"""The skill manager of a re-run: loads the skills that the recorded world model lists for a robot."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
 import logging
+import sys
 from collections.abc import Iterator
 from typing import Any
 
 from skiros2_bags.core.errors import BagError
-from skiros2_bags.testing.action_stand_ins import Actions
-from skiros2_bags.testing.played_skill import is_played, played
+from skiros2_bags.testing.fake_action_clients import RecordedActions
+from skiros2_bags.testing.recorded_world import change_operations
+from skiros2_bags.testing.recording import NodeProgress
+from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.compound import SkillBase
-from skiros2_skill.core.library import SkillLibrary
+from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.core.manager_names import runs_on
+from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 
@@ -27,17 +30,17 @@ class RerunManager:
     """The skills of one robot.
 
     :param name: of the manager's node.
-    :param played_labels: of primitives that do what was told of them.
+    :param replaced_labels: labels of primitives that are replaced by their recorded progress.
     """
 
-    def __init__(self, name: str, model: WorldModel, actions: Actions, played_labels: frozenset[str]) -> None:
+    def __init__(self, name: str, model: WorldModel, actions: RecordedActions, replaced_labels: frozenset[str]) -> None:
         self.name = name
         self.wmi = LocalWorldModel(name, model)
         self.library = SkillLibrary(self.wmi)
         self.actions = actions
-        #: The task that is being ticked.
+        #: The task that is currently ticked.
         self.ticked: Any = None
-        self._played = played_labels
+        self._replaced_labels = replaced_labels
 
     @property
     def is_ticking(self) -> bool:
@@ -45,9 +48,9 @@ class RerunManager:
 
     @property
     def robot(self) -> Element:
-        """The robot's element as it is now.
+        """The current element of the robot.
 
-        :raises BagError: the scene has none for this manager.
+        :raises BagError: the scene has no robot of this manager.
         """
         for robot in self.wmi.resolve_elements(Element("cora:Robot")):
             if runs_on(robot, self.name):
@@ -56,9 +59,9 @@ class RerunManager:
         raise BagError(f"the recorded scene has no robot of the skill manager {self.name}")
 
     def load(self) -> None:
-        """Loads what the manager has registered.
+        """Loads the registered skills.
 
-        :raises ConfigurationError: a skill is not there any more.
+        :raises ConfigurationError: a skill does not exist.
         """
         listed = []
         for relation in self.wmi.get_relations(self.robot.id, "skiros:hasSkill", ""):
@@ -69,11 +72,11 @@ class RerunManager:
         self.library.import_libraries(sorted({module.partition(".")[0] for _, module, _ in listed}))
         for _, module, label in sorted(listed):
             cls = _implementation(module, label)
-            self.library.add(played(cls, self) if is_played(cls, label, self._played) else cls)
+            self.library.add(replay_primitive(cls, self) if is_replaced(cls, label, self._replaced_labels) else cls)
 
 
 def _implementation(module: str, label: str) -> type:
-    """The class in a module that implements a skill under a label.
+    """Returns the class in a module that implements a skill with a label.
 
     :raises ConfigurationError: there is none.
     """
@@ -100,7 +103,56 @@ def _label_of(cls: type) -> str:
     try:
         skill = cls()
         skill.createDescription()
-    except Exception as error:  # code of a library; this one is not it
+    except Exception as error:  # library code; then the class is not the wanted one
         log.debug("%s: %s", cls, error)
         return ""
     return str(getattr(skill, "_label", ""))
+
+
+_STATES = {"R": State.Running, "S": State.Success, "F": State.Failure}
+
+
+def is_replaced(cls: type, label: str, labels: frozenset[str]) -> bool:
+    """Whether a primitive is replaced by its recorded progress: by its label, or because it calls a service."""
+    return issubclass(cls, PrimitiveBase) and (label in labels or _calls_service(cls))
+
+
+def replay_primitive(cls: type, manager: Any) -> type:
+    """Returns a subclass of a primitive with the same description, whose hooks report the recorded progress.
+
+    :param manager: the `RerunManager`.
+    """
+
+    def recorded_node(skill: Any) -> NodeProgress | None:
+        recorded: NodeProgress | None = manager.ticked.recorded_node(skill) if manager.ticked is not None else None
+        return recorded
+
+    def on_start(self: Any) -> bool:
+        return True
+
+    def execute(self: Any) -> State:
+        recorded = recorded_node(self)
+        if recorded is None or recorded.state not in _STATES:
+            return self.step()  # type: ignore[no-any-return]
+        if recorded.state != "R":
+            for change in manager.ticked.take_due_changes():
+                manager.wmi._transact(change_operations(change, manager.wmi.model.scene()), "scene")
+        self._setProgress(recorded.message, recorded.code)
+        return _STATES[recorded.state]
+
+    def on_preempt(self: Any) -> State:
+        recorded = recorded_node(self)
+        if recorded is not None:
+            self._setProgress(recorded.message, recorded.code)
+        return State.Failure
+
+    def on_end(self: Any) -> bool:
+        return True
+
+    hooks = {"onInit": on_start, "onStart": on_start, "execute": execute, "onPreempt": on_preempt, "onEnd": on_end}
+    return type(cls.__name__, (cls,), {**hooks, "__module__": cls.__module__, "__abstractmethods__": frozenset()})
+
+
+def _calls_service(cls: type) -> bool:
+    module = sys.modules.get("skiros2_std_skills.service_client_primitive")
+    return module is not None and issubclass(cls, module.PrimitiveServiceClient)

@@ -1,4 +1,4 @@
-"""An arm of a robot in the simulated world: its motors, and where its tool is and what it feels."""
+"""An arm of a robot in the simulated world: motors, tool pose and wrench."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.composing import ArmModel
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.joint import Joint, finite
+from skiros2_sim.core.robot_model import ArmModel
 from skiros2_std_reasoners.core.geometry import Pose, Vector, conjugated, rotated
 
 Wrench = tuple[float, float, float, float, float, float]
 
 
 class Arm:
-    """An arm. It starts at rest in its posture `rest`, held by its position motors.
+    """An arm. It starts at rest in its posture `rest`, held by position motors.
 
-    :param dofs: index of each joint of the robot that moves, in the order of PyBullet's dynamics.
+    :param dofs: index of each moving joint of the robot, in the order of PyBullet's dynamics.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Arm:
         self.spec = model.spec
         self.body = body
         self.joints = tuple(joints[name] for name in model.joints)
-        #: The posture that it starts in.
+        #: The initial posture.
         self.rest = model.rest
         self.mount_link = links[model.mount]
         self.tool_link = links[model.tool]
@@ -43,7 +43,7 @@ class Arm:
         self._efforts = [joint.effort for joint in self.joints]
         self._dofs = list(dofs)
         self._columns = [self._dofs.index(index) for index in self._indices]
-        #: The links that the last joint moves: what the wrist feels is what touches them.
+        #: The links after the last joint: their contacts produce the wrench.
         self._hand = frozenset(_links_after(bullet, body, self._indices[-1]))
         self._is_torque_driven = False
         for joint, position in zip(self.joints, self.rest, strict=True):
@@ -57,37 +57,37 @@ class Arm:
     # -- state ------------------------------------------------------------------------------------------------
 
     def positions(self) -> list[float]:
-        """Of the joints, in rad or m."""
+        """Joint positions (rad or m)."""
         return [state[0] for state in self._bullet.getJointStates(self.body, self._indices)]
 
     def velocities(self) -> list[float]:
-        """Of the joints, in rad/s or m/s."""
+        """Joint velocities (rad/s or m/s)."""
         return [state[1] for state in self._bullet.getJointStates(self.body, self._indices)]
 
     def efforts(self) -> list[float]:
-        """What the motors gave in the last step, in Nm or N."""
+        """Motor efforts in the last step (Nm or N)."""
         return [state[3] for state in self._bullet.getJointStates(self.body, self._indices)]
 
     def tool_pose(self) -> Pose:
-        """Of the tool's frame, in the map."""
+        """Pose of the tool frame in the map."""
         return self._link_pose(self.tool_link)
 
     def mount_pose(self) -> Pose:
-        """Of the first link of the arm, in the map."""
+        """Pose of the first link of the arm in the map."""
         return self._link_pose(self.mount_link)
 
     def tool_velocity(self) -> tuple[Vector, Vector]:
-        """How the tool moves (m/s) and turns (rad/s), in the map."""
+        """Linear (m/s) and angular (rad/s) velocity of the tool, in the map."""
         state = self._bullet.getLinkState(self.body, self.tool_link, computeLinkVelocity=1, computeForwardKinematics=1)
         return state[6], state[7]
 
     def wrench(self) -> Wrench:
-        """What touches the hand exerts on it: force (N) and torque about the tool's frame (Nm), in that frame.
+        """Returns the external wrench on the hand in the tool frame: force (N), torque (Nm) about its origin.
 
-        It is what a sensor at the wrist tells when the hand's own weight and inertia are taken off: the sum of all
-        contacts of the last step, in which the two fingers that hold something cancel, but for its weight.
+        Like a wrist sensor without the weight and inertia of the hand: the sum of all contact forces of the last
+        step. The forces of two fingers on a held object cancel out, except for its weight.
         """
-        # Contacts of two bodies have the one that is asked for first; those within the robot may have the hand second.
+        # In contacts of two bodies the requested one is first; in contacts within the robot the hand may be second.
         pressed = [
             _exerted(contact, contact[3] in self._hand)
             for contact in self._bullet.getContactPoints(bodyA=self.body)
@@ -108,11 +108,10 @@ class Arm:
     # -- motors -----------------------------------------------------------------------------------------------
 
     def drive(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
-        """Where the position motors take the joints, and how fast they are to be there; holds until told otherwise.
+        """Sets target positions and velocities of the position motors, until the next call. Efforts are limited by the
+        joints.
 
-        The motors give no more than the efforts of the joints.
-
-        :raises WrongValue: these are not as many finite numbers as joints.
+        :raises WrongValue: these are not finite numbers, one per joint.
         """
         count = len(self.joints)
         wanted = finite(positions, count, f"{self.id}: positions")
@@ -128,9 +127,9 @@ class Arm:
         )
 
     def drive_torques(self, torques: Sequence[float]) -> None:
-        """The torques (Nm, or N) of the joints in the next step, no more than their efforts; the motors let go.
+        """Sets the joint torques (Nm, or N) for the next step, limited by the joints, and releases the position motors.
 
-        :raises WrongValue: these are not as many finite numbers as joints.
+        :raises WrongValue: these are not finite numbers, one per joint.
         """
         wanted = finite(torques, len(self.joints), f"{self.id}: torques")
         if not self._is_torque_driven:
@@ -146,14 +145,13 @@ class Arm:
         )
 
     def masses(self) -> list[list[float]]:
-        """The mass matrix of the joints (kg m2, or kg), as they stand now."""
+        """Mass matrix at the current joint positions (kg m2, or kg)."""
         positions = [state[0] for state in self._bullet.getJointStates(self.body, self._dofs)]
         masses = self._bullet.calculateMassMatrix(self.body, positions)
         return [[masses[row][column] for column in self._columns] for row in self._columns]
 
     def bias(self) -> list[float]:
-        """The torques against gravity, Coriolis and centrifugal forces (Nm, or N), as the joints move now: what the
-        arm's equation of motion has beside accelerations."""
+        """Torques of gravity, Coriolis and centrifugal forces at the current state (Nm, or N)."""
         states = self._bullet.getJointStates(self.body, self._dofs)
         q, dq = [state[0] for state in states], [state[1] for state in states]
         bias = self._bullet.calculateInverseDynamics(self.body, q, dq, [0.0] * len(self._dofs))
@@ -165,7 +163,7 @@ class Arm:
 
 
 def _exerted(contact: Sequence[Any], on_first: bool) -> tuple[Vector, Vector]:
-    """Where a contact of PyBullet is, and the force that it exerts: on its first body, or on the other."""
+    """Returns the position of a PyBullet contact, and its force on the first or the second body."""
     normal, pushed = contact[7], contact[9]
     one, along_one, other, along_other = contact[10:14]
     x, y, z = (pushed * normal[i] + one * along_one[i] + other * along_other[i] for i in range(3))
@@ -173,9 +171,9 @@ def _exerted(contact: Sequence[Any], on_first: bool) -> tuple[Vector, Vector]:
 
 
 def _links_after(bullet: Bullet, body: int, link: int) -> list[int]:
-    """A link and all that hang on it."""
+    """Returns a link and all its descendants."""
     found = {link}
-    for index in range(bullet.getNumJoints(body)):  # a link comes after the one that it hangs on
+    for index in range(bullet.getNumJoints(body)):  # parents have smaller indices
         if bullet.getJointInfo(body, index)[16] in found:
             found.add(index)
     return sorted(found)

@@ -1,8 +1,8 @@
-"""Where an arm's tool is for given joint positions, and which joint positions put it somewhere.
+"""Forward and inverse kinematics of an arm.
 
-The kinematics are a chain of fixed transforms and joints, measured once on the loaded model; from then on nothing of
-the physics is touched. All poses are of the tool, in the frame that the arm is mounted in (it moves with a mobile
-base), unless said otherwise.
+The kinematics are a chain of fixed transforms and joints, derived once from the loaded model; the physics is not used
+afterwards. Poses are those of the tool in the frame that the arm is mounted in (it moves with a mobile base), unless
+noted otherwise.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from skiros2_std_reasoners.core.geometry import Pose, angle_between, normalized,
 
 Array = npt.NDArray[np.float64]
 
-#: How near the solver comes before it counts as there (m, rad).
+#: Accuracy of a solution (m, rad).
 POSITION_ACCURACY = 1e-4
 ORIENTATION_ACCURACY = 1e-3
-#: From how many postures drawn by chance it begins once more, and how many steps it takes from each.
+#: Number of random restarts, and of steps per start.
 _RESTARTS = 12
 _STEPS = 60
-#: The largest step of any joint (rad or m): the linear model holds no further.
+#: Maximum step of a joint (rad or m) within the validity of the linear model.
 _LARGEST_STEP = 0.4
-#: Metres that count as much as a radian where both are weighed against each other.
+#: Weight of an angle against a distance (m/rad).
 _METRES_PER_RADIAN = 0.3
 
 
 class Segment(NamedTuple):
-    """A joint of the chain: where its frame is in the one before at position 0, and about or along what it moves."""
+    """A joint of the chain: its frame in the previous joint's frame at position 0, and its axis."""
 
     fixed: Array  # 4 x 4
     axis: Array  # of unit length, in the joint's frame
@@ -40,16 +40,16 @@ class Segment(NamedTuple):
     upper: float
 
 
-class Reached(NamedTuple):
-    """An answer of the solver: the joint positions, and how far the tool is off there (m, rad)."""
+class Solution(NamedTuple):
+    """A result of the solver: joint positions, and position and orientation error (m, rad)."""
 
     positions: Array
     off: float
     turned: float
 
     @property
-    def there(self) -> bool:
-        """Whether this is a solution; else it is the nearest that was found."""
+    def converged(self) -> bool:
+        """Whether this is a solution; otherwise it is the nearest pose found."""
         return self.off <= POSITION_ACCURACY and self.turned <= ORIENTATION_ACCURACY
 
 
@@ -57,7 +57,7 @@ class ArmKinematics:
     """A chain of joints with a tool at its end."""
 
     def __init__(self, segments: Sequence[Segment], tool: Pose, rest: Sequence[float], seed: int = 0) -> None:
-        """`tool`: its pose in the last joint's frame. `rest`: the posture that is preferred. `seed`: of restarts."""
+        """`tool`: its pose in the last joint's frame. `rest`: preferred posture. `seed`: of random restarts."""
         self.segments = tuple(segments)
         self.lower = np.array([s.lower for s in segments])
         self.upper = np.array([s.upper for s in segments])
@@ -73,29 +73,29 @@ class ArmKinematics:
         self._seed = seed
 
     def forward(self, positions: Sequence[float] | Array) -> Pose:
-        """The tool's pose."""
+        """Returns the pose of the tool."""
         return pose_of(self._frames(np.asarray(positions, dtype=float))[-1] @ self._tool)
 
     def jacobian(self, positions: Sequence[float] | Array) -> Array:
-        """How the tool moves with each joint: 6 x n, first the velocity (m), then the turn (rad)."""
+        """Returns the Jacobian of the tool: 6 x n, linear (m), then angular (rad)."""
         return self.jacobian_and_tool(positions)[0]
 
     def jacobian_and_tool(self, positions: Sequence[float] | Array) -> tuple[Array, Array]:
-        """The Jacobian, and the tool's frame as a transform (4 x 4)."""
+        """Returns the Jacobian, and the tool frame as a transform (4 x 4)."""
         return self._jacobian(self._frames(np.asarray(positions, dtype=float)))
 
-    def inverse(self, target: Pose, start: Sequence[float] | Array, restarts: int = _RESTARTS) -> Reached:
-        """Joint positions within the limits for the tool's pose, from `start` if that leads there, else from the rest
-        posture, else from ones drawn by chance (the same ones each time). Where there are none: the nearest found."""
+    def inverse(self, target: Pose, start: Sequence[float] | Array, restarts: int = _RESTARTS) -> Solution:
+        """Returns joint positions within the limits for a pose of the tool: starting at `start`, then at the rest
+        posture, then at random postures (the same in each call). Without a solution, returns the nearest result."""
         wanted = matrix(Pose(target.position, normalized(target.orientation)))
-        best: Reached | None = None
+        best: Solution | None = None
         for posture in self._postures(np.asarray(start, dtype=float), restarts):
-            found = self._descended(wanted, posture)
-            if found.there:
+            found = self._solve_from(wanted, posture)
+            if found.converged:
                 return found
-            if best is None or _weighed(found) < _weighed(best):
+            if best is None or _cost(found) < _cost(best):
                 best = found
-        assert best is not None  # there is always the start
+        assert best is not None  # there is at least one start
         return best
 
     def _postures(self, start: Array, restarts: int) -> list[Array]:
@@ -103,18 +103,18 @@ class ArmKinematics:
         drawn = self.lower + (self.upper - self.lower) * draw.random((restarts, len(self.segments)))
         return [np.clip(start, self.lower, self.upper), *([self.rest] if restarts else []), *drawn]
 
-    def _descended(self, wanted: Array, start: Array) -> Reached:
-        """Damped least squares, with the freedom that is left used towards the rest posture (Nakamura and Hanafusa,
-        Inverse Kinematic Solutions with Singularity Robustness, 1986)."""
+    def _solve_from(self, wanted: Array, start: Array) -> Solution:
+        """Damped least squares with the rest posture in the nullspace (Nakamura and Hanafusa, Inverse Kinematic
+        Solutions with Singularity Robustness, 1986)."""
         q = start.copy()
-        reached = Reached(q, np.inf, np.inf)
+        reached = Solution(q, np.inf, np.inf)
         for step in range(_STEPS):
             jacobian, tool = self._jacobian(self._frames(q))
             error = difference(wanted, tool)
             off, turned = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off + turned < reached.off + reached.turned:
-                reached = Reached(q.copy(), off, turned)
-            if reached.there and step:
+                reached = Solution(q.copy(), off, turned)
+            if reached.converged and step:
                 break
             damping = 1e-5 + min(0.05, 0.1 * (off + _METRES_PER_RADIAN * turned)) ** 2
             dq = self._step(jacobian, error, damping, q)
@@ -123,7 +123,7 @@ class ArmKinematics:
         return reached
 
     def _step(self, jacobian: Array, error: Array, damping: float, q: Array) -> Array:
-        """The joints' step against an error. Joints at a limit that would go beyond it are taken out once."""
+        """Returns the step of the joints for an error. Joints that would exceed a limit are excluded once."""
         free = np.ones(len(q), dtype=bool)
         dq = np.zeros_like(q)
         for _ in range(2):
@@ -140,7 +140,7 @@ class ArmKinematics:
         return dq
 
     def _frames(self, q: Array) -> Array:
-        """The frames of all joints, moved: n x 4 x 4."""
+        """Returns the frames of all joints at the given positions: n x 4 x 4."""
         moved = np.zeros_like(self._fixed)
         angle = np.where(self._slides, 0.0, q)[:, None, None]
         moved[:, :3, :3] = np.eye(3) + np.sin(angle) * self._cross + (1 - np.cos(angle)) * self._cross_squared
@@ -152,7 +152,7 @@ class ArmKinematics:
         return steps
 
     def _jacobian(self, frames: Array) -> tuple[Array, Array]:
-        """The Jacobian, and the tool's frame (4 x 4)."""
+        """Returns the Jacobian, and the tool frame (4 x 4)."""
         tool = frames[-1] @ self._tool
         axes = np.einsum("nij,nj->ni", frames[:, :3, :3], self._axes)
         arms = tool[:3, 3] - frames[:, :3, 3]
@@ -162,22 +162,25 @@ class ArmKinematics:
         return jacobian, tool
 
 
-def measured(
+def kinematics_from_model(
     joints: Sequence[tuple[float, Pose, Sequence[float], bool, float, float]],
     root: Pose,
     tool: Pose,
     rest: Sequence[float],
     seed: int = 0,
 ) -> ArmKinematics:
-    """The chain of a model as it stands. For each joint: its position now, the pose of the link behind it, its axis in
-    that link's frame, whether it slides, its limits. `root`: the frame the chain is to be in; all poses in one frame.
+    """Derives the chain from the current state of a model.
+
+    :param joints: for each joint: position, pose of its child link, axis in that link's frame, whether it is prismatic,
+        lower and upper limit.
+    :param root: the reference frame of the chain. All poses are in one common frame.
     """
     segments = []
     before = matrix(root)
     for position, link, axis, slides, lower, upper in joints:
         here = matrix(link)
         segment = Segment(np.eye(4), np.asarray(axis, dtype=float), slides, lower, upper)
-        # the link's frame is the joint's frame moved by the joint, so its fixed part is what is left without that
+        # the link frame is the joint frame after the joint's motion: remove the motion to get the fixed part
         back = np.eye(4)
         if slides:
             back[:3, 3] = -position * segment.axis
@@ -190,12 +193,12 @@ def measured(
 
 
 def distances(a: Pose, b: Pose) -> tuple[float, float]:
-    """How far two poses are apart (m) and turned against each other (rad)."""
+    """Returns the distance (m) and the angle (rad) between two poses."""
     return float(np.linalg.norm(np.subtract(a.position, b.position))), angle_between(a.orientation, b.orientation)
 
 
 def difference(target: Array, frame: Array) -> Array:
-    """The way from one frame to another (4 x 4 each) in the common one: a vector (m), and a turn as axis times angle
+    """Returns the transform between two frames (4 x 4 each) in the common frame: a vector (m), and a rotation vector
     (rad)."""
     way = np.empty(6)
     way[:3] = target[:3, 3] - frame[:3, 3]
@@ -204,7 +207,7 @@ def difference(target: Array, frame: Array) -> Array:
 
 
 def matrix(pose: Pose) -> Array:
-    """A pose as a 4 x 4 transform."""
+    """Converts a pose to a 4 x 4 transform."""
     result = np.eye(4)
     for i, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
         result[:3, i] = rotated(pose.orientation, axis)
@@ -213,9 +216,9 @@ def matrix(pose: Pose) -> Array:
 
 
 def pose_of(transform: Array) -> Pose:
-    """A 4 x 4 transform as a pose."""
+    """Converts a 4 x 4 transform to a pose."""
     r = transform[:3, :3]
-    # the largest of the four components first (Shepperd, Quaternion from Rotation Matrix, 1978)
+    # largest component first (Shepperd, Quaternion from Rotation Matrix, 1978)
     squares = [1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2]]
     squares += [1 - r[0, 0] - r[1, 1] + r[2, 2], 1 + r[0, 0] + r[1, 1] + r[2, 2]]
     x, y, z, w = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]
@@ -230,17 +233,17 @@ def pose_of(transform: Array) -> Pose:
     return Pose((px, py, pz), normalized((float(x), float(y), float(z), float(w))))
 
 
-def _weighed(found: Reached) -> float:
+def _cost(found: Solution) -> float:
     return found.off + _METRES_PER_RADIAN * found.turned
 
 
 def _rotation_vector(turn: Array) -> Array:
-    """Axis times angle (rad) of a rotation matrix, the shorter way round."""
+    """Converts a rotation matrix to a rotation vector (rad), in the shorter direction."""
     x, y, z, cosine = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1], np.trace(turn) - 1
     if cosine > -1.9:  # twice that of the angle, as x, y and z are twice the axis times its sine
         sine = math.sqrt(x * x + y * y + z * z)
         return np.array((x, y, z)) * (math.atan2(sine, cosine) / sine if sine > 1e-9 else 0.5)
-    # near half a turn these say little of the axis; the quaternion does
+    # near half a turn this is ill-conditioned; the quaternion is not
     frame = np.eye(4)
     frame[:3, :3] = turn
     q = pose_of(frame).orientation
@@ -254,7 +257,7 @@ def _cross_matrix(v: Array) -> Array:
 
 
 def _crossed(a: Array, b: Array) -> Array:
-    """Row by row; numpy's own takes several times as long for so few rows."""
+    """Row-wise cross product; faster than numpy's for few rows."""
     return np.column_stack(
         (
             a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],

@@ -1,4 +1,4 @@
-"""A thing of the simulated world that is no robot."""
+"""A body of the simulated world that is not a robot."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.bullet import Bullet
+from skiros2_sim.core.load_test import load_error
 from skiros2_sim.core.model_files import MESHES, check_mesh, find_model
 from skiros2_sim.core.robot import load_urdf, place_root, root_pose
 from skiros2_sim.core.scene_spec import BodySpec, Colour
-from skiros2_sim.core.trial import fault_of
 from skiros2_sim.core.urdf import read_urdf
 from skiros2_std_reasoners.core.geometry import Pose, Vector
 
 _DENSITY = 600.0  # kg/m3, of wood
-_LIGHTEST, _HEAVIEST = 0.05, 50.0  # kg, of what has no weight of its own
-#: Of things, which PyBullet multiplies with that of what they touch.
+_MIN_MASS, _MAX_MASS = 0.05, 50.0  # kg, of a body without a mass of its own
+#: Friction of bodies; PyBullet multiplies the values of both contact partners.
 _FRICTION = 0.9
 _FIXED_COLOURS: tuple[Colour, ...] = ((0.76, 0.69, 0.57, 1.0), (0.62, 0.66, 0.7, 1.0), (0.55, 0.6, 0.5, 1.0))
 _MOVABLE_COLOURS: tuple[Colour, ...] = (
@@ -30,9 +30,9 @@ _MOVABLE_COLOURS: tuple[Colour, ...] = (
 
 
 class Body:
-    """A thing, fixed in the map or one that falls and can be carried.
+    """A body, fixed in the map or movable.
 
-    :param number: which of its kind it is, for its colour.
+    :param number: index among the bodies of its kind, for its colour.
     :raises ConfigurationError: its model does not load, or it has neither a model nor a size.
     """
 
@@ -54,28 +54,28 @@ class Body:
         )
 
     def pose(self) -> Pose:
-        """In the map: of the middle of a box, of the root frame of a model."""
+        """Pose in the map: of the centre of a box, of the root frame of a model."""
         return root_pose(self._bullet, self.body)
 
     def velocity(self) -> tuple[Vector, Vector]:
-        """How it moves (m/s) and turns (rad/s), in the map."""
+        """Linear (m/s) and angular (rad/s) velocity in the map."""
         found: tuple[Vector, Vector] = self._bullet.getBaseVelocity(self.body)
         return found
 
     def place(self, pose: Pose) -> None:
-        """Puts it elsewhere, at rest."""
+        """Moves the body to a pose, at rest."""
         place_root(self._bullet, self.body, pose)
 
     @property
     def mass(self) -> float:
-        """In kg; 0 for what is fixed."""
+        """In kg; 0 for a fixed body."""
         spec = self.spec
         if not spec.movable:
             return 0.0
         if spec.mass is not None:
             return spec.mass
         volume = math.prod(spec.size) if spec.size is not None else 0.0
-        return min(max(volume * _DENSITY, _LIGHTEST), _HEAVIEST)
+        return min(max(volume * _DENSITY, _MIN_MASS), _MAX_MASS)
 
     def _make_box(self) -> int:
         size = self.spec.size
@@ -93,10 +93,10 @@ class Body:
         if file.suffix.lower() not in MESHES:
             raise ConfigurationError(f"{file}: expected a .urdf, {' or '.join(MESHES)} file")
         check_mesh(file)
-        fault = fault_of(file)
+        fault = load_error(file)
         if fault:
             raise ConfigurationError(f"{file}: {fault}")
-        # A thing that moves collides as its convex hull, a fixed one as it is.
+        # A movable mesh collides as its convex hull, a fixed one with its exact shape.
         flags = 0 if self.movable else self._bullet.GEOM_FORCE_CONCAVE_TRIMESH
         try:
             shape = self._bullet.createCollisionShape(self._bullet.GEOM_MESH, fileName=str(file), flags=flags)

@@ -1,8 +1,8 @@
-"""Where a box of known size is, from points on the sides of it that a camera sees.
+"""Estimates the pose of a box of known size from points on its visible sides.
 
-The sum of the squared distances of the points from the box's surface is made least over position and orientation, by
-Levenberg and Marquardt's method (D. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters",
-1963), from several starts: the box upright on each of its sides, turned as the least rectangle around the points is.
+Minimises the sum of squared distances of the points from the surface over position and orientation with the method of
+Levenberg and Marquardt (D. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963), from
+several starts: the box upright on each of its sides, aligned with the minimum-area rectangle around the points.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, multip
 Points = npt.NDArray[np.float64]
 Rotation = npt.NDArray[np.float64]
 
-#: More points than that tell no more (they are thinned out evenly).
-MOST_POINTS = 600
+#: Maximum number of points; more are thinned out evenly.
+MAX_POINTS = 600
 STEPS = 12
-#: Edges of a box that differ by less count as equal (m).
+#: Edges that differ by less count as equal (m).
 EQUAL = 1e-3
 
 
 class BoxFit(NamedTuple):
-    """
-    :param pose: of the middle of the box, in the frame of the points.
-    :param error: the root of the mean squared distance of the points from its surface (m).
+    """The result of a fit.
+
+    :param pose: of the centre of the box, in the frame of the points.
+    :param error: root mean square distance of the points from its surface (m).
     """
 
     pose: Pose
@@ -37,13 +38,13 @@ class BoxFit(NamedTuple):
 
 
 def fit_box(points: Points, size: Vector) -> BoxFit:
-    """The pose at which a box of that size fits best. Of the orientations in which it looks the same, which a camera
-    cannot tell apart, it is the one that is turned least.
+    """Returns the best pose of a box. Of equivalent orientations of the box, returns the one with the smallest
+    rotation.
 
-    :param points: n x 3, at least 3, on the box's surface, in a frame whose z is up (m).
-    :param size: the edges of the box along its own axes (m).
+    :param points: n x 3, at least 3, on the surface, in a frame with z up (m).
+    :param size: edge lengths along the axes of the box (m).
     """
-    points = points[:: max(1, math.ceil(len(points) / MOST_POINTS))]
+    points = points[:: max(1, math.ceil(len(points) / MAX_POINTS))]
     half = np.asarray(size) / 2
     fits = (_fitted(points, half, *start) for start in _starts(points, half))
     error, rotation, middle = min(fits, key=lambda fit: fit[0])
@@ -52,8 +53,8 @@ def fit_box(points: Points, size: Vector) -> BoxFit:
 
 
 def least_rectangle(points: Points) -> tuple[float, Points]:
-    """The rectangle of least area around points of a plane (n x 2): the angle of its first edge (rad, 0 to pi / 2), and
-    its middle. One of its edges lies on an edge of the points' hull (H. Freeman and R. Shapira, 1975)."""
+    """Returns angle (rad, 0 to pi / 2) and centre of the minimum-area rectangle around points of a plane (n x 2). One
+    of its edges lies on an edge of the hull (H. Freeman and R. Shapira, 1975)."""
     hull = convex_hull(points)
     edges = np.diff(np.vstack((hull, hull[:1])), axis=0)
     best = (math.inf, 0.0, hull.mean(axis=0))
@@ -68,7 +69,7 @@ def least_rectangle(points: Points) -> tuple[float, Points]:
 
 
 def convex_hull(points: Points) -> Points:
-    """The corners of the hull of points of a plane (n x 2), against the clock (A. M. Andrew's monotone chain, 1979)."""
+    """Returns the hull of points of a plane (n x 2), counterclockwise (A. M. Andrew's monotone chain, 1979)."""
     ordered = np.unique(points, axis=0)
     if len(ordered) < 3:
         return ordered
@@ -85,18 +86,18 @@ def convex_hull(points: Points) -> Points:
 
 
 def area_of(hull: Points) -> float:
-    """The area of a polygon given by its corners in order (the shoelace formula)."""
+    """Returns the area of a polygon (shoelace formula)."""
     x, y = hull[:, 0], hull[:, 1]
     return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
 def corners_of(size: Vector) -> Points:
-    """The corners of a box around the origin: 8 x 3."""
+    """Returns the corners of a box around the origin: 8 x 3."""
     return np.asarray(np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * np.asarray(size))
 
 
 def quaternion_of(rotation: Rotation) -> Quaternion:
-    """The quaternion of a rotation matrix (I. Y. Bar-Itzhack's method, 2000: an eigenvector)."""
+    """Converts a rotation matrix to a quaternion (I. Y. Bar-Itzhack's method, 2000: an eigenvector)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation
     k = np.array(
         (
@@ -111,12 +112,12 @@ def quaternion_of(rotation: Rotation) -> Quaternion:
 
 
 def least_turned(orientation: Quaternion, size: Vector) -> Quaternion:
-    """Of the orientations in which a box of that size looks the same, the one that is turned least from the frame."""
+    """Returns the equivalent orientation of a box with the smallest rotation."""
     return max((multiplied(orientation, same) for same in _symmetries(size)), key=lambda q: abs(q[3]))
 
 
 def _symmetries(size: Vector) -> list[Quaternion]:
-    """The turns that lay a box onto itself."""
+    """Returns the rotational symmetries of a box."""
     turns = []
     for order in itertools.permutations(range(3)):
         if all(abs(size[i] - size[order[i]]) < EQUAL for i in range(3)):
@@ -128,7 +129,7 @@ def _symmetries(size: Vector) -> list[Quaternion]:
 
 
 def _starts(points: Points, half: Points) -> list[tuple[Rotation, Points]]:
-    """Rotations and middles from which a fit begins: the box on each of its sides, under the highest points."""
+    """Returns start rotations and centres: the box on each of its sides, below the highest points."""
     angle, (x, y) = least_rectangle(points[:, :2])
     top = float(np.percentile(points[:, 2], 98))
     starts: list[tuple[Rotation, Points]] = []
@@ -136,10 +137,10 @@ def _starts(points: Points, half: Points) -> list[tuple[Rotation, Points]]:
     for order, quarter in itertools.product(((0, 1, 2), (1, 2, 0), (2, 0, 1)), (0.0, math.pi / 2)):
         lengths = half[list(order)] if not quarter else half[[order[1], order[0], order[2]]]
         if any(np.allclose(lengths, before, atol=EQUAL) for before in seen):
-            continue  # looks as one that is there
+            continue  # equivalent to a previous start
         seen.append(lengths)
         cos, sin = math.cos(angle + quarter), math.sin(angle + quarter)
-        # its columns are the box's axes: the one named last stands up
+        # the columns are the axes of the box; the last one in `order` is vertical
         rotation = np.zeros((3, 3))
         rotation[:, list(order)] = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
         starts.append((rotation, np.array((x, y, top - half[order[2]]))))
@@ -147,12 +148,12 @@ def _starts(points: Points, half: Points) -> list[tuple[Rotation, Points]]:
 
 
 def _fitted(points: Points, half: Points, rotation: Rotation, middle: Points) -> tuple[float, Rotation, Points]:
-    """The mean squared distance after the fit, and where the box is then."""
+    """Returns the mean squared distance after the fit, rotation and centre."""
     away, normals = _distances(points, half, rotation, middle)
     error, damping = float(np.mean(away**2)), 1e-3
     for _ in range(STEPS):
         jacobian = np.hstack((-normals, -np.cross(points - middle, normals)))
-        # an angle of a radian moves the surface by about half an edge: so both have the unit of the middle
+        # scales rotations so that all parameters have the unit of the centre: 1 rad moves the surface by half an edge
         scale = np.array((1.0, 1.0, 1.0, *(1 / half.max(),) * 3))
         j = jacobian * scale
         step = scale * np.linalg.solve(j.T @ j + damping * len(points) * np.eye(6), -j.T @ away)
@@ -171,7 +172,7 @@ def _fitted(points: Points, half: Points, rotation: Rotation, middle: Points) ->
 
 
 def _distances(points: Points, half: Points, rotation: Rotation, middle: Points) -> tuple[Points, Points]:
-    """How far the points are from the box's surface (n; below 0: inside), and the way outwards there (n x 3)."""
+    """Returns signed distances of points from the surface (n; negative inside), and outward normals (n x 3)."""
     inside = (points - middle) @ rotation
     over = np.abs(inside) - half
     beyond = np.maximum(over, 0.0)
@@ -184,7 +185,7 @@ def _distances(points: Points, half: Points, rotation: Rotation, middle: Points)
 
 
 def _turn_of(vector: Points) -> Rotation:
-    """The rotation about a vector by its length (Rodrigues' formula)."""
+    """Converts a rotation vector to a matrix (Rodrigues' formula)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
         return np.eye(3)
@@ -194,5 +195,5 @@ def _turn_of(vector: Points) -> Rotation:
 
 
 def _turn(a: Points, b: Points, c: Points) -> float:
-    """Above 0 where the way from a over b to c turns left."""
+    """Positive if the polyline a, b, c turns left."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -17,8 +17,8 @@ from skiros2_common.core.errors import Refused
 class Bullet:
     """One physics world of PyBullet: `bullet.stepSimulation()` is `pybullet.stepSimulation(physicsClientId=id)`.
 
-    :param gui: show PyBullet's window; only one world of a process can.
-    :raises Refused: there is no window, or there are too many worlds.
+    :param gui: whether to show PyBullet's window; possible for one world per process.
+    :raises Refused: no window can be opened, or there are too many worlds.
     """
 
     def __init__(self, gui: bool = False) -> None:
@@ -39,12 +39,12 @@ class Bullet:
         return found
 
     def show(self, shown: bool) -> None:
-        """Draws the world in the window, if there is one, or leaves it as it is while much is made anew."""
+        """Enables or disables rendering in the window, if there is one; disabled while many bodies are created."""
         if self._gui:
             pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, int(shown), physicsClientId=self.id)
 
     def close(self) -> None:
-        """Ends the world. Closing it twice does nothing."""
+        """Disconnects. Further calls do nothing."""
         if self.id >= 0:
             pybullet.disconnect(physicsClientId=self.id)
             self.id = -1
@@ -52,10 +52,10 @@ class Bullet:
 
 @contextmanager
 def _display() -> Iterator[None]:
-    """An X display to open a window on, since PyBullet ends the process when there is none. It is held meanwhile: a
-    server without a window manager starts anew when its last client goes.
+    """Keeps an X display open. PyBullet ends the process without one, and a server without a window manager restarts
+    when its last client disconnects.
 
-    :raises Refused: there is none.
+    :raises Refused: there is no display.
     """
     try:
         x11 = ctypes.CDLL("libX11.so.6")

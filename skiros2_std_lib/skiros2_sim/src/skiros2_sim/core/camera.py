@@ -1,7 +1,6 @@
-"""Pictures of the simulated world: colours, depth, and which element each pixel shows.
+"""Renders images of the simulated world: colour, depth, and the element of each pixel.
 
-They are drawn by PyBullet's TinyRenderer, on the processor alone. Whoever calls here is the thread that steps the
-world.
+Uses PyBullet's TinyRenderer, on the CPU. Call in the stepping thread.
 """
 
 from __future__ import annotations
@@ -20,25 +19,25 @@ from skiros2_sim.core.box_fit import quaternion_of
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, rotated
 
-#: The planes between which things are drawn (m from the eye).
+#: Near and far clipping plane (m).
 NEAR = 0.02
 FAR = 20.0
-#: More pixels than that along an edge would hold up the world for seconds.
-MOST_PIXELS = 2048
-#: Where the light comes from; nearer, its shadows have an edge in the picture (m).
+#: Maximum number of pixels per edge; larger images would stop the world for seconds.
+MAX_PIXELS = 2048
+#: Direction and distance (m) of the light; with a smaller distance, the shadow map's border would be visible.
 _LIGHT, _LIGHT_DISTANCE = (1.0, 1.0, 2.0), 20.0
-#: No element, in `Picture.segments`.
+#: Index of pixels without element in `Picture.segments`.
 NOTHING = -1
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A pinhole camera without distortion: its pixels are square, its axis goes through the middle of the picture.
+    """A pinhole camera without distortion, with square pixels and the principal point in the centre.
 
     :param width: pixels.
     :param height: pixels.
-    :param field_of_view: the angle between the upper and the lower edge of the picture (rad).
-    :raises WrongValue: a picture of no or of too many pixels, an angle that no lens has.
+    :param field_of_view: vertical (rad).
+    :raises WrongValue: width, height or field of view is out of range.
     """
 
     width: int = 320
@@ -46,24 +45,24 @@ class Lens:
     field_of_view: float = math.pi / 3
 
     def __post_init__(self) -> None:
-        if not (0 < self.width <= MOST_PIXELS and 0 < self.height <= MOST_PIXELS):
+        if not (0 < self.width <= MAX_PIXELS and 0 < self.height <= MAX_PIXELS):
             raise WrongValue(
-                f"a picture of {self.width} x {self.height} pixels: expected 1 to {MOST_PIXELS} along each edge"
+                f"a picture of {self.width} x {self.height} pixels: expected 1 to {MAX_PIXELS} along each edge"
             )
         if not 0.01 <= self.field_of_view <= 3.0:
             raise WrongValue(f"a field of view of {self.field_of_view:g} rad: expected 0.01 to 3")
 
     @property
     def focal_length(self) -> float:
-        """The distance of the picture from the eye (pixels)."""
+        """Focal length (pixels)."""
         return self.height / 2 / math.tan(self.field_of_view / 2)
 
     @property
     def matrix(self) -> tuple[float, ...]:
-        """K, which leads from a point in the optical frame to its pixel: 9 numbers, row by row (pixels).
+        """The camera matrix K: 9 numbers, row by row (pixels).
 
-        TinyRenderer takes what a pixel shows at its lower left corner: hence the offsets (measured: with them the
-        points of a box lie on its surface, by less than 0.1 mm).
+        TinyRenderer samples a pixel at its lower left corner, hence the offsets (measured: with them, points of a box
+        are within 0.1 mm of its surface).
         """
         f = self.focal_length
         return f, 0.0, self.width / 2, 0.0, f, self.height / 2 - 1, 0.0, 0.0, 1.0
@@ -71,13 +70,13 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What a camera saw at one moment.
+    """An image of a camera.
 
     :param rgb: height x width x 3, 0 to 255.
-    :param depth: height x width: the distance along the camera's axis (m); NaN where there is nothing.
-    :param segments: height x width: the index in `ids` of the element that the pixel shows, or `NOTHING`.
-    :param ids: of the elements in view.
-    :param pose: of the optical frame (x to the right, y down, z forward) in the map.
+    :param depth: height x width: distance along the optical axis (m); NaN for the background.
+    :param segments: height x width: index in `ids` of the element of each pixel, or `NOTHING`.
+    :param ids: of the visible elements.
+    :param pose: of the optical frame (x right, y down, z forward) in the map.
     :param time: of the world (s).
     """
 
@@ -90,13 +89,13 @@ class Picture:
     time: float
 
     def pixels_of(self, element: str) -> npt.NDArray[np.bool_]:
-        """Height x width: where the element is seen."""
+        """Returns a mask of the pixels of an element: height x width."""
         if element not in self.ids:
             return np.zeros(self.segments.shape, bool)
         return np.asarray(self.segments == self.ids.index(element))
 
     def points(self, pixels: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-        """The points that these pixels show: n x 3, in the optical frame (m)."""
+        """Returns the points of pixels: n x 3, in the optical frame (m)."""
         rows, columns = np.nonzero(pixels & np.isfinite(self.depth))
         f, _, cx, _, _, cy, *_ = self.lens.matrix
         z = self.depth[rows, columns].astype(float)
@@ -104,9 +103,9 @@ class Picture:
 
 
 def picture_of(world: World, camera: str) -> Picture:
-    """What a camera of the scene sees now.
+    """Renders the image of a camera of the scene.
 
-    :param camera: the id of its element.
+    :param camera: id of its element.
     :raises UnknownName: the scene has no such camera.
     """
     lens = lens_of(world, camera)
@@ -114,10 +113,10 @@ def picture_of(world: World, camera: str) -> Picture:
 
 
 def lens_of(world: World, camera: str) -> Lens:
-    """The lens of a camera of the scene.
+    """Returns the lens of a camera of the scene.
 
     :raises UnknownName: the scene has no such camera.
-    :raises WrongValue: its spec is none of a lens.
+    :raises WrongValue: its values are out of range.
     """
     spec = world.cameras.get(camera)
     if spec is None:
@@ -128,10 +127,10 @@ def lens_of(world: World, camera: str) -> Lens:
 
 
 def picture_from(world: World, pose: Pose, lens: Lens, shadow: bool = False) -> Picture:
-    """What a camera would see from anywhere.
+    """Renders an image from any pose.
 
     :param pose: of the optical frame in the map.
-    :param shadow: whether things throw one: nicer to look at, and three times as long to draw.
+    :param shadow: whether to render shadows, which triples the time.
     """
     eye = pose.position
     bullet = world.bullet
@@ -151,7 +150,7 @@ def picture_from(world: World, pose: Pose, lens: Lens, shadow: bool = False) -> 
     )
     shape = lens.height, lens.width
     nearness = np.asarray(buffer, np.float32).reshape(shape)
-    # the depth buffer of OpenGL: 0 at the near plane, 1 at the far one
+    # OpenGL's depth buffer: 0 at the near plane, 1 at the far plane
     depth = np.asarray(FAR * NEAR / (FAR - (FAR - NEAR) * nearness), np.float32)
     bodies = np.asarray(mask, np.int32).reshape(shape)
     depth[bodies < 0] = np.nan
@@ -161,9 +160,9 @@ def picture_from(world: World, pose: Pose, lens: Lens, shadow: bool = False) -> 
 
 
 def looking_at(eye: Sequence[float], target: Sequence[float]) -> Pose:
-    """The pose of an optical frame at `eye` whose axis goes through `target` (m, in the map), upright.
+    """Returns the pose of an upright optical frame at `eye` that looks at `target` (m, in the map).
 
-    :raises WrongValue: a number that is none, or the same point twice.
+    :raises WrongValue: a number is not finite, or the points are equal.
     """
     forward = np.asarray(target, float) - np.asarray(eye, float)
     length = float(np.linalg.norm(forward))
@@ -171,14 +170,14 @@ def looking_at(eye: Sequence[float], target: Sequence[float]) -> Pose:
         raise WrongValue(f"a picture from {tuple(eye)} towards {tuple(target)}: expected two points apart")
     z = forward / length
     right = np.cross(z, (0.0, 0.0, 1.0))
-    # straight up or down there is no upright: the picture's right is the map's x
+    # vertical view: image x is the map's x
     x = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array((1.0, 0.0, 0.0))
     position = (float(eye[0]), float(eye[1]), float(eye[2]))
     return Pose(position, quaternion_of(np.stack((x, np.cross(z, x), z), axis=1)))
 
 
 def _segments(bodies: npt.NDArray[np.int32], world: World) -> tuple[npt.NDArray[np.int32], tuple[str, ...]]:
-    """The indices of elements instead of the numbers of PyBullet's bodies, and the elements' ids."""
+    """Converts PyBullet's body ids to indices of elements; returns these and the elements' ids."""
     seen = np.flatnonzero(np.bincount(bodies.ravel() + 1)) - 1  # a background is -1
     indices = np.full(seen[-1] + 2, NOTHING, np.int32)
     ids: list[str] = []
@@ -191,7 +190,7 @@ def _segments(bodies: npt.NDArray[np.int32], world: World) -> tuple[npt.NDArray[
 
 
 def save_png(picture: Picture, file: Path) -> None:
-    """Writes the colours of a picture. A folder that is not there yet is made.
+    """Writes the colours of an image as a PNG. Creates missing folders.
 
     :raises OSError: the file cannot be written.
     """

@@ -1,4 +1,5 @@
-"""The tool of an arm on a straight line, until it is there or touches something: skiros2_sim_msgs/CartesianMotion."""
+"""Moves the tool of an arm on a straight line until it arrives or touches something:
+skiros2_sim_msgs/CartesianMotion."""
 
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ import numpy.typing as npt
 from skiros2_common.core.errors import Refused, SkirosError, WrongValue
 from skiros2_sim.core.arm_controller import ArmController, checked_stiffness
 from skiros2_sim.core.arm_kinematics import distances
-from skiros2_sim.core.cartesian_path import CartesianPath, Moment
+from skiros2_sim.core.cartesian_path import CartesianPath, PathPoint
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.touching import because, new_touches, touched
+from skiros2_sim.core.part_contacts import contacts_of_part, format_contacts, new_contacts
 from skiros2_std_reasoners.core.geometry import Pose, composed, inverted, rotated
 
 Array = npt.NDArray[np.float64]
@@ -31,33 +32,33 @@ BLOCKED = -6
 PREEMPTED = -7
 _RAN_INTO = (FORCE_LIMIT, BLOCKED)
 
-#: The arm's own numbers, where a goal has 0: speeds (m/s, rad/s), the most it may feel (N, Nm).
+#: Defaults for 0 in a goal: speeds (m/s, rad/s), maximum force and torque (N, Nm).
 SPEED, ANGULAR_SPEED = 0.25, 1.0
 MAX_FORCE, MAX_TORQUE = 80.0, 20.0
-#: Nobody asks an arm for more (m/s, rad/s).
+#: Maximum speeds of a goal (m/s, rad/s).
 _FASTEST, _FASTEST_TURN = 2.0, 6.0
-#: No target is farther off (m).
-_FARTHEST = 1000.0
-#: How near it comes (m, rad) under position control and when it is compliant.
+#: Maximum distance of a target (m).
+_MAX_DISTANCE = 1000.0
+#: Tolerances (m, rad) of the position controller and of the compliant controller.
 _TOLERANCES = ((0.002, 0.01), (0.005, 0.03))
-#: It is blocked when it is that far behind under position control (m, rad), or gets no nearer for so long (s).
+#: The motion is blocked with this path error under position control (m, rad), or without progress for this time (s).
 _BEHIND, _TURNED_BEHIND = 0.03, 0.2
 _NO_NEARER = 0.75
-#: Speed below which it stands (m/s), and how much nearer counts as nearer (m).
+#: Maximum speed of a tool at rest (m/s), and minimum progress (m).
 _AT_REST, _NEARER = 0.02, 0.0005
-#: By how much what it felt at its start may grow.
+#: Factor by which the initial force may grow.
 _GROWN = 1.1
-#: Over how long what it feels is averaged (s): single steps of the physics have peaks.
+#: Time constant of the force filter (s): single steps of the physics have peaks.
 _FELT_OVER = 0.02
-#: How long braking takes when it is cancelled (s).
+#: Braking time of a cancelled motion (s).
 _BRAKING = 0.2
-#: When it has run into something it goes back until that presses no more than this (N), at most so far in time (s).
-_PRESSED, _GOES_BACK = 5.0, 1.0
+#: After a collision the arm retreats until the contact force is below this (N), for at most this time (s).
+_PRESSED, _MAX_RETREAT = 5.0, 1.0
 
 
 @dataclass(frozen=True)
 class CartesianGoal:
-    """What skiros2_sim_msgs/CartesianMotion asks for; the target is in the map. 0 and empty: the arm's own."""
+    """A goal of skiros2_sim_msgs/CartesianMotion, with the target in the map. 0 and empty values are defaults."""
 
     target: Pose
     speed: float = 0.0
@@ -72,8 +73,8 @@ class CartesianGoal:
     timeout: float = 0.0
 
 
-class Feeling(NamedTuple):
-    """Where the tool is in the map, what it feels in its own frame (N, Nm), and m to go."""
+class ToolState(NamedTuple):
+    """Pose of the tool in the map, wrench in the tool frame (N, Nm), and remaining distance (m)."""
 
     pose: Pose
     wrench: tuple[float, ...]
@@ -81,7 +82,7 @@ class Feeling(NamedTuple):
 
 
 class CartesianMotion:
-    """A motion on a straight line, in the frame of the robot: a base that drives takes it along."""
+    """A motion on a straight line in the frame of the robot, which may drive meanwhile."""
 
     def __init__(self, controller: ArmController, goal: CartesianGoal) -> None:
         self.outcome: Outcome | None = None
@@ -89,16 +90,16 @@ class CartesianMotion:
         self._goal = goal
         self._part = f"{controller.robot.name}/{self._arm.name}/"
         self._time = self._spent = 0.0
-        self._speed = 1.0  # at which time goes on along the path; less while it brakes
-        self._ended: Outcome | None = None  # what comes out when it has braked
+        self._speed = 1.0  # rate of time along the path; less while braking
+        self._final_outcome: Outcome | None = None  # outcome after braking or retreat
         self._nearest, self._since = math.inf, 0.0
-        self._back = 0.0  # s that it has gone back
-        self._felt = np.array(self._arm.wrench())
-        # what presses on it at its start does not keep it from going away
-        self._at_first = float(np.linalg.norm(self._felt[:3])), float(np.linalg.norm(self._felt[3:]))
-        # what it carries pulls on it from the start on: contact is what it feels beyond that, in the map
+        self._retreat_time = 0.0  # s
+        self._wrench = np.array(self._arm.wrench())
+        # the initial force must not prevent a retreat from a contact
+        self._initial_forces = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
+        # contact force is measured relative to the weight of a carried object, in the map
         self._carried = np.array(rotated(self._arm.tool_pose().orientation, self._arm.wrench()[:3]))
-        self._touched = touched(self._world, self._part)
+        self._initial_contacts = contacts_of_part(self._world, self._part)
         try:
             self._check()
             self._target = composed(inverted(controller.robot.pose()), goal.target)
@@ -119,70 +120,70 @@ class CartesianMotion:
         except SkirosError as error:
             self._end(State.REJECTED, INVALID_GOAL, str(error))
 
-    def feedback(self) -> Feeling:
-        """As of now."""
+    def feedback(self) -> ToolState:
+        """Returns the current state."""
         pose = self._arm.tool_pose()
-        return Feeling(pose, tuple(self._felt.tolist()), distances(pose, self._goal.target)[0])
+        return ToolState(pose, tuple(self._wrench.tolist()), distances(pose, self._goal.target)[0])
 
     def update(self, dt: float) -> None:
-        """Goes on by `dt` seconds."""
+        """Advances by `dt` seconds."""
         if self.outcome is not None:
             return
-        self._felt += (np.array(self._arm.wrench()) - self._felt) * min(1.0, dt / _FELT_OVER)
+        self._wrench += (np.array(self._arm.wrench()) - self._wrench) * min(1.0, dt / _FELT_OVER)
         self._spent += dt
-        if self._ended is None:
-            self._ended = self._felt_too_much() or self._kept_from_it(dt)
-        if self._ended is None:
+        if self._final_outcome is None:
+            self._final_outcome = self._force_exceeded() or self._check_progress(dt)
+        if self._final_outcome is None:
             self._go_on(dt)
-        elif self._ended.state is State.PREEMPTED and self._speed > 0.0:
+        elif self._final_outcome.state is State.PREEMPTED and self._speed > 0.0:
             self._speed = max(0.0, self._speed - dt / _BRAKING)
             self._go_on(dt)
-        elif self._ended.code in _RAN_INTO and self._presses():
-            self._back += dt
+        elif self._final_outcome.code in _RAN_INTO and self._presses():
+            self._retreat_time += dt
             self._time = max(0.0, self._time - dt)
             self._command(self._path.at(self._time, 0.0))
         else:
-            self.outcome = self._ended
+            self.outcome = self._final_outcome
 
     def cancel(self) -> None:
         """Brakes along the line."""
-        if self._ended is None:
-            self._ended = Outcome(State.PREEMPTED, "cancelled", PREEMPTED)
+        if self._final_outcome is None:
+            self._final_outcome = Outcome(State.PREEMPTED, "cancelled", PREEMPTED)
 
     def _go_on(self, dt: float) -> None:
         self._time += self._speed * dt
         self._command(self._path.at(self._time, self._speed))
 
     def _presses(self) -> bool:
-        """Whether it is to go back farther; a compliant arm has given way already."""
-        if self._controller.compliant or self._back >= _GOES_BACK or self._time <= 0.0:
+        """Whether to retreat farther. A compliant arm yields by itself."""
+        if self._controller.compliant or self._retreat_time >= _MAX_RETREAT or self._time <= 0.0:
             return False
-        return sum(new_touches(self._world, self._part, self._touched).values()) > _PRESSED
+        return sum(new_contacts(self._world, self._part, self._initial_contacts).values()) > _PRESSED
 
-    def _command(self, moment: Moment) -> None:
+    def _command(self, point: PathPoint) -> None:
         if self._controller.compliant:
-            self._controller.draw(moment.tool, moment.positions, moment.velocities)
+            self._controller.draw(point.tool, point.positions, point.velocities)
         else:
-            self._controller.follow(moment.positions, moment.velocities)
+            self._controller.follow(point.positions, point.velocities)
 
-    def _felt_too_much(self) -> Outcome | None:
-        """The end for what it feels: too much, or the contact that it looks for."""
-        force, torque = float(np.linalg.norm(self._felt[:3])), float(np.linalg.norm(self._felt[3:]))
-        in_map = np.array(rotated(self._arm.tool_pose().orientation, self._felt[:3].tolist()))
+    def _force_exceeded(self) -> Outcome | None:
+        """Returns the outcome if the force limit or the requested contact force is reached."""
+        force, torque = float(np.linalg.norm(self._wrench[:3])), float(np.linalg.norm(self._wrench[3:]))
+        in_map = np.array(rotated(self._arm.tool_pose().orientation, self._wrench[:3].tolist()))
         contact = float(np.linalg.norm(in_map - self._carried))
         if 0.0 < self._goal.contact_force <= contact:
             return self._stop(State.SUCCEEDED, SUCCESSFUL, f"contact of {contact:.1f} N{self._reason()}")
         for felt, at_first, limit, what in (
-            (force, self._at_first[0], self._goal.max_force or MAX_FORCE, "N"),
-            (torque, self._at_first[1], self._goal.max_torque or MAX_TORQUE, "Nm"),
+            (force, self._initial_forces[0], self._goal.max_force or MAX_FORCE, "N"),
+            (torque, self._initial_forces[1], self._goal.max_torque or MAX_TORQUE, "Nm"),
         ):
             if felt > max(limit, _GROWN * at_first):
                 text = f"felt {felt:.1f} {what}, {limit:g} {what} are allowed{self._reason()}"
                 return self._stop(State.ABORTED, FORCE_LIMIT, text)
         return None
 
-    def _kept_from_it(self, dt: float) -> Outcome | None:
-        """The end for where it is: there, or not getting there."""
+    def _check_progress(self, dt: float) -> Outcome | None:
+        """Returns the outcome if the tool has arrived, is blocked, or the timeout has passed."""
         pose = self._controller.tool_pose()
         if not self._controller.compliant:
             behind, turned_behind = distances(pose, self._path.at(self._time).tool)
@@ -198,7 +199,7 @@ class CartesianMotion:
         return self._at_the_end(pose, dt)
 
     def _at_the_end(self, pose: Pose, dt: float) -> Outcome | None:
-        if self._nearest == math.inf:  # what it has taken up on its way
+        if self._nearest == math.inf:  # includes an object grasped on the way
             self._controller.carry()
         off, turned = distances(pose, self._target)
         speed = math.hypot(*self._arm.tool_velocity()[0])
@@ -218,24 +219,28 @@ class CartesianMotion:
         return None
 
     def _stop(self, state: State, code: int, text: str) -> Outcome:
-        """Stands still where it is, or at the end of its line."""
+        """Holds the arm at its position or at the end of its path."""
         if code in (*_RAN_INTO, TIMED_OUT) or self._time < self._path.duration:
             self._controller.hold()
         return Outcome(state, text, code)
 
     def _reason(self) -> str:
-        return because(new_touches(self._world, self._part, self._touched))
+        return format_contacts(new_contacts(self._world, self._part, self._initial_contacts))
 
     def _end(self, state: State, code: int, text: str) -> None:
         self.outcome = Outcome(state, text, code)
 
     def _check(self) -> None:
-        """Raises WrongValue and UnknownName for numbers and names that cannot be."""
+        """Checks the goal.
+
+        :raises WrongValue: a number is out of range.
+        :raises UnknownName: a controller does not exist.
+        """
         goal = self._goal
         if not all(map(math.isfinite, (*goal.target.position, *goal.target.orientation))):
             raise WrongValue(f"target {goal.target} has numbers that are none")
-        if max(map(abs, goal.target.position)) > _FARTHEST:
-            raise WrongValue(f"target at {goal.target.position} is farther than {_FARTHEST:g} m away")
+        if max(map(abs, goal.target.position)) > _MAX_DISTANCE:
+            raise WrongValue(f"target at {goal.target.position} is farther than {_MAX_DISTANCE:g} m away")
         length = math.hypot(*goal.target.orientation)
         if abs(length - 1.0) > 0.01:
             raise WrongValue(f"orientation of the target {goal.target.orientation}: length {length:.3f}, expected 1")

@@ -1,4 +1,4 @@
-"""A straight way of a tool, and the joint positions along it, looked up by time."""
+"""A straight path of a tool with the joint positions along it, evaluated by time."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from skiros2_std_reasoners.core.geometry import Pose, Quaternion, normalized
 
 Array = npt.NDArray[np.float64]
 
-#: How far the places are apart for which joint positions are solved (m, rad): between them they are interpolated.
+#: Distance between solved poses (m, rad); joint positions are interpolated between them.
 _STEP, _TURN_STEP = 0.01, 0.03
-#: No joint moves farther than that (rad or m) between two of them: it would be another posture of the arm.
+#: Maximum joint step (rad or m) between solved poses; a larger step would change the posture of the arm.
 _LARGEST_JUMP = 0.25
-#: What the tool is accelerated with (m/s2, rad/s2), and the part of their speed that joints are moved with at most.
+#: Accelerations of the tool (m/s2, rad/s2), and maximum joint speed as a fraction of the joint's limit.
 _ACCELERATION, _ANGULAR_ACCELERATION = 1.0, 3.0
 _JOINT_SPEED = 0.8
 
 
-class Moment(NamedTuple):
-    """What is wanted at a time: the tool's pose, the positions and velocities of the joints, and m to go."""
+class PathPoint(NamedTuple):
+    """Target at a time: tool pose, joint positions and velocities, remaining distance (m)."""
 
     tool: Pose
     positions: Array
@@ -35,11 +35,11 @@ class Moment(NamedTuple):
 
 
 class CartesianPath:
-    """From where the arm is, straight to a pose, turning evenly, with a trapezoid of speed.
+    """A straight path from the current pose to a target, with even rotation and a trapezoidal speed profile.
 
-    :param start: positions of the joints.
-    :param speed: of the tool in m/s, and `angular_speed` in rad/s, at most; slower where a joint cannot follow.
-    :raises Refused: no joint positions put the tool there, or somewhere on the way.
+    :param start: joint positions.
+    :param speed: maximum speed of the tool (m/s), `angular_speed` (rad/s); reduced to respect joint limits.
+    :raises Refused: the target, or a pose on the path, is not reachable.
     """
 
     def __init__(
@@ -59,21 +59,21 @@ class CartesianPath:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """s."""
         return self._ramp + 1.0 / self._rate if self._rate else 0.0
 
-    def at(self, time: float, speed: float = 1.0) -> Moment:
-        """What is wanted `time` seconds after the start; `speed`: at which part of its speed time goes on there."""
+    def at(self, time: float, speed: float = 1.0) -> PathPoint:
+        """Returns the target `time` seconds after the start; `speed` is the rate of time, for the velocities."""
         s, rate = self._along(time)
         cells = len(self._positions) - 1
         i = min(int(s * cells), cells - 1)
         before, step = self._positions[i], self._positions[i + 1] - self._positions[i]
         positions = before + (s * cells - i) * step
         tool = Pose(_between(self._from, self._to, s), slerp(self._from.orientation, self._to.orientation, s))
-        return Moment(tool, positions, step * cells * rate * speed, (1 - s) * self._length)
+        return PathPoint(tool, positions, step * cells * rate * speed, (1 - s) * self._length)
 
     def _along(self, time: float) -> tuple[float, float]:
-        """The part of the way that is done, and how fast it grows (1/s)."""
+        """Returns the completed fraction of the path, and its rate (1/s)."""
         if time >= self.duration:
             return 1.0, 0.0
         if time <= 0.0:
@@ -87,7 +87,7 @@ class CartesianPath:
         return self._rate * (time - self._ramp / 2), self._rate
 
     def _profile(self, joints: Sequence[Joint], speed: float, angular_speed: float) -> tuple[float, float]:
-        """The rate (parts of the way per second) between the ramps, and how long each ramp is (s)."""
+        """Returns the rate (1/s) between the ramps, and the duration of a ramp (s)."""
         cells = len(self._positions) - 1
         fastest = np.max(np.abs(np.diff(self._positions, axis=0)), axis=0) * cells
         rates = [
@@ -105,14 +105,14 @@ class CartesianPath:
         if not accelerations:
             return 0.0, 0.0
         acceleration = min(accelerations)
-        # a short way is over before the full speed is reached
+        # a short path ends before the full speed is reached
         rate = min(*rates, math.sqrt(acceleration)) if len(rates) > 1 else min(rates[0], math.sqrt(acceleration))
         return rate, rate / acceleration
 
     def _solved(self, kinematics: ArmKinematics, joints: Sequence[Joint], start: Array) -> Array:
-        """Joint positions along the way."""
+        """Returns joint positions along the path."""
         best = kinematics.inverse(self._to, start)
-        if not best.there:
+        if not best.converged:
             raise Refused(
                 f"no joint positions put the tool there: it comes within {best.off:.3f} m and {best.turned:.3f} rad"
             )
@@ -123,7 +123,7 @@ class CartesianPath:
             tool = Pose(_between(self._from, self._to, part), slerp(self._from.orientation, self._to.orientation, part))
             found = kinematics.inverse(tool, solved[-1], restarts=0)
             jumps = np.abs(found.positions - solved[-1])
-            if not found.there or float(jumps.max()) > _LARGEST_JUMP:
+            if not found.converged or float(jumps.max()) > _LARGEST_JUMP:
                 why = _at_limits(kinematics, joints, found.positions) or "the arm would have to change its posture"
                 raise Refused(
                     f"the straight way leaves what the arm reaches after {part * self._length:.3f} m of "
@@ -134,8 +134,8 @@ class CartesianPath:
 
 
 def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
-    """The orientation at a part of the way from one to the other, the shorter way round (Shoemake, Animating Rotation
-    with Quaternion Curves, 1985)."""
+    """Interpolates between two orientations in the shorter direction (Shoemake, Animating Rotation with Quaternion
+    Curves, 1985)."""
     dot = sum(x * y for x, y in zip(a, b, strict=True))
     sign = -1.0 if dot < 0.0 else 1.0
     angle = math.acos(min(1.0, abs(dot)))
@@ -151,7 +151,7 @@ def _between(a: Pose, b: Pose, part: float) -> tuple[float, float, float]:
 
 
 def _at_limits(kinematics: ArmKinematics, joints: Sequence[Joint], positions: Array) -> str:
-    """The joints that are at a limit, in words."""
+    """Names the joints that are at a limit."""
     at = [
         joint.name
         for joint, q, lower, upper in zip(joints, positions, kinematics.lower, kinematics.upper, strict=True)

@@ -1,4 +1,4 @@
-"""Which bodies touch."""
+"""Contacts between bodies."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from skiros2_std_reasoners.core.geometry import Vector
 
 
 class Contact(NamedTuple):
-    """Two bodies touch: by the ids of their elements, or robot/link.
+    """Contact of two bodies, named by the id of the element, or robot/link.
 
-    :param position: the middle of where they touch, in the map.
-    :param force: along the normal, in N.
+    :param position: of the centre of contact, in the map.
+    :param force: normal force (N).
     """
 
     first: str
@@ -22,10 +22,10 @@ class Contact(NamedTuple):
 
 
 def joined_contacts(points: Iterable[Sequence[Any]], name_of: Callable[[int, int], str]) -> list[Contact]:
-    """The pairs that touch, each once, in order of their names.
+    """Returns one contact per pair of bodies, ordered by name.
 
-    :param points: what PyBullet's `getContactPoints` tells.
-    :param name_of: the name of a body and link.
+    :param points: the result of PyBullet's `getContactPoints`.
+    :param name_of: returns the name of a body and link.
     """
     pairs: dict[tuple[str, str], list[tuple[Vector, float]]] = {}
     for point in points:
@@ -36,7 +36,7 @@ def joined_contacts(points: Iterable[Sequence[Any]], name_of: Callable[[int, int
 
 
 def _joined(pair: tuple[str, str], points: list[tuple[Vector, float]]) -> Contact:
-    """The points at which two things touch, as one: the middle, weighed with the forces."""
+    """Merges contact points of a pair: the centre weighted by force."""
     total = sum(force for _, force in points)
     weights = [force / total if total > 0 else 1 / len(points) for _, force in points]
     x, y, z = (sum(w * at[i] for w, (at, _) in zip(weights, points, strict=True)) for i in range(3))

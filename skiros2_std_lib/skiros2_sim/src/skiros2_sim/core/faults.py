@@ -1,4 +1,4 @@
-"""Faults: what may go wrong with robots, brought about on purpose and for as long as one likes."""
+"""Faults of robots, injected for tests."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LATE_SENSOR = "late_sensor"
 
 _OBSTACLE_SIZE = (0.4, 0.4, 1.0)
 _OBSTACLE_COLOUR = (0.9, 0.3, 0.0, 1.0)
-_LATEST = 60.0  # s
-_FARTHEST = 20.0  # m
-_LONGEST = 1e6  # s
+_MAX_LAG = 60.0  # s
+_MAX_DISTANCE = 20.0  # m
+_MAX_DURATION = 1e6  # s
 _SPEED = 0.02  # m/s, under which a robot stands
 
 T = TypeVar("T")
@@ -30,9 +30,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that is there.
+    """An active fault.
 
-    :param until: simulated time when it goes (s); inf: when it is taken away.
+    :param until: simulated time of its end (s); inf until it is cleared.
     """
 
     kind: str
@@ -43,12 +43,12 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What a kind of fault takes and does.
+    """A kind of fault.
 
-    :param targets: the ids that it can be attached to.
-    :param what: what these are, for the text of an error.
-    :param default: the value that 0 stands for.
-    :param most: the highest value.
+    :param targets: returns the ids of elements that it applies to.
+    :param what: describes these, for error texts.
+    :param default: the value for 0.
+    :param most: the maximum value.
     """
 
     targets: Callable[[], set[str]]
@@ -60,7 +60,7 @@ class _Kind:
 
 
 class Faults:
-    """The faults of a world. They end with a reset."""
+    """The faults of a world. A reset clears them."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -73,7 +73,7 @@ class Faults:
                 lambda: {eid for eid, robot in world.robots.items() if robot.mobile},
                 "a robot that drives",
                 1.0,
-                _FARTHEST,
+                _MAX_DISTANCE,
                 self._block,
                 lambda eid: world.remove_body(obstacle_of(eid)),
             ),
@@ -81,7 +81,7 @@ class Faults:
                 lambda: {*world.cameras, *world.arms, *world.robots, *self._bases()},
                 "a camera, an arm, a base or a robot",
                 0.5,
-                _LATEST,
+                _MAX_LAG,
                 lambda eid, value: None,
                 lambda eid: None,
             ),
@@ -89,47 +89,47 @@ class Faults:
 
     @property
     def active(self) -> list[Fault]:
-        """Those that are there, in the order in which they came."""
+        """The active faults, in the order of their start."""
         return list(self._active.values())
 
     def set(self, kind: str, target: str, value: float = 0.0, duration: float = 0.0) -> None:
-        """Attaches a fault, in the place of one of its kind that is there.
+        """Starts a fault; replaces an active one of the same kind and target.
 
         :param target: id of the element.
-        :param value: 0: a default. Slipping gripper: the part of its grip that is left, up to 1; blocked path: how far
-            before the middle of the robot the obstacle stands (m); late sensor: how late it is (s).
-        :param duration: s of simulated time; 0: until it is taken away.
-        :raises UnknownName: there is no such kind, or it cannot be attached to that.
-        :raises WrongValue: value or duration cannot be used.
+        :param value: 0 for the default. Slipping gripper: remaining fraction of its friction, up to 1; blocked path:
+            distance of the obstacle from the centre of the robot (m); late sensor: delay (s).
+        :param duration: s of simulated time; 0 until it is cleared.
+        :raises UnknownName: there is no such kind, or it does not apply to the target.
+        :raises WrongValue: value or duration is out of range.
         """
         known = self._kind(kind, target)
         if not (math.isfinite(value) and 0 <= value <= known.most):
             raise WrongValue(f"{kind} of {target}: expected a value of 0 to {known.most}, got {value}")
-        if not (math.isfinite(duration) and 0 <= duration <= _LONGEST):
-            raise WrongValue(f"{kind} of {target}: expected a duration of 0 to {_LONGEST} s, got {duration}")
+        if not (math.isfinite(duration) and 0 <= duration <= _MAX_DURATION):
+            raise WrongValue(f"{kind} of {target}: expected a duration of 0 to {_MAX_DURATION} s, got {duration}")
         self.clear(kind, target)
         known.start(target, value or known.default)
         until = self._world.time + duration if duration else math.inf
         self._active[kind, target] = Fault(kind, target, value or known.default, until)
 
     def clear(self, kind: str, target: str) -> None:
-        """Takes a fault away, if it is there.
+        """Ends a fault, if it is active.
 
-        :raises UnknownName: there is no such kind, or it cannot be attached to that.
+        :raises UnknownName: there is no such kind, or it does not apply to the target.
         """
         known = self._kind(kind, target)
         if self._active.pop((kind, target), None) is not None:
             known.end(target)
 
     def update(self) -> None:
-        """Ends those whose time is over; the world calls it before each step."""
+        """Ends expired faults. Called by the world before each step."""
         if self._active:
             for fault in self.active:
                 if self._world.time >= fault.until:
                     self.clear(fault.kind, fault.target)
 
     def lag(self, target: str) -> float:
-        """How late a sensor is (s)."""
+        """Returns the delay of a sensor (s)."""
         fault = self._active.get((LATE_SENSOR, target))
         return fault.value if fault is not None else 0.0
 
@@ -150,7 +150,7 @@ class Faults:
         self._world.grippers[gripper].set_friction(left)
 
     def _block(self, target: str, ahead: float) -> None:
-        """Puts an obstacle where the robot is going to, or where it looks when it stands; never into the robot."""
+        """Puts an obstacle in the robot's direction of travel, or in front of it at rest; never into the robot."""
         robot = self._world.robots[target]
         pose = robot.pose()
         vx, vy, _ = robot.velocity()
@@ -171,24 +171,24 @@ class Faults:
 
 
 def obstacle_of(robot: str) -> str:
-    """The id of the body that blocks the path of a robot."""
+    """Returns the id of the body that blocks the path of a robot."""
     return f"obstacle of {robot}"
 
 
 class DelayLine(Generic[T]):
-    """What a sensor measured, given out later. As long as it is not late, the newest is given out at once."""
+    """Delays the measurements of a sensor. Without delay, each is returned immediately."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[float, T]] = []
 
     def put(self, time: float, item: T) -> None:
-        """Adds what was measured at a time (s), not before what was added last."""
+        """Adds a measurement with its time (s), in ascending order."""
         self._waiting.append((time, item))
 
     def due(self, now: float, lag: float) -> list[T]:
-        """What has to be given out now, oldest first; each is given out once.
+        """Returns and removes the measurements to publish now, oldest first.
 
-        :param lag: how late the sensor is (s).
+        :param lag: delay of the sensor (s).
         """
         count = 0
         while count < len(self._waiting) and self._waiting[count][0] <= now - lag:

@@ -1,4 +1,4 @@
-"""A gripper in the simulated world: two fingers that move alike, each driven by a motor of its own."""
+"""A gripper in the simulated world: two fingers with one motor each."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from skiros2_sim.core.joint import Joint
 from skiros2_sim.core.scene_spec import GripperSpec
 from skiros2_std_reasoners.core.geometry import Pose
 
-#: Of the fingers' pads, which are of rubber; PyBullet multiplies it with that of what they touch.
+#: Friction of the rubber pads; PyBullet multiplies the values of both contact partners.
 FRICTION = 1.2
 _SPINNING = 0.02
 _SPEED = 0.1  # m/s, of a finger
-#: N; what a finger gives when nothing is asked for.
+#: Default effort of a finger (N).
 _EFFORT = 20.0
 
 
 class Gripper:
     """A gripper. It starts open.
 
-    :param fingers: their joints, which slide from 0 when closed; none for a gripper whose model has no fingers.
-    :param tool_link: index of the link between the tips of the fingers.
+    :param fingers: their joints, prismatic with 0 when closed; empty for a model without fingers.
+    :param tool_link: index of the link between the fingertips.
     """
 
     def __init__(self, bullet: Bullet, body: int, spec: GripperSpec, fingers: Sequence[Joint], tool_link: int) -> None:
@@ -45,27 +45,27 @@ class Gripper:
         self.drive(self.max_width)
 
     def width(self) -> float:
-        """Between the fingers, in m."""
+        """Distance between the fingers (m)."""
         states = self._bullet.getJointStates(self.body, self._indices) if self.joints else ()
         return sum((float(state[0]) for state in states), 0.0)
 
     def force(self) -> float:
-        """With which a finger's motor pressed in the last step, in N."""
+        """Mean motor force of the fingers in the last step (N)."""
         if not self.joints:
             return 0.0
         pressed = [abs(float(state[3])) for state in self._bullet.getJointStates(self.body, self._indices)]
         return sum(pressed) / len(pressed)
 
     def tool_pose(self) -> Pose:
-        """Of the frame between the tips of the fingers, in the map."""
+        """Pose of the frame between the fingertips, in the map."""
         state = self._bullet.getLinkState(self.body, self.tool_link, computeForwardKinematics=1)
         return Pose(state[4], state[5])
 
     def drive(self, width: float, effort: float = 0.0) -> None:
-        """The width (m) that the fingers are to go to, and with how much force (N) at most; holds until told otherwise.
+        """Sets the target width (m) and maximum force (N) of the fingers, until the next call.
 
-        :param effort: 0: what the fingers can.
-        :raises WrongValue: one is no finite number, or the effort is negative.
+        :param effort: 0 for the maximum of the fingers.
+        :raises WrongValue: a number is not finite, or the effort is negative.
         """
         if not (math.isfinite(width) and math.isfinite(effort) and effort >= 0):
             raise WrongValue(f"{self.id}: expected a finite width and an effort of 0 or more, got {width}, {effort}")
@@ -81,7 +81,7 @@ class Gripper:
             )
 
     def set_friction(self, part: float) -> None:
-        """How much of the friction of the fingers is there, 0 to 1."""
+        """Scales the friction of the fingers, 0 to 1."""
         for index in self._indices:
             self._bullet.changeDynamics(
                 self.body,
@@ -92,7 +92,7 @@ class Gripper:
             )
 
     def _couple(self, one: int, other: int) -> None:
-        """Fingers move alike: what is gripped is moved to the middle."""
+        """Couples the fingers, so that a gripped object is centred."""
         gear = self._bullet.createConstraint(
             self.body, one, self.body, other, self._bullet.JOINT_GEAR, (1, 0, 0), (0, 0, 0), (0, 0, 0)
         )

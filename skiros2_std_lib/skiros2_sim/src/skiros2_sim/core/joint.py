@@ -1,4 +1,4 @@
-"""A joint of a robot in the simulated world, and the numbers that its motors take."""
+"""Joints of a robot in the simulated world."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _KINDS = {0: "revolute", 1: "prismatic", 4: "fixed"}
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint. Positions in m or rad, velocities per second, effort in N or Nm.
+    """A joint. Positions in rad or m, velocities per second, effort in Nm or N.
 
-    :param index: of the joint, and of the link that it moves, in PyBullet's model.
-    :param child: name of the link that it moves.
-    :param lower: -inf, and upper inf, for one without limits.
+    :param index: of the joint and of its child link in PyBullet's model.
+    :param child: name of the child link.
+    :param lower: -inf (and `upper` inf) for a joint without limits.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Joint:
 
     @classmethod
     def of(cls, info: Sequence[Any]) -> Joint:
-        """From what PyBullet's `getJointInfo` tells."""
+        """Creates a joint from the result of PyBullet's `getJointInfo`."""
         lower, upper = float(info[8]), float(info[9])
         if lower >= upper:  # PyBullet's mark of a joint without limits
             lower, upper = -math.inf, math.inf
@@ -53,11 +53,11 @@ class Joint:
 
 
 def finite(values: Sequence[Any], count: int, what: str) -> list[float]:
-    """As many finite numbers.
+    """Checks a sequence of numbers.
 
-    :param what: what they are, for the text of the error.
-    :raises WrongType: they are no numbers.
-    :raises WrongValue: there are more or fewer, or one is not finite.
+    :param what: describes them in the error text.
+    :raises WrongType: they are not numbers.
+    :raises WrongValue: there are not `count` of them, or one is not finite.
     """
     try:
         found = [float(value) for value in values]

@@ -1,4 +1,4 @@
-"""The joints of an arm along a trajectory: what a driver's control_msgs/FollowJointTrajectory does."""
+"""Moves the joints of an arm along a trajectory, as a driver of control_msgs/FollowJointTrajectory does."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.joint_path import JointGoal, JointPath, JointTolerance
 from skiros2_sim.core.motion import Outcome, State
-from skiros2_sim.core.touching import because, new_touches, touched
+from skiros2_sim.core.part_contacts import contacts_of_part, format_contacts, new_contacts
 
 Array = npt.NDArray[np.float64]
 
-#: Codes of the action's result.
+#: Error codes of the action's result.
 SUCCESSFUL = 0
 INVALID_GOAL = -1
 INVALID_JOINTS = -2
@@ -25,39 +25,38 @@ OLD_HEADER_TIMESTAMP = -3
 PATH_TOLERANCE_VIOLATED = -4
 GOAL_TOLERANCE_VIOLATED = -5
 
-#: Where a goal does not say it: how far a joint may be off on the way and at the end (rad or m), how fast it may still
-#: be there (per second), and how long after its time it may arrive (s).
+#: Default tolerances: path and goal (rad or m), velocity at the goal (per second), delay of the arrival (s).
 _PATH, _GOAL, _AT_REST, _GOAL_TIME = 0.1, 0.01, 0.05, 2.0
-#: How long braking takes when it is cancelled (s).
+#: Braking time of a cancelled motion (s).
 _BRAKING = 0.25
-#: When it has run into something it goes back until that presses no more than this (N), at most so far in time (s).
-_PRESSED, _GOES_BACK = 5.0, 1.0
+#: After a collision the arm retreats until the contact force is below this (N), for at most this time (s).
+_PRESSED, _MAX_RETREAT = 5.0, 1.0
 
 
 class JointState(NamedTuple):
-    """Of all joints: positions (rad or m) and velocities, in the order of the arm."""
+    """Positions (rad or m) and velocities of all joints, in the order of the arm."""
 
     positions: Array
     velocities: Array
 
 
 class JointMotion:
-    """A motion along a trajectory. One that is to begin later waits for its time; of one that began in the past, the
-    points that are still to come are driven to."""
+    """A motion along a trajectory. A trajectory with a later start waits; of one that started in the past, the
+    remaining points are executed."""
 
     def __init__(self, controller: ArmController, goal: JointGoal) -> None:
         self.outcome: Outcome | None = None
         self._controller = controller
         self._arm = controller.arm
         self._goal = _with_full_names(goal, self._arm.name)
-        self._speed = 1.0  # at which time goes on along the path; less while it brakes
+        self._speed = 1.0  # rate of time along the path; less while braking
         self._brakes = False
-        self._ending: Outcome | None = None  # what comes out when it has gone back
-        self._back = 0.0  # s that it has gone back
-        self._touched: dict[str, float] = {}
+        self._final_outcome: Outcome | None = None  # outcome after the retreat
+        self._retreat_time = 0.0  # s
+        self._initial_contacts: dict[str, float] = {}
         self._part = f"{controller.robot.name}/{self._arm.name}/"
         self._actual = self._state()
-        #: Where it is on its path (s); before it begins: below 0.
+        #: Time on the path (s); negative before the start.
         self._time = min(0.0, controller.world.time - goal.start) if _is_finite(goal.start) else 0.0
         self._path: JointPath | None = None
         try:
@@ -69,34 +68,35 @@ class JointMotion:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints in the order of the feedback, without the arm's name."""
+        """The joints in the order of the feedback, without the prefix of the arm."""
         return tuple(joint.name.removeprefix(self._arm.name + "/") for joint in self._arm.joints)
 
     def feedback(self) -> tuple[JointState, JointState, JointState]:
-        """What is wanted, what is, and the difference, as of the last step."""
+        """Returns desired state, actual state and error of the last step."""
         desired = self._desired()
         actual = self._actual
         return desired, actual, JointState(*(w - a for w, a in zip(desired, actual, strict=True)))
 
     def update(self, dt: float) -> None:
-        """Goes on by `dt` seconds."""
+        """Advances by `dt` seconds."""
         if self.outcome is not None or self._path is None:
             return
         self._actual = self._state()
         if self._controller.compliant:
             self._end(State.ABORTED, INVALID_GOAL, f"controller {self._controller.active!r} was switched on meanwhile")
-        elif self._ending is not None:
-            self._go_back(dt)
+        elif self._final_outcome is not None:
+            self._retreat(dt)
         elif self._time >= 0.0 and (reason := self._off_the_path()):
             self._controller.hold()
-            self._ending = Outcome(State.ABORTED, reason + because(self._new_touches()), PATH_TOLERANCE_VIOLATED)
+            text = reason + format_contacts(self._new_contacts())
+            self._final_outcome = Outcome(State.ABORTED, text, PATH_TOLERANCE_VIOLATED)
         elif self._brakes:
             self._brake(dt)
         elif self._time >= self._path.duration:
             self._arrive(dt)
         else:
             if self._time <= 0.0:
-                self._touched = touched(self._controller.world, self._part)
+                self._initial_contacts = contacts_of_part(self._controller.world, self._part)
             self._go_on(dt)
 
     def cancel(self) -> None:
@@ -119,7 +119,7 @@ class JointMotion:
         self._end(State.PREEMPTED, SUCCESSFUL, "cancelled")
 
     def _arrive(self, dt: float) -> None:
-        """Ends when all joints are where the last point wants them, or when the time for that is over."""
+        """Ends when all joints are within the goal tolerances, or the time for that has passed."""
         assert self._path is not None
         self._time += dt
         self._controller.follow(*self._desired())
@@ -128,23 +128,23 @@ class JointMotion:
         if not off:
             self._end(State.SUCCEEDED, SUCCESSFUL, "")
         elif late > (self._goal.goal_time_tolerance or _GOAL_TIME):
-            off += because(self._new_touches())
+            off += format_contacts(self._new_contacts())
             self._end(State.ABORTED, GOAL_TOLERANCE_VIOLATED, f"{late:.2f} s after the trajectory's end: {off}")
 
-    def _go_back(self, dt: float) -> None:
-        """Back the way that it came, until it does not press on what it ran into; then it holds still."""
-        if self._back < _GOES_BACK and self._time > 0.0 and sum(self._new_touches().values()) > _PRESSED:
-            self._back += dt
+    def _retreat(self, dt: float) -> None:
+        """Moves back along the path until the contact force is low, then holds."""
+        if self._retreat_time < _MAX_RETREAT and self._time > 0.0 and sum(self._new_contacts().values()) > _PRESSED:
+            self._retreat_time += dt
             self._time = max(0.0, self._time - dt)
             self._controller.follow(self._desired().positions, np.zeros(len(self._arm.joints)))
         else:
-            self.outcome = self._ending
+            self.outcome = self._final_outcome
 
-    def _new_touches(self) -> dict[str, float]:
-        return new_touches(self._controller.world, self._part, self._touched)
+    def _new_contacts(self) -> dict[str, float]:
+        return new_contacts(self._controller.world, self._part, self._initial_contacts)
 
     def _off_the_path(self) -> str:
-        """Which joint is farther from the path than it may be."""
+        """Returns a description of a violated path tolerance; "" without one."""
         desired = self._desired()
         for i, joint in enumerate(self._arm.joints):
             tolerance = self._goal.path_tolerance.get(joint.name, JointTolerance())
@@ -157,7 +157,7 @@ class JointMotion:
         return ""
 
     def _off_the_goal(self) -> str:
-        """Which joint is not where it is to be at the end."""
+        """Returns a description of a violated goal tolerance; "" without one."""
         desired = self._desired()
         for i, joint in enumerate(self._arm.joints):
             tolerance = self._goal.goal_tolerance.get(joint.name, JointTolerance())
@@ -179,7 +179,11 @@ class JointMotion:
         return JointState(np.array(self._arm.positions()), np.array(self._arm.velocities()))
 
     def _checked(self) -> JointPath | None:
-        """The path of the goal; None when it is refused for its time. Raises WrongValue and UnknownName."""
+        """Returns the path of the goal; None if its time is over.
+
+        :raises WrongValue: a number is invalid.
+        :raises UnknownName: a joint does not exist.
+        """
         controller, goal = self._controller, self._goal
         if controller.compliant:
             raise WrongValue(
@@ -194,7 +198,7 @@ class JointMotion:
             raise WrongValue(f"goal time tolerance {goal.goal_time_tolerance}: expected seconds, 0 or more")
         if goal.start is not None and not math.isfinite(goal.start):
             raise WrongValue(f"start {goal.start} is no time")
-        # all of it is looked at, also what is over by now
+        # the whole trajectory is checked, including points in the past
         path = JointPath(goal, self._arm.joints, *self._actual)
         over = controller.world.time - goal.start if goal.start is not None else 0.0
         if over > 0.0:
@@ -216,7 +220,7 @@ class JointMotion:
 
 
 def _with_full_names(goal: JointGoal, arm: str) -> JointGoal:
-    """A goal with its joints named as the model does, `ARM/joint`; drivers of one arm leave the arm out."""
+    """Adds the prefix `ARM/` to the joint names of a goal, as in the model; drivers of one arm omit it."""
 
     def full(name: str) -> str:
         return name if name.startswith(arm + "/") else f"{arm}/{name}"
@@ -230,7 +234,7 @@ def _with_full_names(goal: JointGoal, arm: str) -> JointGoal:
 
 
 def _limit(given: float, default: float) -> float:
-    """A tolerance as control_msgs means it: 0 is the default, below 0 is none."""
+    """Resolves a tolerance of control_msgs: 0 is the default, negative is unlimited."""
     return math.inf if given < 0.0 else given or default
 
 

@@ -1,7 +1,7 @@
-"""The way of joints through the points of a trajectory: checked against what the joints can do, then looked up by time.
+"""The path of joints through the points of a trajectory: checked against the joint limits, then evaluated by time.
 
-Between two points runs a quintic polynomial where both give accelerations, else a cubic one. Points without velocities
-get the mean of the slopes on both sides, 0 where the joint turns round and at the ends, so that no joint overshoots.
+Segments are quintic polynomials if both points have accelerations, otherwise cubic. Points without velocities get the
+mean of the slopes on both sides, and 0 at extrema and at the ends, so that no joint overshoots.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from skiros2_sim.core.joint import Joint
 
 Array = npt.NDArray[np.float64]
 
-#: How far a limit may be overstepped before it counts (rad, m, or per second): what rounding leaves.
+#: Tolerance of limits for rounding errors (rad, m, or per second).
 _ROUNDING = 1e-3
-#: Where between two points positions and velocities are held against the limits (parts of the time between them).
+#: Fractions of a segment at which positions and velocities are checked.
 _SAMPLES = np.linspace(0.0, 1.0, 17)
 
 
 @dataclass(frozen=True)
 class JointPoint:
-    """Where the joints are to be, `time` seconds after the trajectory's start. All but positions may be empty."""
+    """Target of the joints at `time` seconds after the start of the trajectory. All but positions may be empty."""
 
     time: float
     positions: tuple[float, ...]
@@ -36,7 +36,7 @@ class JointPoint:
 
 @dataclass(frozen=True)
 class JointTolerance:
-    """How far a joint may be off. As in control_msgs: 0 is the driver's own, below 0 is without limit."""
+    """Tolerance of a joint, as in control_msgs: 0 is the driver's default, negative is unlimited."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -45,7 +45,7 @@ class JointTolerance:
 
 @dataclass(frozen=True)
 class JointGoal:
-    """What control_msgs/FollowJointTrajectory asks for. `start`: the world's time (s) at which it begins; None: now."""
+    """A goal of control_msgs/FollowJointTrajectory. `start`: simulated time (s) of its start; None for now."""
 
     joints: tuple[str, ...]
     points: tuple[JointPoint, ...]
@@ -56,7 +56,10 @@ class JointGoal:
 
 
 def order_of(goal: JointGoal, limits: Sequence[Joint]) -> list[int]:
-    """For each joint of the arm where the goal has it. Raises UnknownName unless the goal names each just once."""
+    """Returns the index in the goal of each joint of the arm.
+
+    :raises UnknownName: the goal does not name each joint exactly once.
+    """
     own = [joint.name for joint in limits]
     unknown = sorted(set(goal.joints).difference(own))
     if unknown:
@@ -75,11 +78,11 @@ def order_of(goal: JointGoal, limits: Sequence[Joint]) -> list[int]:
 
 
 class JointPath:
-    """A checked trajectory. What cannot be is told with joint, point and number.
+    """A checked trajectory. Errors name joint, point and value.
 
-    :param positions: the arm's now, and `velocities`, from which it goes to the first point.
-    :raises UnknownName: the joints are not the arm's.
-    :raises WrongValue: anything else is wrong.
+    :param positions: current positions of the arm; with `velocities`, the start of the first segment.
+    :raises UnknownName: the joints are not those of the arm.
+    :raises WrongValue: any other error.
     """
 
     def __init__(self, goal: JointGoal, limits: Sequence[Joint], positions: Array, velocities: Array) -> None:
@@ -87,7 +90,7 @@ class JointPath:
         self._limits = limits
         self._lower = np.array([joint.lower for joint in limits])
         self._upper = np.array([joint.upper for joint in limits])
-        # a model that says 0 has no such limit
+        # 0 in a model means no limit
         self._fastest = np.array([joint.velocity or np.inf for joint in limits])
         self._strongest = np.array([joint.effort or np.inf for joint in limits])
         times = _times(goal)
@@ -97,7 +100,7 @@ class JointPath:
             rows.insert(0, (positions, velocities, None))
             self._first = 0
         else:
-            self._first = 1  # of the point that the first polynomial ends in, counted as the goal does
+            self._first = 1  # index in the goal of the end of the first segment
         self._times = np.array(times)
         self._q = np.array([row[0] for row in rows])
         self._qd = self._velocities([row[1] for row in rows])
@@ -107,30 +110,30 @@ class JointPath:
 
     @property
     def duration(self) -> float:
-        """Seconds from its start to its last point."""
+        """Time from the start to the last point (s)."""
         return float(self._times[-1])
 
     @property
     def start(self) -> Array:
-        """The positions at its start."""
+        """Positions at the start."""
         start: Array = self._q[0]
         return start
 
     @property
     def end(self) -> Array:
-        """The positions of its last point."""
+        """Positions of the last point."""
         end: Array = self._q[-1]
         return end
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Positions and velocities `time` seconds after its start; at rest before and after it."""
+        """Positions and velocities at `time` seconds after the start; at rest before and after."""
         if time <= 0.0 or time >= self.duration:
             return self._q[0 if time <= 0.0 else -1], np.zeros(len(self._limits))
         i = int(np.searchsorted(self._times, time, side="right")) - 1
         return _evaluated(self._polynomials[i], time - float(self._times[i]))
 
     def _row(self, point: JointPoint, i: int, order: Sequence[int]) -> tuple[Array, Array | None, Array | None]:
-        """Positions, velocities and accelerations of a point in the arm's order, finite and within the limits."""
+        """Returns positions, velocities and accelerations of a point in the arm's order; checks limits."""
         values: list[Array | None] = []
         for kind in ("positions", "velocities", "accelerations", "efforts"):
             given: tuple[float, ...] = getattr(point, kind)
@@ -165,7 +168,7 @@ class JointPath:
         return positions, velocities, accelerations
 
     def _velocities(self, given: Sequence[Array | None]) -> Array:
-        """The velocities at all points, those that are not given made up from the slopes."""
+        """Returns the velocities at all points; missing ones are derived from the slopes."""
         slopes = np.diff(self._q, axis=0) / np.diff(self._times)[:, None]
         result = np.zeros_like(self._q)
         for i, velocities in enumerate(given):
@@ -180,7 +183,7 @@ class JointPath:
         return result
 
     def _polynomial(self, i: int) -> Array:
-        """The six coefficients (rows, constant first) for each joint between point i and the next one."""
+        """Returns the six coefficients (rows, constant first) of each joint for segment i."""
         t = float(self._times[i + 1] - self._times[i])
         q0, q1, v0, v1 = self._q[i], self._q[i + 1], self._qd[i], self._qd[i + 1]
         a0, a1 = self._qdd[i], self._qdd[i + 1]
@@ -209,14 +212,17 @@ class JointPath:
         )
 
     def _check_between(self) -> None:
-        """Raises WrongValue where a joint leaves its limits between two points."""
-        # one that stands beyond a limit may come back from there
+        """Checks the limits within all segments.
+
+        :raises WrongValue: a joint exceeds a limit.
+        """
+        # a joint that starts beyond a limit may return from there
         lower, upper = np.minimum(self._lower, self._q[0]), np.maximum(self._upper, self._q[0])
         for i, polynomial in enumerate(self._polynomials):
             t = float(self._times[i + 1] - self._times[i])
             q, qd = _evaluated(polynomial[:, None, :], (_SAMPLES * t)[:, None])
             fastest, lowest, highest = np.max(np.abs(qd), axis=0), np.min(q, axis=0), np.max(q, axis=0)
-            end = i + self._first  # counted as the goal does
+            end = i + self._first  # index in the goal
             where = f"between points {end - 1} and {end}" if end else "to point 0"
             for k in _where(~(fastest <= self._fastest + _ROUNDING)):
                 raise WrongValue(
@@ -231,12 +237,15 @@ class JointPath:
 
 
 def _where(wrong: npt.NDArray[np.bool_]) -> list[int]:
-    """The numbers of the joints of which it is true."""
+    """Returns the indices of true values."""
     return [int(k) for k in np.flatnonzero(wrong)]
 
 
 def _times(goal: JointGoal) -> list[float]:
-    """The times of the goal's points. Raises WrongValue unless there are some, and they are finite and increase."""
+    """Returns the times of the goal's points.
+
+    :raises WrongValue: there are none, or they are not finite and increasing.
+    """
     if not goal.points:
         raise WrongValue("the trajectory has no points")
     times = [point.time for point in goal.points]
@@ -249,7 +258,7 @@ def _times(goal: JointGoal) -> list[float]:
 
 
 def _evaluated(c: Array, t: Array | float) -> tuple[Array, Array]:
-    """Value and derivative of polynomials of degree 5, constant first."""
+    """Evaluates polynomials of degree 5, constant first, and their derivatives."""
     q = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))))
     qd = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4] + t * 5 * c[5])))
     return q, qd

@@ -1,4 +1,4 @@
-"""Where models are, and whether they can be loaded: PyBullet may end the process on a file that is broken."""
+"""Finds and checks model files: PyBullet may end the process on an invalid file."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ import pybullet_data
 
 from skiros2_common.core.errors import ConfigurationError
 
-#: Files of shapes that are looked into before PyBullet reads them.
+#: Types of meshes that are checked before PyBullet reads them.
 MESHES = (".obj", ".stl")
 
-_MOST_BYTES = 200_000_000
-_FARTHEST = 1e5  # m, of a corner
+_MAX_BYTES = 200_000_000
+_MAX_DISTANCE = 1e5  # m, of a corner
 _PACKAGE = "package://"
 
 
 def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
-    """The file that `skiros:CadModel` names.
+    """Returns the file that `skiros:CadModel` names.
 
-    :param name: relative to one of the folders or to PyBullet's own data, absolute, or `package://PACKAGE/...`.
-    :raises ConfigurationError: there is none; the text tells where it was looked for.
+    :param name: relative to a folder or to PyBullet's data, absolute, or `package://PACKAGE/...`.
+    :raises ConfigurationError: there is no such file; the text lists the searched locations.
     """
     if "\0" in name or not name.strip():
         raise ConfigurationError(f"{name!r} cannot be the name of a model")
@@ -44,14 +44,14 @@ def find_model(name: str, folders: Sequence[str | Path] = ()) -> Path:
 
 
 def mesh_of(urdf: Path, name: str) -> Path:
-    """The file of a mesh that a URDF names, checked.
+    """Returns the file of a mesh that a URDF names.
 
-    :raises ConfigurationError: it is not there, or PyBullet could not read it.
+    :raises ConfigurationError: it does not exist, or is invalid.
     """
     plain = name.removeprefix("file://")
     places: Iterable[Path] = [urdf.parent / plain]
     if name.startswith(_PACKAGE):
-        # PyBullet's data write package://meshes/... for files beside the URDF.
+        # PyBullet's data use package://meshes/... for files beside the URDF.
         package, _, rest = name.removeprefix(_PACKAGE).partition("/")
         places = [*(folder / rest for folder in _package_folders(package)), urdf.parent / package / rest]
     for place in places:
@@ -62,9 +62,9 @@ def mesh_of(urdf: Path, name: str) -> Path:
 
 
 def check_mesh(path: Path) -> None:
-    """Looks whether a mesh is one.
+    """Checks a mesh.
 
-    :raises ConfigurationError: it is not; the text names file and reason.
+    :raises ConfigurationError: it is invalid; the text names file and reason.
     """
     stat = path.stat()
     reason = _fault_of_mesh(str(path), stat.st_mtime_ns, stat.st_size)
@@ -84,8 +84,8 @@ def _fault_of_mesh(name: str, changed: int, size: int) -> str:
         return ""
     if kind not in MESHES:
         return f"expected one of {', '.join(MESHES)}, .dae"
-    if size > _MOST_BYTES:
-        return f"has {size} bytes; expected at most {_MOST_BYTES}"
+    if size > _MAX_BYTES:
+        return f"has {size} bytes; expected at most {_MAX_BYTES}"
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -102,7 +102,7 @@ def _fault_of_obj(content: bytes) -> str:
             continue
         if words[0] == b"v":
             if not _are_near(words[1:4]):
-                return f"line {number}: expected a vertex of three numbers under {_FARTHEST:.0f}"
+                return f"line {number}: expected a vertex of three numbers under {_MAX_DISTANCE:.0f}"
             vertices += 1
         elif words[0] == b"f":
             faces.append(words[1:])
@@ -117,7 +117,7 @@ def _fault_of_obj(content: bytes) -> str:
 
 
 def _from_start(index: int, count: int) -> int:
-    """Negative indices of OBJ count from the last vertex back."""
+    """Converts an OBJ index; negative indices count from the last vertex."""
     return index if index > 0 else count + 1 + index
 
 
@@ -128,26 +128,26 @@ def _fault_of_stl(content: bytes) -> str:
             if not triangles:
                 return "has no triangle"
             for at in range(84, len(content), 50):
-                if not all(abs(x) < _FARTHEST for x in struct.unpack_from("<12f", content, at)[3:]):
-                    return f"triangle {(at - 84) // 50}: expected numbers under {_FARTHEST:.0f}"
+                if not all(abs(x) < _MAX_DISTANCE for x in struct.unpack_from("<12f", content, at)[3:]):
+                    return f"triangle {(at - 84) // 50}: expected numbers under {_MAX_DISTANCE:.0f}"
             return ""
     corners = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
     if not content.lstrip().startswith(b"solid") or not corners:
         return "is neither a binary STL of the length that it gives nor one in text"
     if len(corners) % 3 or not all(_are_near(corner) for corner in corners):
-        return f"expected triangles of numbers under {_FARTHEST:.0f}"
+        return f"expected triangles of numbers under {_MAX_DISTANCE:.0f}"
     return ""
 
 
 def _are_near(words: Sequence[bytes]) -> bool:
     try:
-        return len(words) == 3 and all(abs(float(word)) < _FARTHEST for word in words)
+        return len(words) == 3 and all(abs(float(word)) < _MAX_DISTANCE for word in words)
     except ValueError:
         return False
 
 
 def _package_folders(package: str) -> list[Path]:
-    """The folders of a ROS package: what the environment names, then what is beside this one."""
+    """Returns the folders of a ROS package: from the environment, then beside this package."""
     if not re.fullmatch(r"\w[\w-]*", package):
         return []
     found = []

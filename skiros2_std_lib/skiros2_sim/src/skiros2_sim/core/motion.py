@@ -1,27 +1,28 @@
-"""What all motions of simulated robots have in common.
+"""The interface of all motions of simulated robots.
 
-A motion is a state machine beside the physics: whoever steps the world calls `update` before each step, until there is
-an `outcome`. A goal that cannot be is no error here: its motion has its outcome at once and nothing moves. All run in
-the thread that steps the world.
+A motion is a state machine: the owner of the world calls `update` before each step, until the motion has an `outcome`.
+An invalid goal is not an exception: the motion has the outcome `REJECTED` immediately. All calls are made by the
+stepping thread.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 
 class State(IntEnum):
-    """How a motion ended, numbered as in actionlib_msgs/GoalStatus."""
+    """Final state of a motion, numbered as in actionlib_msgs/GoalStatus."""
 
     PREEMPTED = 2
     SUCCEEDED = 3
     ABORTED = 4
-    REJECTED = 5  # its goal cannot be: nothing has moved
+    REJECTED = 5  # invalid goal: nothing has moved
 
 
 class Outcome(NamedTuple):
-    """How a motion ended: the reason in words, and the error code of its action's result, where that has one."""
+    """Result of a motion: state, reason, and error code of the action's result, if it has one."""
 
     state: State
     text: str = ""
@@ -29,7 +30,7 @@ class Outcome(NamedTuple):
 
 
 class Motion(Protocol):
-    """Something that moves a part of a robot to an end."""
+    """Moves a part of a robot."""
 
     @property
     def outcome(self) -> Outcome | None:
@@ -37,9 +38,56 @@ class Motion(Protocol):
         ...
 
     def update(self, dt: float) -> None:
-        """Called before each step of the world, `dt` (s) being its length."""
+        """Called before each step of the world, of `dt` seconds."""
         ...
 
     def cancel(self) -> None:
-        """Brakes; the outcome follows in one of the next updates."""
+        """Brakes; the outcome follows in a later update."""
         ...
+
+
+class Steppable(Protocol):
+    """Something that is updated before each step, until it has an outcome."""
+
+    @property
+    def outcome(self) -> object | None:
+        """The result; None while it is active."""
+        ...
+
+    def update(self, dt: float) -> None:
+        """Called before each step, of `dt` seconds."""
+        ...
+
+
+class MotionList:
+    """The active motions, in the order of addition."""
+
+    def __init__(self) -> None:
+        self._active: list[Steppable] = []
+
+    def __iter__(self) -> Iterator[Steppable]:
+        return iter(tuple(self._active))
+
+    def __len__(self) -> int:
+        return len(self._active)
+
+    def add(self, motion: Steppable) -> None:
+        """Updates a motion from the next step on, until it has an outcome."""
+        if motion not in self._active:
+            self._active.append(motion)
+
+    def remove(self, motion: Steppable) -> None:
+        """Removes a motion, if it is active."""
+        if motion in self._active:
+            self._active.remove(motion)
+
+    def update(self, dt: float) -> None:
+        """Updates all motions. Removes those that have an outcome or raise an exception; the exception propagates."""
+        for motion in self:
+            active = False
+            try:
+                motion.update(dt)
+                active = motion.outcome is None
+            finally:
+                if not active:
+                    self.remove(motion)

@@ -1,6 +1,6 @@
-"""The names of robots, their parts, and the topics and actions of their drivers.
+"""The names of robots and their parts, and of the topics, actions and services of their drivers.
 
-An element may give a name of its own, with the property that the vocabulary has for it; else it is made by a rule.
+A property of the element gives the name; otherwise a rule derives it.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from skiros2_common.core.world_element import Element
 
 
 class Address(NamedTuple):
-    """Where something of a robot is reached.
+    """The name of a driver's interface.
 
-    :param key: the property of the element that tells it.
-    :param rule: what it is without, of the robot's and the part's names.
+    :param key: the property of the element that contains the name.
+    :param rule: the default; a format string with `robot` and `part`.
     """
 
     key: str
     rule: str
 
     def of(self, element: Element, robot: str, part: str = "") -> str:
-        """The name for an element.
+        """Returns the name for an element.
 
         :param robot: name of the robot.
-        :param part: name of the part that the element is; "" for the robot itself.
+        :param part: name of the part; "" for the robot itself.
         """
         return str(element.value_of(self.key) or "") or self.rule.format(robot=robot, part=part)
 
@@ -36,39 +36,39 @@ MOVE = Address("skiros:NavigationExe", "/{robot}/move_base")
 TRAJECTORY = Address("skiros:MotionExe", "/{robot}/{part}/follow_joint_trajectory")
 #: Of an arm: the action `skiros2_sim_msgs/CartesianMotion`.
 CARTESIAN = Address("skiros:CartesianGoalAction", "/{robot}/{part}/cartesian_motion")
-#: Of an arm: the topic of what its tool feels.
+#: Of an arm: the topic of the wrench at its tool.
 WRENCH = Address("skiros:CartesianWrenchTopic", "/{robot}/{part}/wrench")
 #: Of an arm: the topic that sets its stiffness.
 STIFFNESS = Address("skiros:CartesianStiffnessTopic", "/{robot}/{part}/stiffness")
 #: Of an arm: its controllers, as the service that switches them knows them.
 POSITION_CONTROLLER = Address("skiros:JointConfigurationController", "position")
 COMPLIANT_CONTROLLER = Address("skiros:CompliantController", "compliant")
-#: Of a robot: the service that switches them.
+#: Of a robot: the service that switches controllers.
 SWITCH_CONTROLLER = "/{robot}/controller_manager/switch_controller"
 #: Of a gripper: the action `control_msgs/GripperCommand`.
 GRIPPER = Address("skiros:DriverAddress", "/{robot}/{part}/gripper_action")
-#: Of a camera: the topics of its pictures.
+#: Of a camera: the topics of its images.
 COLOUR = Address("skiros:RgbTopic", "/{robot}/{part}/color/image_raw")
 DEPTH = Address("skiros:DepthTopic", "/{robot}/{part}/depth/image_raw")
 
 
 def is_legal(name: str) -> bool:
-    """Whether ROS takes that as the name of a topic, an action or a service."""
+    """Whether a text is a valid ROS graph name."""
     return re.fullmatch(r"[~/]?[A-Za-z]\w*(/\w+)*", name, re.ASCII) is not None
 
 
 def robot_name(element: Element) -> str:
-    """The name of a robot: its label without the prefix of the ontology."""
+    """Returns the name of a robot: its label without the prefix of the ontology."""
     return _plain(element.label.rpartition(":")[2]) or _by_number("robot", element)
 
 
 def part_name(element: Element) -> str:
-    """The name of a part of a robot: its label in lower snake case."""
+    """Returns the name of a part of a robot: its label in lower snake case."""
     return _plain(element.label.rpartition(":")[2].lower()) or _by_number("part", element)
 
 
 def _plain(text: str) -> str:
-    """What may be the part of a ROS name: letters, digits and underscores, a letter first."""
+    """Removes what a ROS name may not contain: keeps letters, digits and underscores, with a letter first."""
     return re.sub(r"^[\d_]+|_+$", "", re.sub(r"[^A-Za-z0-9]+", "_", text))
 
 

@@ -1,4 +1,4 @@
-"""Forces that push bodies for some time."""
+"""External forces on bodies for a limited time."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ class _Push:
 
 
 class Pushes:
-    """The pushes that go on."""
+    """The active pushes."""
 
     def __init__(self, bullet: Bullet) -> None:
         self._bullet = bullet
-        self._going: list[_Push] = []
+        self._active: list[_Push] = []
 
     def add(self, body: int, link: int, force: Vector, torque: Vector, steps: int) -> None:
-        """Pushes at the middle of a link for so many steps, with a force (N) and a torque (Nm) in the map."""
-        self._going.append(_Push(body, link, force, torque, steps))
+        """Applies a force (N) and a torque (Nm), in the map, at the centre of a link for a number of steps."""
+        self._active.append(_Push(body, link, force, torque, steps))
 
-    def forget(self, body: int) -> None:
-        """Pushes a body no longer."""
-        self._going = [push for push in self._going if push.body != body]
+    def remove(self, body: int) -> None:
+        """Removes all pushes of a body."""
+        self._active = [push for push in self._active if push.body != body]
 
     def update(self) -> None:
-        """Pushes in the next step."""
+        """Applies the forces for the next step."""
         bullet = self._bullet
-        for push in self._going:
+        for push in self._active:
             if push.link < 0:
                 at = bullet.getBasePositionAndOrientation(push.body)[0]
             else:
@@ -43,4 +43,4 @@ class Pushes:
             bullet.applyExternalForce(push.body, push.link, push.force, at, bullet.WORLD_FRAME)
             bullet.applyExternalTorque(push.body, push.link, push.torque, bullet.WORLD_FRAME)
             push.steps -= 1
-        self._going = [push for push in self._going if push.steps > 0]
+        self._active = [push for push in self._active if push.steps > 0]

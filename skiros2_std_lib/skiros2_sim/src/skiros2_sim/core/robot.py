@@ -1,4 +1,4 @@
-"""A robot in the simulated world: one multibody with the motors of its base, and arms on it."""
+"""A robot in the simulated world: one multibody with base drives and arms."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pathlib import Path
 from skiros2_common.core.errors import ConfigurationError, Refused, WrongValue
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.composing import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.joint import Joint, finite
+from skiros2_sim.core.robot_model import BASE_LINK, DRIVES, TILT, ArmModel, RobotModel, upright
 from skiros2_sim.core.scene_spec import RobotSpec
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between
 
-#: The base pushes with at most this much force (N), and torque (Nm): a person stops it.
+#: Maximum force (N) and torque (Nm) of the base drives: a person can stop the base.
 _DRIVE_FORCE = 600.0
 _DRIVE_TORQUE = 300.0
 
 
 @dataclass
 class _Drive:
-    """The velocity that the base is to have, in its own frame."""
+    """Target velocity of the base, in its own frame."""
 
     x: float = 0.0
     y: float = 0.0
@@ -35,7 +35,7 @@ class Robot:
     """A robot.
 
     :param model: its merged model.
-    :raises ConfigurationError: PyBullet does not load it.
+    :raises ConfigurationError: PyBullet does not load the model.
     """
 
     def __init__(self, bullet: Bullet, spec: RobotSpec, model: RobotModel) -> None:
@@ -45,9 +45,9 @@ class Robot:
         self.mobile = model.mobile
         self._bullet = bullet
         self.body = _load(bullet, spec, model)
-        #: Index by name of link; the first one of the model is -1.
+        #: Index of each link by name; -1 for the first link.
         self.links: dict[str, int] = {bullet.getBodyInfo(self.body)[0].decode(): -1}
-        #: The joints that move, by name, without those that drive the base.
+        #: The moving joints by name, without the base drives.
         self.joints: dict[str, Joint] = {}
         self._drives: list[int] = []
         names: dict[str, Joint] = {}
@@ -65,30 +65,30 @@ class Robot:
         self.arms = {arm.spec.id: Arm(bullet, self.body, arm, names, self.links, dofs) for arm in model.arms}
         self.base_links = [self.links[name] for name in model.base_links]
         for index in range(-1, len(names)):
-            # The damping of the engine is not in what inverse dynamics computes; that of joints makes light links
-            # tremble, as it is that of the step before.
+            # The engine's damping is missing in its inverse dynamics; joint damping uses the velocity of the previous
+            # step, so light links would oscillate.
             bullet.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0)
         self._let_neighbours_touch(model.arms)
         if self.mobile:
             self._start_drives()
-        #: Two corners of the box around the base, in the frame of `base_link` (m).
+        #: Minimum and maximum corner of the bounding box of the base, in the frame of `base_link` (m).
         self.base_box = self._measured_base()
         low, high = self.base_box
-        #: m, of a circle about `base_link` that holds the base.
+        #: Radius of the circle around `base_link` that contains the base (m).
         self.radius = math.hypot(max(-low[0], high[0]), max(-low[1], high[1]))
 
     # -- pose -------------------------------------------------------------------------------------------------
 
     def pose(self) -> Pose:
-        """Of `base_link`, in the map."""
+        """Pose of `base_link` in the map."""
         return self.link_pose(BASE_LINK)
 
     def link_name(self, index: int) -> str:
-        """The name of a link."""
+        """Returns the name of a link."""
         return self._link_names[index]
 
     def link_pose(self, name: str) -> Pose:
-        """Of the frame of a link, in the map."""
+        """Returns the pose of a link frame in the map."""
         index = self.links[name]
         if index < 0:
             return root_pose(self._bullet, self.body)
@@ -96,7 +96,7 @@ class Robot:
         return Pose(state[4], state[5])
 
     def link_poses(self) -> dict[str, Pose]:
-        """Of the frames of all links from `base_link` on, in the map."""
+        """Returns the poses of all link frames from `base_link` on, in the map."""
         found = {BASE_LINK: self.pose()}
         indices = [index for index in self.links.values() if index >= 0]
         states = self._bullet.getLinkStates(self.body, indices, computeForwardKinematics=1) if indices else ()
@@ -108,12 +108,12 @@ class Robot:
         return found
 
     def joint_positions(self) -> list[float]:
-        """Of `joints`, in their order (rad, m)."""
+        """Returns the positions of `joints`, in their order (rad, m)."""
         indices = [joint.index for joint in self.joints.values()]
         return [state[0] for state in self._bullet.getJointStates(self.body, indices)] if indices else []
 
     def velocity(self) -> tuple[float, float, float]:
-        """Of the base in its own frame: forward, to the left (m/s), turn to the left (rad/s)."""
+        """Returns the velocity of the base in its own frame: forward, left (m/s), yaw rate (rad/s)."""
         if not self.mobile:
             return 0.0, 0.0, 0.0
         (_, vx, *_), (_, vy, *_), (yaw, turn, *_) = self._bullet.getJointStates(self.body, self._drives)
@@ -121,9 +121,9 @@ class Robot:
         return c * vx + s * vy, -s * vx + c * vy, turn
 
     def place(self, pose: Pose) -> None:
-        """Puts the robot elsewhere, at rest; a mobile one stays upright, and its arms stay as they are.
+        """Moves the robot to a pose, at rest. The arms keep their joint positions.
 
-        :raises WrongValue: a mobile robot is to be tilted.
+        :raises WrongValue: the pose tilts a mobile robot.
         """
         if self.mobile:
             if angle_between(pose.orientation, upright(pose).orientation) > TILT:
@@ -137,17 +137,17 @@ class Robot:
     # -- driving ----------------------------------------------------------------------------------------------
 
     def set_base_velocity(self, vx: float, vy: float = 0.0, wz: float = 0.0) -> None:
-        """How the base is to go on: forward, to the left (m/s), turn to the left (rad/s), in its own frame.
+        """Sets the target velocity of the base in its own frame: forward, left (m/s), yaw rate (rad/s).
 
         :raises Refused: the robot is fixed in the map.
-        :raises WrongValue: one is no finite number.
+        :raises WrongValue: a number is not finite.
         """
         if not self.mobile:
             raise Refused(f"{self.id} has no base that drives")
         self._drive = _Drive(*finite((vx, vy, wz), 3, f"{self.id}: velocities of the base"))
 
     def before_step(self) -> None:
-        """Gives the motors of the base their velocities in the map; the world calls it before each step."""
+        """Sets the drive velocities in the map. Called by the world before each step."""
         if not self.mobile:
             return
         drive = self._drive
@@ -162,10 +162,10 @@ class Robot:
         )
 
     def _let_neighbours_touch(self, arms: Iterable[ArmModel]) -> None:
-        """Links that are fixed to one another overlap, such as an arm's mount and the base; so may the next link of
-        an arm, and the two fingers of a gripper, which stop by their limits. They do not collide."""
+        """Disables collisions between links that overlap by design: fixed neighbours such as an arm's mount and the
+        base, the next link of an arm, and the fingers of a gripper, which their limits stop."""
         fixed_to: dict[int, int] = {-1: -1}
-        for index in range(len(self._link_names) - 1):  # a link comes after the one that it hangs on
+        for index in range(len(self._link_names) - 1):  # parents have smaller indices
             info = self._bullet.getJointInfo(self.body, index)
             fixed_to[index] = index if Joint.of(info).moves else fixed_to[info[16]]
         groups: dict[int, set[int]] = {}
@@ -184,7 +184,7 @@ class Robot:
         self.before_step()
 
     def _measured_base(self) -> tuple[Vector, Vector]:
-        """Two corners of the box that holds the base's shapes; the robot is turned straight for it, and put back."""
+        """Returns the corners of the bounding box of the base's shapes. Moves the robot to the origin meanwhile."""
         pose = root_pose(self._bullet, self.body)
         place_root(self._bullet, self.body, IDENTITY)
         inner = self.pose().position
@@ -200,7 +200,7 @@ class Robot:
 
 
 def root_pose(bullet: Bullet, body: int) -> Pose:
-    """The pose of the root frame of a body's model; PyBullet gives that of its centre of mass."""
+    """Returns the pose of the root frame of a body; PyBullet returns that of its centre of mass."""
     position, orientation = bullet.getBasePositionAndOrientation(body)
     inner = bullet.getDynamicsInfo(body, -1)
     back = bullet.invertTransform(inner[3], inner[4])
@@ -208,18 +208,18 @@ def root_pose(bullet: Bullet, body: int) -> Pose:
 
 
 def place_root(bullet: Bullet, body: int, pose: Pose) -> None:
-    """Puts the root frame of a body's model there, at rest."""
+    """Moves the root frame of a body to a pose, at rest."""
     inner = bullet.getDynamicsInfo(body, -1)
     bullet.resetBasePositionAndOrientation(body, *bullet.multiplyTransforms(*pose, inner[3], inner[4]))
     bullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def load_urdf(bullet: Bullet, text: str, pose: Pose, fixed: bool) -> int:
-    """Loads a URDF; returns the number of the body.
+    """Loads a URDF. Returns the body id.
 
     :raises ConfigurationError: PyBullet does not load it.
     """
-    # The links of one chain do not collide with each other, an arm does with the base and with another arm.
+    # Links of one chain do not collide with each other; an arm collides with the base and with other arms.
     collisions = bullet.URDF_USE_SELF_COLLISION | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
     with tempfile.TemporaryDirectory(prefix="skiros2_sim_") as folder:
         file = Path(folder, "model.urdf")

@@ -1,4 +1,4 @@
-"""Reads what is to be simulated from the elements of a scene."""
+"""Reads the specification of a simulated world from the elements of a scene."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ ARM = "rparts:ArmDevice"
 GRIPPER = "rparts:GripperEffector"
 CAMERA = "skiros:DepthCamera"
 MOVABLE = "skiros:Manipulatable"
-#: What is no thing, whatever its size.
+#: Classes without a shape, even with a size.
 _SHAPELESS = ("skiros:TransformationPose", "skiros:Scene")
 
 _MODEL = "skiros:CadModel"
 _MASS = "skiros:Weight"
 
-_LARGEST = 100.0  # m, an edge
-_HEAVIEST = 1e5  # kg
+_MAX_SIZE = 100.0  # m, an edge
+_MAX_MASS = 1e5  # kg
 
 
 def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
-    """Reads a scene from the file that the world model loads.
+    """Reads a scene from a scene file of the world model.
 
-    :param file: relative to the workspace, or whole.
-    :param workspace: folder of the user's ontologies and scenes; models are looked for there first.
-    :raises ConfigurationError: the folder or the file is missing, or the world model refuses it.
+    :param file: absolute, or relative to the workspace.
+    :param workspace: folder of the user's ontologies and scenes; searched first for models.
+    :raises ConfigurationError: folder or file is missing, or the world model rejects the file.
     """
     folder = Path(workspace)
     model = WorldModel(source_ontologies(), folder, initial=[("scene", str(file))])
@@ -59,10 +59,10 @@ def load_scene(file: str | Path, workspace: str | Path) -> SceneSpec:
 def read_scene(
     elements: Iterable[Element], is_subclass: Callable[[str, str], bool], folders: Sequence[str | Path] = ()
 ) -> SceneSpec:
-    """What is to be simulated of the elements of a scene. Nothing in them is fatal: see `SceneSpec.problems`.
+    """Reads a scene from its elements. Errors are listed in `SceneSpec.problems`, not raised.
 
-    :param is_subclass: whether a class is another one or under it, as the world model knows it.
-    :param folders: where models are looked for, before PyBullet's own data.
+    :param is_subclass: whether a class is equal to, or a subclass of, another one.
+    :param folders: searched for models before PyBullet's data.
     """
     return _Reader(SceneTree(elements), is_subclass).read((*map(str, folders), pybullet_data.getDataPath()))
 
@@ -122,7 +122,7 @@ class _Reader:
         )
 
     def _loose_camera(self, element: Element, bodies: set[str]) -> CameraSpec:
-        """A camera that is no part of a robot: it hangs on a thing, or in the map."""
+        """Reads a camera that is not part of a robot: mounted on a body, or in the map."""
         name = names.part_name(element)
         parent = self._tree.parent_id(element)
         camera = self._camera(element, parent, "cameras", name)
@@ -170,7 +170,7 @@ class _Reader:
         return BaseSpec(element.id, name, self._model(element), self._pose_on_robot(element), self._size(element))
 
     def _arm(self, element: Element, robot: str, taken: set[str], cameras: list[CameraSpec]) -> list[ArmSpec]:
-        """The arm, if it has a model; the cameras on it go to `cameras`."""
+        """Returns the arm, if it has a model; adds its cameras to `cameras`."""
         model = self._model(element)
         if not model:
             self._add_problem(element, f"the arm is left out: it has no model ({_MODEL})")
@@ -226,7 +226,7 @@ class _Reader:
         return self._unused(names.part_name(element), element, taken)
 
     def _unused(self, name: str, element: Element, taken: set[str]) -> str:
-        """A name that nothing else has; the number of the element is added where it has to be."""
+        """Makes a name unique; appends the number of the element if necessary."""
         if name in taken:
             other, name = name, f"{name}_{max(element.getIdNumber(), 0)}"
             while name in taken:
@@ -238,7 +238,8 @@ class _Reader:
     # -- properties -------------------------------------------------------------------------------------------
 
     def _address(self, address: names.Address, element: Element, robot: str, part: str = "") -> str:
-        """Where something is reached: as the element says, where that can be a name and is not taken."""
+        """Returns the name of a driver's interface: that of the element, if it is valid and unique; else the
+        default."""
         name = address.of(element, robot, part)
         if name in self._addresses or not names.is_legal(name):
             other, name = name, address.rule.format(robot=robot, part=part)
@@ -250,7 +251,7 @@ class _Reader:
         return name
 
     def _pose_on_robot(self, element: Element) -> Pose:
-        """Of a part in the frame of what it is a part of; without one it is there."""
+        """Returns the pose of a part in its parent's frame; default is the identity."""
         return spatial_data.pose_of(element) or IDENTITY
 
     def _model(self, element: Element) -> str:
@@ -260,15 +261,16 @@ class _Reader:
         given = spatial_data.numbers(element, spatial_data.SIZE)
         if all(edge is None for edge in given):
             return None
-        edges = [edge for edge in given if edge is not None and 0 < edge <= _LARGEST]
+        edges = [edge for edge in given if edge is not None and 0 < edge <= _MAX_SIZE]
         if len(edges) != 3:
-            self._add_problem(element, f"its size is not used: expected three edges of up to {_LARGEST} m, got {given}")
+            expected = f"expected three edges of up to {_MAX_SIZE} m"
+            self._add_problem(element, f"its size is not used: {expected}, got {given}")
             return None
         return edges[0], edges[1], edges[2]
 
     def _mass(self, element: Element) -> float | None:
         (mass,) = spatial_data.numbers(element, (_MASS,))
-        if mass is not None and not 0 < mass <= _HEAVIEST:
-            self._add_problem(element, f"its weight is not used: expected up to {_HEAVIEST} kg, got {mass}")
+        if mass is not None and not 0 < mass <= _MAX_MASS:
+            self._add_problem(element, f"its weight is not used: expected up to {_MAX_MASS} kg, got {mass}")
             return None
         return mass if mass is None or math.isfinite(mass) else None

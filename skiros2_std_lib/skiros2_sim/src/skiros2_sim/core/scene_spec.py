@@ -1,6 +1,6 @@
-"""What a simulated world is made of: plain data, read from a scene by `scene_reader`, or written by hand.
+"""The specification of a simulated world: plain data, read from a scene by `scene_reader`, or written by hand.
 
-Lengths are in metres, masses in kilograms, angles in radians. Ids are those of the world model's elements.
+Lengths in metres, masses in kilograms, angles in radians. Ids are those of the world model's elements.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ Colour = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class BodySpec:
-    """A thing of the scene that has a shape.
+    """A body with a shape.
 
-    :param parent: id of the element that it is in, on, or a part of; "" for none.
-    :param pose: of its middle in the map; with a model, of the model's root frame.
-    :param size: of the box that it is without a model, or that its model fills; None: not known.
-    :param model: file of its shape (URDF, OBJ or STL), as `model_files` finds it; "" for a box.
-    :param movable: whether it falls and can be carried; else it is fixed in the map.
-    :param mass: None: that of wood of its size.
-    :param colour: red, green, blue, opacity; None: one that its number gives.
+    :param parent: id of the element that contains it, or that it is a part of; "" without one.
+    :param pose: of its centre in the map; with a model, of the model's root frame.
+    :param size: of the box without a model, or of the bounding box of the model; None if unknown.
+    :param model: file of its shape (URDF, OBJ or STL), resolved by `model_files`; "" for a box.
+    :param movable: whether it falls and can be carried; otherwise it is fixed in the map.
+    :param mass: None for that of wood of its size.
+    :param colour: red, green, blue, opacity; None for a colour by number.
     """
 
     id: str
@@ -40,11 +40,11 @@ class BodySpec:
 
 @dataclass(frozen=True)
 class BaseSpec:
-    """What a robot stands on. With a model it drives; without one the robot is fixed in the map.
+    """The base of a robot. With a model it is mobile; without one the robot is fixed in the map.
 
-    :param name: the first part of the names of its links and joints.
+    :param name: prefix of the names of its links and joints.
     :param pose: of the model's root frame in the robot's frame.
-    :param size: of the box that it is without a model.
+    :param size: of the box without a model.
     """
 
     id: str
@@ -56,9 +56,9 @@ class BaseSpec:
 
 @dataclass(frozen=True)
 class GripperSpec:
-    """A gripper, whose fingers are in the model of the arm, or in one of its own.
+    """A gripper, with fingers in the arm's model or in its own model.
 
-    :param model: "" when it is in the arm's.
+    :param model: "" if the arm's model contains it.
     :param pose: of its model in the frame of the arm's flange.
     :param action: name of its `control_msgs/GripperCommand` action.
     """
@@ -92,11 +92,12 @@ class ArmSpec:
 
 @dataclass(frozen=True)
 class CameraSpec:
-    """A camera with a colour and a depth picture.
+    """A colour and depth camera.
 
-    :param parent: id of what it hangs on: a gripper or an arm (its tool's frame), a robot, a body, or "" for the map.
-    :param pose: of its optical frame (z forward, x right) in the frame of that.
-    :param field_of_view: from the lower to the upper edge.
+    :param parent: id of the element it is mounted on: a gripper or an arm (the tool frame), a robot, a body; "" for the
+        map.
+    :param pose: of its optical frame (z forward, x right) in the parent's frame.
+    :param field_of_view: vertical.
     """
 
     id: str
@@ -112,11 +113,11 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """A robot: a base, arms on it and cameras.
+    """A robot: base, arms and cameras.
 
-    :param name: without the prefix of the ontology; the first part of its topics and frames.
-    :param pose: of its frame `base_link` in the map; that is the root frame of the base's model.
-    :param base: None for a robot that is fixed in the map.
+    :param name: without the prefix of the ontology; prefix of its topics and frames.
+    :param pose: of its frame `base_link` in the map; the root frame of the base's model.
+    :param base: None for a robot fixed in the map.
     :param move_action: name of its `move_base_msgs/MoveBase` action.
     """
 
@@ -132,10 +133,10 @@ class RobotSpec:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something in a scene that could not be simulated as it is written.
+    """A part of a scene that cannot be simulated as described.
 
     :param element: its id.
-    :param file: that it is about; "" for none.
+    :param file: the related file; "" without one.
     """
 
     element: str
@@ -148,11 +149,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class SceneSpec:
-    """A whole scene.
+    """A scene.
 
-    :param cameras: those that hang on no robot.
-    :param models: folders in which models are looked for, in order.
-    :param problems: what was left out, or mended, when the scene was read.
+    :param cameras: cameras that are not part of a robot.
+    :param models: folders to search for models, in order.
+    :param problems: elements that were omitted or corrected.
     """
 
     bodies: tuple[BodySpec, ...] = ()

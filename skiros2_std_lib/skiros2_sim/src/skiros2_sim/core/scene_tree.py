@@ -1,4 +1,4 @@
-"""Which element of a scene hangs on which, and where each is in the map."""
+"""The tree of a scene's elements, and their poses in the map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CARRIES = ("skiros:contain", "skiros:hasA", "skiros:spatiallyRelated")
 
 
 class SceneTree:
-    """The elements of a scene, in order of their numbers."""
+    """The elements of a scene, ordered by number."""
 
     def __init__(self, elements: Iterable[Element]) -> None:
         ordered = sorted(elements, key=lambda e: (e.getIdNumber(), e.id))
@@ -28,29 +28,29 @@ class SceneTree:
                 if relation["state"] and src in self._elements and dst in self._elements:
                     self._hang(dst, src)
         root = self._elements.get(ROOT)
-        #: The tf frame of the scene.
+        #: The tf frame of the map.
         self.map_frame = (spatial_data.text(root, spatial_data.FRAME) if root is not None else "") or _MAP
         self._frames = {spatial_data.text(e, spatial_data.FRAME): e for e in ordered} | self._elements
 
     def of(self, wanted: Callable[[Element], bool]) -> list[Element]:
-        """The elements that are wanted."""
+        """Returns the elements that a function selects."""
         return [element for element in self._elements.values() if wanted(element)]
 
     def parent_id(self, element: Element) -> str:
-        """The id of what an element hangs on; "" for none."""
+        """Returns the id of an element's parent; "" without one."""
         return self._parents.get(element.id, "")
 
     def children(self, element: Element) -> list[Element]:
-        """What hangs on an element."""
+        """Returns the children of an element."""
         return [self._elements[eid] for eid, parent in self._parents.items() if parent == element.id]
 
     def parts(self, element: Element) -> list[Element]:
-        """What is a part of an element, and what is a part of that, and so on."""
+        """Returns the parts of an element, recursively."""
         found = [child for child in self.children(element) if self._is_part(child, element)]
         return found + [part for child in found for part in self.parts(child)]
 
     def pose_in_map(self, element: Element) -> Pose | None:
-        """Where an element is in the map; None when its pose, or one that it depends on, is missing."""
+        """Returns the pose of an element in the map; None if its pose, or that of an ancestor, is missing."""
         pose = IDENTITY
         seen: set[str] = set()
         at: Element | None = element
@@ -64,7 +64,7 @@ class SceneTree:
         return pose
 
     def why_no_pose(self, element: Element) -> str:
-        """Why `pose_in_map` has none."""
+        """Returns why `pose_in_map` returns None."""
         seen: set[str] = set()
         at: Element | None = element
         while at is not None and at.id not in seen:
@@ -76,14 +76,14 @@ class SceneTree:
         return f"its pose depends on itself, by {', '.join(sorted(seen))}"
 
     def _frame_of(self, element: Element) -> Element | None:
-        """The element in whose frame the pose of another one is; None for the map."""
+        """Returns the element whose frame is the reference of an element's pose; None for the map."""
         base = spatial_data.text(element, spatial_data.BASE_FRAME)
         if base == self.map_frame:
             return None
         return self._frames.get(base) if base in self._frames and base else self._elements.get(self.parent_id(element))
 
     def _hang(self, child: str, parent: str) -> None:
-        """The first relation counts; one that makes a circle is left out."""
+        """Sets the parent of a child. The first parent counts; cycles are rejected."""
         known = self._parents.get(child)
         if known is not None:
             if known != parent:

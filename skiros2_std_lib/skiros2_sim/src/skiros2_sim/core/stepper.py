@@ -1,4 +1,4 @@
-"""The thread that steps a simulated world, at a pace, and in which alone it is touched."""
+"""The thread that steps a simulated world at a given rate; only this thread accesses the world."""
 
 from __future__ import annotations
 
@@ -18,32 +18,33 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: As much simulated time may be asked for in one go (steps): an hour.
-MOST_STEPS = 3600 * RATE
-#: Faster than that nobody can mean (x real time).
-FASTEST = 1000.0
+#: Maximum number of steps per request: one hour of simulated time.
+MAX_STEPS = 3600 * RATE
+#: Maximum rate (times real time).
+MAX_RATE = 1000.0
 
-#: A world that is so far behind its pace goes on from there, rather than in a burst (s of wall time).
-_MOST_BEHIND = 0.1
+#: With a larger delay (s of wall time), the schedule restarts, instead of catching up in a burst.
+_MAX_DELAY = 0.1
 
 
 @dataclass
-class _Owed:
-    """Steps that somebody waits for while the world is paused."""
+class _StepRequest:
+    """A client's request for steps of a paused world."""
 
-    left: int
+    remaining: int
     done: Future[None]
 
 
 class Stepper:
-    """Steps a world in a thread of its own. What others want of the world they `call`, or do in a hook.
+    """Steps a world in its own thread. Other threads access the world by `call`, or by a hook.
 
-    A step that fails stops the world, not the thread: `failure` says why, and a call `even_failed` may reset the world.
+    A failed step stops the world, not the thread: `failure` is the reason, and a call `even_failed` may reset the
+    world.
 
-    :param world: belongs to this thread from `start` on.
-    :param rate: how fast its time runs (times real time); 0: as fast as it can.
-    :param paused: steps only when `step` asks for it.
-    :raises WrongValue: the rate is none.
+    :param world: used only by this thread after `start`.
+    :param rate: speed of simulated time (times real time); 0 for the maximum.
+    :param paused: whether to step only on request.
+    :raises WrongValue: the rate is invalid.
     """
 
     def __init__(self, world: World, rate: float = 1.0, paused: bool = False) -> None:
@@ -55,23 +56,23 @@ class Stepper:
         self._count = 0
         self._hooks: list[Callable[[], None]] = []
         self._failure_hooks: list[Callable[[str], None]] = []
-        self._owed: list[_Owed] = []
+        self._requests: list[_StepRequest] = []
         self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._lock = threading.Lock()  # of: ended
         self._thread = threading.Thread(target=self._run, name="stepper", daemon=True)
-        self._slow_told = False
+        self._slow_logged = False
         self._anchor = (0.0, 0)  # of the pace: wall time, count
 
     # -- any thread ----------------------------------------------------------------------------------------------
 
     @property
     def count(self) -> int:
-        """Steps since the start; a reset of the world does not set it back."""
+        """Steps since the start; not reset with the world."""
         return self._count
 
     @property
     def failure(self) -> str:
-        """Why the world stands still; "" while it does not."""
+        """Why the world has stopped; "" if it has not."""
         return self._failure
 
     @property
@@ -79,22 +80,22 @@ class Stepper:
         return self._paused
 
     def add_hook(self, hook: Callable[[], None], on_failure: Callable[[str], None] | None = None) -> None:
-        """Before `start`: calls it after each step, in the thread that steps.
+        """Adds a function to call after each step, in the stepping thread. Call before `start`.
 
-        :param on_failure: called once with the reason when a step has failed.
+        :param on_failure: called once with the reason after a failed step.
         """
         self._hooks.append(hook)
         if on_failure is not None:
             self._failure_hooks.append(on_failure)
 
     def start(self) -> None:
-        """Steps from now on."""
+        """Starts stepping."""
         self._thread.start()
 
     def close(self, timeout: float = 5.0) -> None:
-        """Ends the thread; calls that wait are refused.
+        """Stops the thread; waiting calls raise `Refused`.
 
-        :param timeout: s to wait at most for what is being done.
+        :param timeout: maximum time to wait for the current step (s).
         """
         with self._lock:
             self._ended = True
@@ -103,12 +104,12 @@ class Stepper:
             self._thread.join(timeout)
 
     def call(self, function: Callable[[World], T], even_failed: bool = False) -> T:
-        """Calls a function between two steps and returns what it returns. Waits for that; not for use in a hook.
+        """Calls a function between two steps and returns its result. Blocks; must not be called in a hook.
 
-        :param even_failed: also when a step has failed.
+        :param even_failed: whether to call it after a failed step too.
         :raises Refused: the world has ended, or a step has failed.
 
-        It raises what the function raises.
+        Exceptions of the function propagate.
         """
         result: Future[T] = Future()
 
@@ -127,56 +128,56 @@ class Stepper:
         return result.result()
 
     def step(self, steps: int) -> None:
-        """Goes on by so many steps of a paused world, and waits until they are done.
+        """Makes steps of a paused world, and waits for their end.
 
-        :raises WrongValue: so many cannot be meant.
-        :raises Refused: it is not paused, or is resumed, fails or ends before.
+        :raises WrongValue: the number is out of range.
+        :raises Refused: the world is not paused, or is resumed, fails or ends meanwhile.
         """
-        if not 0 <= steps <= MOST_STEPS:
-            raise WrongValue(f"{steps} steps: expected 0 to {MOST_STEPS}, an hour of simulated time")
+        if not 0 <= steps <= MAX_STEPS:
+            raise WrongValue(f"{steps} steps: expected 0 to {MAX_STEPS}, an hour of simulated time")
         done: Future[None] = Future()
 
-        def owe(_: World) -> None:
+        def request(_: World) -> None:
             if not self._paused:
                 raise Refused("the world is not paused: it steps by itself")
-            self._owed.append(_Owed(steps, done))
+            self._requests.append(_StepRequest(steps, done))
 
-        self.call(owe)
+        self.call(request)
         done.result()
 
     def pause(self, paused: bool) -> None:
-        """Stops time, or lets it go on."""
+        """Pauses or resumes simulated time."""
 
         def change(_: World) -> None:
             self._paused = paused
             if not paused:
-                self._give_up("the world was resumed while it was stepped")
-            self._restart_pace()
+                self._fail_requests("the world was resumed while it was stepped")
+            self._restart_timing()
 
         self.call(change, even_failed=True)
 
     def set_rate(self, rate: float) -> None:
-        """How fast time runs: times real time; 0: as fast as it can.
+        """Sets the speed of simulated time (times real time); 0 for the maximum.
 
-        :raises WrongValue: it is no number of 0 or more.
+        :raises WrongValue: the rate is negative or not a number.
         """
         checked = checked_rate(rate)
 
         def change(_: World) -> None:
             self._rate = checked
-            self._slow_told = False
-            self._restart_pace()
+            self._slow_logged = False
+            self._restart_timing()
 
         self.call(change, even_failed=True)
 
-    def mend(self) -> None:
-        """In a call that has put the world back to its start: goes on, also after a step that failed.
+    def recover(self) -> None:
+        """Resumes after a reset of the world, also after a failed step. Call in the stepping thread.
 
-        It counts as a step, so that what was and what is now have different times.
+        Counts as a step, so that states before and after the reset have different times.
         """
         self._failure = ""
         self._count += 1
-        self._restart_pace()
+        self._restart_timing()
 
     # -- the thread ----------------------------------------------------------------------------------------------
 
@@ -187,17 +188,17 @@ class Stepper:
             self._calls.put(serve)
 
     def _run(self) -> None:
-        self._restart_pace()
+        self._restart_timing()
         while not self._ended:
-            self._serve(self._wait())
+            self._process_calls(self._wait())
             if not self._ended and self._is_due():
                 self._step()
-        self._give_up(_ENDED)
+        self._fail_requests(_ENDED)
         while not self._calls.empty():
             self._calls.get()()
 
-    def _serve(self, timeout: float | None) -> None:
-        """Does what was asked for; waits for that no longer than `timeout` (s)."""
+    def _process_calls(self, timeout: float | None) -> None:
+        """Executes waiting calls; waits at most `timeout` seconds for one."""
         try:
             self._calls.get(timeout=timeout)() if timeout != 0.0 else self._calls.get_nowait()()
         except queue.Empty:
@@ -206,8 +207,8 @@ class Stepper:
             self._calls.get()()
 
     def _wait(self) -> float | None:
-        """How long until the next step (s); None: until somebody asks for it."""
-        if self._failure or (self._paused and not self._owed):
+        """Returns the time until the next step (s); None if the next step needs a request."""
+        if self._failure or (self._paused and not self._requests):
             return None
         if self._paused or not self._rate:
             return 0.0
@@ -217,7 +218,7 @@ class Stepper:
         if self._failure:
             return False
         if self._paused:
-            return bool(self._owed)
+            return bool(self._requests)
         return not self._rate or time.monotonic() >= self._due()
 
     def _due(self) -> float:
@@ -225,14 +226,14 @@ class Stepper:
         return began + (self._count + 1 - count) / (RATE * self._rate)
 
     def _step(self) -> None:
-        if self._owed and not self._owed[0].left:
-            self._owed.pop(0).done.set_result(None)
+        if self._requests and not self._requests[0].remaining:
+            self._requests.pop(0).done.set_result(None)
             return
         try:
             self._world.step()
         except Exception as error:
             log.exception("step %d of the simulated world", self._world.steps)
-            self._fail(f"the simulated world stands still since a step failed, reset it: {_named(error)}")
+            self._fail(f"the simulated world stands still since a step failed, reset it: {_error_text(error)}")
             return
         self._count += 1
         for hook in self._hooks:
@@ -240,40 +241,41 @@ class Stepper:
                 hook()
             except Exception as error:
                 log.exception("after step %d of the simulated world", self._world.steps)
-                self._fail(f"the simulated world stands still since it could not be told of, reset it: {_named(error)}")
+                reason = "publishing its state failed"
+                self._fail(f"the simulated world stands still since {reason}, reset it: {_error_text(error)}")
                 return
-        if self._owed:
-            self._owed[0].left -= 1
-            if not self._owed[0].left:
-                self._owed.pop(0).done.set_result(None)
+        if self._requests:
+            self._requests[0].remaining -= 1
+            if not self._requests[0].remaining:
+                self._requests.pop(0).done.set_result(None)
         elif self._rate:
-            self._keep_pace()
+            self._check_delay()
 
-    def _keep_pace(self) -> None:
+    def _check_delay(self) -> None:
         behind = time.monotonic() - self._due()
-        if behind < _MOST_BEHIND:
+        if behind < _MAX_DELAY:
             return
         began, count = self._anchor
-        if not self._slow_told:
-            self._slow_told = True
+        if not self._slow_logged:
+            self._slow_logged = True
             reached = (self._count - count) / RATE / max(time.monotonic() - began, 1e-9)
             log.warning("the simulated world cannot keep up with %g x real time (%.2g x at last)", self._rate, reached)
-        self._restart_pace()
+        self._restart_timing()
 
-    def _restart_pace(self) -> None:
+    def _restart_timing(self) -> None:
         self._anchor = time.monotonic(), self._count
 
     def _fail(self, reason: str) -> None:
         self._failure = reason
-        self._give_up(reason)
+        self._fail_requests(reason)
         for hook in self._failure_hooks:
             try:
                 hook(reason)
             except Exception:
-                log.exception("telling that the simulated world stands still")
+                log.exception("reporting a failure of the simulated world")
 
-    def _give_up(self, reason: str) -> None:
-        owed, self._owed = self._owed, []
+    def _fail_requests(self, reason: str) -> None:
+        owed, self._requests = self._requests, []
         for entry in owed:
             entry.done.set_exception(Refused(reason))
 
@@ -281,14 +283,15 @@ class Stepper:
 _ENDED = "the simulated world has ended"
 
 
-def _named(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
 def checked_rate(rate: float) -> float:
+    """Checks a rate.
+
+    :raises WrongValue: it is not a number from 0 to `MAX_RATE`.
     """
-    :raises WrongValue: it is no number of 0 to `FASTEST`.
-    """
-    if not 0 <= rate <= FASTEST:
-        raise WrongValue(f"a rate of {rate}: expected times real time up to {FASTEST:g}, or 0: as fast as it can")
+    if not 0 <= rate <= MAX_RATE:
+        raise WrongValue(f"a rate of {rate}: expected times real time up to {MAX_RATE:g}, or 0: as fast as it can")
     return float(rate)

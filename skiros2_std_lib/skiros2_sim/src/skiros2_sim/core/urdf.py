@@ -1,4 +1,4 @@
-"""A URDF as it is loaded: checked, with the meshes found, names prefixed, and inertia given to each link."""
+"""Loads URDFs: checks numbers, resolves meshes, adds name prefixes and missing inertia."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_sim.core.load_test import load_error
 from skiros2_sim.core.model_files import mesh_of
-from skiros2_sim.core.trial import fault_of
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, to_euler
 
-#: Attributes that hold numbers, with how many; None: any.
+#: Attributes with numbers, and their count; None for any.
 _NUMBERS = {
     "xyz": 3,
     "rpy": 3,
@@ -36,8 +36,8 @@ class Urdf:
     """The links, joints and materials of a model.
 
     :param name: of the robot in the file.
-    :param root: the link on which all others hang.
-    :param children: by link, the joints that hang on it.
+    :param root: the root link.
+    :param children: child joints of each link.
     """
 
     name: str
@@ -54,15 +54,15 @@ class Urdf:
         return [part for part in self.parts if part.tag == "joint"]
 
     def text(self) -> str:
-        """The model as a URDF of its own."""
+        """Returns the model as a URDF."""
         return as_text(self.name, self.parts)
 
 
 def read_urdf(path: Path, prefix: str = "") -> Urdf:
     """Reads a model.
 
-    :param prefix: is put before the names of links, joints and materials.
-    :raises ConfigurationError: it is no URDF that can be loaded; the text names file and reason.
+    :param prefix: added to the names of links, joints and materials.
+    :raises ConfigurationError: it is not a valid URDF; the text names file and reason.
     """
     try:
         top = xml.parse(path).getroot()
@@ -79,21 +79,21 @@ def read_urdf(path: Path, prefix: str = "") -> Urdf:
     for part in parts:
         if part.tag == "link":
             _complete(part)
-    fault = fault_of(path, urdf.text())
+    fault = load_error(path, urdf.text())
     if fault:
         raise ConfigurationError(f"{path}: {fault}")
     return urdf
 
 
 def as_text(name: str, parts: list[xml.Element]) -> str:
-    """A URDF of these links, joints and materials."""
+    """Returns a URDF of links, joints and materials."""
     top = xml.Element("robot", name=name)
     top.extend(parts)
     return xml.tostring(top, encoding="unicode")
 
 
 def link(name: str, mass: float = 0.0, size: Vector | None = None) -> xml.Element:
-    """A link without a shape, or a box."""
+    """Creates a link without a shape, or with a box."""
     made = xml.Element("link", name=name)
     if size is not None:
         for tag in ("visual", "collision"):
@@ -112,7 +112,7 @@ def joint(
     axis: str = "1 0 0",
     limits: tuple[float, float] | None = None,
 ) -> xml.Element:
-    """A joint between two links."""
+    """Creates a joint between two links."""
     made = xml.Element("joint", name=name, type=kind)
     xml.SubElement(made, "parent", link=parent)
     xml.SubElement(made, "child", link=child)
@@ -125,7 +125,7 @@ def joint(
 
 
 def _check_part(part: xml.Element, path: Path) -> None:
-    """Numbers are numbers, shapes have a size, and meshes are found; their full path is written."""
+    """Checks numbers and sizes, and replaces mesh names by full paths."""
     where = f"{path}: {part.tag} {part.get('name')}"
     if not part.get("name"):
         raise ConfigurationError(f"{path}: a {part.tag} has no name")
@@ -161,7 +161,7 @@ def _rename(part: xml.Element, prefix: str) -> None:
 
 
 def _root(urdf: Urdf, path: Path) -> str:
-    """Fills `urdf.children`; the links have to be a tree."""
+    """Fills `urdf.children` and returns the root; the links must form a tree."""
     links = urdf.links
     if not links or len(set(links)) < len(links):
         raise ConfigurationError(f"{path}: expected links of different names, got {links}")
@@ -186,7 +186,7 @@ _ENDS = ("parent", "child")
 
 
 def _complete(part: xml.Element) -> None:
-    """Without inertia PyBullet would make it 1 kg, and print so."""
+    """Adds missing inertia; PyBullet would assume 1 kg and print a warning."""
     inertial = part.find("inertial")
     if inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None:
         mass = 0.0
@@ -205,7 +205,7 @@ def _add_inertia(part: xml.Element, mass: float) -> None:
 
 
 def _plain(text: str) -> str:
-    """The default of xacro's `$(optenv NAME default)`, which PyBullet's Husky has."""
+    """Replaces xacro's `$(optenv NAME default)`, used by PyBullet's Husky, by its default."""
     return re.sub(r"\$\(optenv\s+\w+\s+([^)]*)\)", r"\1", text)
 
 

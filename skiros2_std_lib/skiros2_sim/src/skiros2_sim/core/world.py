@@ -1,4 +1,4 @@
-"""The simulated world: things and robots in physics, stepped by its user. One thread at a time."""
+"""The simulated world: bodies and robots in physics. Not thread-safe."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from skiros2_common.core.errors import ConfigurationError, Refused, SkirosError,
 from skiros2_sim.core.arm import Arm
 from skiros2_sim.core.body import Body
 from skiros2_sim.core.bullet import Bullet
-from skiros2_sim.core.composing import BASE_LINK, compose
 from skiros2_sim.core.contacts import Contact, joined_contacts
 from skiros2_sim.core.faults import Faults
 from skiros2_sim.core.gripper import Gripper
 from skiros2_sim.core.joint import finite
-from skiros2_sim.core.motions import Motions
-from skiros2_sim.core.placement import move_apart
+from skiros2_sim.core.motion import MotionList
+from skiros2_sim.core.overlaps import separate_overlaps
 from skiros2_sim.core.pushes import Pushes
 from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.robot_model import BASE_LINK, merge_models
 from skiros2_sim.core.scene_spec import BodySpec, CameraSpec, Problem, RobotSpec, SceneSpec
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, composed, from_euler, multiplied
 
-#: Steps a second.
+#: Steps per second.
 RATE = 240
 GROUND = "ground"
 
-_FARTHEST = 1000.0  # m; beyond it the floats of the engine are too coarse
-_STRONGEST = 1e5  # N or Nm
+_MAX_DISTANCE = 1000.0  # m; beyond it the floats of the engine are too coarse
+_MAX_FORCE = 1e5  # N or Nm
 
 
 class World:
     """A scene in physics.
 
-    :param seed: of all that is random; the same seed and the same steps give the same run, bit for bit.
-    :param gui: show PyBullet's window.
-    :param position_noise: m; how far from their place in the scene things that move may stand at the start, in x and y.
-    :param yaw_noise: rad; how far they may be turned.
-    :raises WrongValue: the seed is negative, or a noise is no finite number.
-    :raises Refused: there is no window to open.
+    :param seed: of all random numbers; the same seed and steps give bit-identical runs.
+    :param gui: whether to show PyBullet's window.
+    :param position_noise: maximum offset of movable bodies at the start, in x and y (m).
+    :param yaw_noise: maximum rotation of movable bodies at the start (rad).
+    :raises WrongValue: the seed is negative, or a noise is not finite.
+    :raises Refused: no window can be opened.
 
-    What cannot be simulated as the scene says is told in `problems`, and the rest is there. `reset` makes all bodies,
-    robots, arms and grippers anew: look them up again.
+    `problems` lists what could not be simulated as described. `reset` creates all bodies, robots, arms and grippers
+    again: look them up again.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class World:
         self.scene = scene
         self.dt = 1.0 / RATE
         self._noise = (*finite((position_noise, yaw_noise), 2, "noise of the world"),)
-        self._seed = _checked_seed(seed)
+        self._seed = _check_seed(seed)
         self.bullet = Bullet(gui)
         try:
             self._build()
@@ -74,7 +74,7 @@ class World:
         bullet.setPhysicsEngineParameter(fixedTimeStep=self.dt, deterministicOverlappingPairs=1)
         self.random = np.random.default_rng(self._seed)
         self.steps = 0
-        self.motions = Motions()
+        self.motions = MotionList()
         self.faults = Faults(self)
         self.problems: list[Problem] = list(self.scene.problems)
         self.bodies: dict[str, Body] = {}
@@ -86,13 +86,13 @@ class World:
         self._elements: dict[int, str] = {}
         self._ground = self._make_ground()
         for spec in self.scene.bodies:
-            self.add_body(self._jittered(spec))
+            self.add_body(self._with_noise(spec))
         for robot in self.scene.robots:
             self._add_robot(robot)
         for camera in [camera for camera in self.cameras.values() if camera.parent and camera.parent not in self]:
             del self.cameras[camera.id]
             self.problems.append(Problem(camera.id, f"the camera is left out: {camera.parent} is not there"))
-        self.problems += move_apart(self)
+        self.problems += separate_overlaps(self)
         bullet.show(True)
 
     # -- time -------------------------------------------------------------------------------------------------
@@ -103,11 +103,11 @@ class World:
 
     @property
     def time(self) -> float:
-        """Simulated time since the start, or the last reset (s)."""
+        """Simulated time since the start or the last reset (s)."""
         return self.steps / RATE
 
     def step(self, count: int = 1) -> None:
-        """Goes on by so many steps. What a motion raises comes out, and the motion is dropped."""
+        """Makes `count` steps. An exception of a motion propagates, and the motion is removed."""
         for _ in range(count):
             self.motions.update(self.dt)
             self.faults.update()
@@ -118,17 +118,17 @@ class World:
             self.steps += 1
 
     def reset(self, seed: int | None = None) -> None:
-        """Puts everything back to the start: the same state as that of a new world.
+        """Returns to the start: the same state as that of a new world.
 
-        :param seed: another one than so far; None: the same.
-        :raises WrongValue: it is negative.
+        :param seed: a new seed; None for the current one.
+        :raises WrongValue: the seed is negative.
         """
         if seed is not None:
-            self._seed = _checked_seed(seed)
+            self._seed = _check_seed(seed)
         self._build()
 
     def close(self) -> None:
-        """Ends it. Closing it twice does nothing."""
+        """Disconnects from the engine. Further calls do nothing."""
         self.bullet.close()
 
     def __enter__(self) -> World:
@@ -140,10 +140,10 @@ class World:
     # -- where things are -------------------------------------------------------------------------------------
 
     def pose_of(self, eid: str) -> Pose:
-        """The true pose of an element, in the map: of a gripper its tool's frame, of an arm its mount's, of a camera
-        its optical frame's.
+        """Returns the true pose of an element in the map: of a gripper, its tool frame; of an arm, its mount; of a
+        camera, its optical frame.
 
-        :raises UnknownName: it is not in the simulated world.
+        :raises UnknownName: the element is not in the simulated world.
         """
         if eid in self.bodies:
             return self.bodies[eid].pose()
@@ -155,13 +155,13 @@ class World:
             return self.arms[eid].mount_pose()
         if eid in self.cameras:
             camera = self.cameras[eid]
-            return composed(self._pose_of_holder(camera), camera.pose)
+            return composed(self._pose_of_parent(camera), camera.pose)
         raise UnknownName(f"{eid!r} is not in the simulated world; in it are: {', '.join(self._ids()) or 'none'}")
 
     def velocity_of(self, eid: str) -> tuple[Vector, Vector]:
-        """How an element moves (m/s) and turns (rad/s), in the map; a part of a robot as the body that it is of.
+        """Returns the linear (m/s) and angular (rad/s) velocity of an element, in the map; of a part, that of its link.
 
-        :raises UnknownName: it is not in the simulated world.
+        :raises UnknownName: the element is not in the simulated world.
         """
         body, link = self._handle(eid)
         if link < 0:
@@ -171,11 +171,11 @@ class World:
         return state[6], state[7]
 
     def set_pose(self, eid: str, pose: Pose) -> None:
-        """Puts a thing or a robot elsewhere, at rest.
+        """Moves a body or a robot to a pose, at rest.
 
-        :raises UnknownName: it is not in the simulated world.
+        :raises UnknownName: the element is not in the simulated world.
         :raises Refused: it is a part of a robot.
-        :raises WrongValue: the pose is none, or a mobile robot is to be tilted.
+        :raises WrongValue: the pose is invalid, or tilts a mobile robot.
         """
         checked = _checked(pose, eid)
         if eid in self.bodies:
@@ -187,28 +187,28 @@ class World:
             raise Refused(f"{eid} is a part of something: move that")
 
     def push(self, eid: str, force: Vector, torque: Vector = (0.0, 0.0, 0.0), duration: float = 0.0) -> None:
-        """Pushes an element at its middle, from the next step on.
+        """Applies a force and a torque at the centre of an element, from the next step on.
 
         :param force: N, in the map.
         :param torque: Nm, in the map.
         :param duration: s; at least one step.
-        :raises UnknownName: it is not in the simulated world.
+        :raises UnknownName: the element is not in the simulated world.
         :raises Refused: it is fixed.
-        :raises WrongValue: a number is not finite or absurd.
+        :raises WrongValue: a number is not finite or too large.
         """
         body, link = self._handle(eid)
         if eid in self.bodies and not self.bodies[eid].movable:
             raise Refused(f"{eid} is fixed: it cannot be pushed")
         numbers = finite((*force, *torque, duration), 7, f"push of {eid}")
-        if max(map(abs, numbers)) > _STRONGEST or duration < 0:
-            raise WrongValue(f"push of {eid}: expected up to {_STRONGEST} N, Nm and s, got {numbers}")
+        if max(map(abs, numbers)) > _MAX_FORCE or duration < 0:
+            raise WrongValue(f"push of {eid}: expected up to {_MAX_FORCE} N, Nm and s, got {numbers}")
         fx, fy, fz, tx, ty, tz, _ = numbers
         self._pushes.add(body, link, (fx, fy, fz), (tx, ty, tz), max(1, round(duration * RATE)))
 
     # -- contacts ---------------------------------------------------------------------------------------------
 
     def contacts(self, eid: str = "") -> list[Contact]:
-        """What touches what after the last step, each pair once, in order of their names.
+        """Returns the contacts of the last step, one per pair, ordered by name.
 
         :param eid: only contacts of this element.
         :raises UnknownName: it is not in the simulated world.
@@ -217,11 +217,11 @@ class World:
         return joined_contacts(points, self.name_of)
 
     def element_of(self, body: int) -> str | None:
-        """The id of the element that a body of PyBullet is; None for the ground and what is no element."""
+        """Returns the id of the element of a PyBullet body; None for the ground."""
         return self._elements.get(body)
 
     def name_of(self, body: int, link: int = -1) -> str:
-        """As contacts name it: the id of an element, or robot/link."""
+        """Returns the name of a body in contacts: the id of an element, or robot/link."""
         eid = self._elements.get(body, GROUND)
         robot = self.robots.get(eid)
         return eid if robot is None else f"{robot.name}/{robot.link_name(link)}"
@@ -242,7 +242,7 @@ class World:
         return body
 
     def add_body(self, spec: BodySpec) -> None:
-        """Adds a thing. It is a box when its model does not load; that, or that it has no size either, is a problem."""
+        """Adds a body. If its model does not load, it becomes a box, or is omitted without a size; see `problems`."""
         if spec.id in self:
             self.problems.append(Problem(spec.id, "it is left out: there is another one of that id"))
             return
@@ -259,7 +259,7 @@ class World:
         self._elements[body.body] = spec.id
 
     def _add_robot(self, spec: RobotSpec) -> None:
-        model = compose(spec, self.scene.models)
+        model = merge_models(spec, self.scene.models)
         self.problems += model.problems
         try:
             robot = Robot(self.bullet, spec, model)
@@ -271,22 +271,22 @@ class World:
         self.grippers |= {arm.gripper.id: arm.gripper for arm in robot.arms.values() if arm.gripper is not None}
         self.cameras |= {camera.id: camera for camera in spec.cameras}
         self._elements[robot.body] = spec.id
-        for link in robot.base_links:  # it is held upright by its motors; wheels that do not turn would brake it
+        for link in robot.base_links:  # the drives keep it upright; fixed wheels would brake it
             self.bullet.setCollisionFilterPair(robot.body, self._ground, link, -1, 0)
 
     def remove_body(self, eid: str) -> None:
-        """Takes a thing away.
+        """Removes a body.
 
-        :raises UnknownName: there is none.
+        :raises UnknownName: there is no such body.
         """
         if eid not in self.bodies:
             raise UnknownName(f"there is no body {eid!r} in the simulated world")
         body = self.bodies.pop(eid)
-        self._pushes.forget(body.body)
+        self._pushes.remove(body.body)
         self._elements.pop(body.body)
         self.bullet.removeBody(body.body)
 
-    def _jittered(self, spec: BodySpec) -> BodySpec:
+    def _with_noise(self, spec: BodySpec) -> BodySpec:
         far, turn = self._noise
         if not spec.movable or not (far or turn):
             return spec
@@ -306,7 +306,7 @@ class World:
             yield from known
 
     def _handle(self, eid: str) -> tuple[int, int]:
-        """PyBullet's body and link of an element."""
+        """Returns PyBullet's body and link of an element."""
         if eid in self.bodies:
             return self.bodies[eid].body, -1
         if eid in self.robots:
@@ -320,14 +320,14 @@ class World:
             return self._handle(self.cameras[eid].parent)
         raise UnknownName(f"{eid!r} is not in the simulated world; in it are: {', '.join(self._ids()) or 'none'}")
 
-    def _pose_of_holder(self, camera: CameraSpec) -> Pose:
+    def _pose_of_parent(self, camera: CameraSpec) -> Pose:
         if not camera.parent:
             return IDENTITY
         arm = self.arms.get(camera.parent)
         return arm.tool_pose() if arm is not None else self.pose_of(camera.parent)
 
 
-def _checked_seed(seed: int) -> int:
+def _check_seed(seed: int) -> int:
     if seed < 0:
         raise WrongValue(f"expected a seed of 0 or more, got {seed}")
     return seed
@@ -337,8 +337,8 @@ def _checked(pose: Pose, eid: str) -> Pose:
     x, y, z = finite(pose.position, 3, f"{eid}: position")
     qx, qy, qz, qw = finite(pose.orientation, 4, f"{eid}: orientation")
     length = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    if max(abs(x), abs(y), abs(z)) > _FARTHEST:
-        raise WrongValue(f"{eid}: expected a position within {_FARTHEST} m, got {(x, y, z)}")
+    if max(abs(x), abs(y), abs(z)) > _MAX_DISTANCE:
+        raise WrongValue(f"{eid}: expected a position within {_MAX_DISTANCE} m, got {(x, y, z)}")
     if not 0.9 < length < 1.1:
         raise WrongValue(f"{eid}: expected a quaternion of length 1, got {(qx, qy, qz, qw)}")
     return Pose((x, y, z), (qx / length, qy / length, qz / length, qw / length))

@@ -1,4 +1,4 @@
-"""The pictures of the cameras of the simulated world as topics."""
+"""Publishes the images of the simulated cameras."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import RATE, World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import camera_info, colour_image, depth_image
-from skiros2_sim.ros.telling import LateTopic, SimulatedClock
+from skiros2_sim.ros.publishers import LateTopic, SimulatedClock
 
 
 class Cameras:
-    """Publishes what cameras see, in the thread that steps, while anybody looks.
+    """Publishes images in the stepping thread, while there are subscribers.
 
-    :param rate: Hz of simulated time; 0: never.
+    :param rate: Hz of simulated time; 0 for never.
     """
 
     def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames, rate: float) -> None:
@@ -32,17 +32,17 @@ class Cameras:
         self._topics = {camera.id: _Topics(camera) for camera in world.cameras.values()} if rate else {}
 
     def after_step(self) -> None:
-        """Tells what is due."""
+        """Publishes what is due."""
         if self._period and self._stepper.count % self._period == 0:
             for camera, topics in self._topics.items():
                 if topics.are_listened_to:
                     topics.put(self._world, self._messages(camera))
                 topics.send(self._world)
 
-    def forget(self) -> None:
-        """Pictures that are late are lost: the world was reset."""
+    def clear(self) -> None:
+        """Discards delayed images, after a reset of the world."""
         for topics in self._topics.values():
-            topics.forget()
+            topics.clear()
 
     def _messages(self, camera: str) -> tuple[Any, Any, Any]:
         picture = picture_of(self._world, camera)
@@ -51,10 +51,10 @@ class Cameras:
 
 
 class _Topics:
-    """Of one camera: colour, depth, and what its lens is beside each."""
+    """The topics of one camera: colour, depth, and a camera_info for each."""
 
     def __init__(self, camera: CameraSpec) -> None:
-        # pictures are large: who is slow gets the newest
+        # images are large: a slow subscriber gets the newest one
         self._colour = LateTopic(camera.rgb_topic, Image, (camera.id,), queue_size=2)
         self._depth = LateTopic(camera.depth_topic, Image, (camera.id,), queue_size=2)
         self._infos = [
@@ -64,7 +64,7 @@ class _Topics:
 
     @property
     def are_listened_to(self) -> bool:
-        return any(topic.is_listened_to for topic in self._all())
+        return any(topic.has_subscribers for topic in self._all())
 
     def put(self, world: World, messages: tuple[Any, Any, Any]) -> None:
         colour, depth, info = messages
@@ -77,14 +77,14 @@ class _Topics:
         for topic in self._all():
             topic.send(world)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         for topic in self._all():
-            topic.forget()
+            topic.clear()
 
     def _all(self) -> list[LateTopic]:
         return [self._colour, self._depth, *self._infos]
 
 
 def _info(topic: str) -> str:
-    """Where camera_info is expected: beside the image."""
+    """Returns the camera_info topic beside an image topic."""
     return rospy.names.ns_join(topic.rpartition("/")[0] or "/", "camera_info")

@@ -1,4 +1,4 @@
-"""The controllers of the arms of a robot, switched as by ros_control's controller_manager."""
+"""The controller manager of a robot's arms, with ros_control's service."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ log = logging.getLogger(__name__)
 
 
 class Controllers:
-    """Those of one robot's arms: the service that switches them, and the topics that set their stiffness.
+    """The service that switches the controllers of a robot's arms, and the topics for their stiffness.
 
-    :param controllers: of all arms, by the id of the arm; others after each reset.
-    :param devices: what carries out goals, by the id of the arm.
+    :param controllers: controllers of all arms, by id of the arm; replaced by a reset.
+    :param devices: devices of the arms, by id of the arm.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Controllers:
         ]
 
     def close(self) -> None:
-        """Takes no more requests."""
+        """Shuts service and topics down."""
         self._service.shutdown()
         for subscriber in self._subscribers:
             subscriber.unregister()
@@ -59,11 +59,11 @@ class Controllers:
         return SwitchControllerResponse(True)
 
     def _switch(self, start: list[str], stop: list[str], strict: bool) -> None:
-        """Switches all or none. In the thread that steps.
+        """Switches all controllers, or none. Called in the stepping thread.
 
-        :param strict: what makes no difference, and unknown names, are refused; else they are passed over.
+        :param strict: whether to reject unknown names and switches without effect; otherwise they are ignored.
         :raises UnknownName: there is no such controller.
-        :raises Refused: it cannot be.
+        :raises Refused: a switch is not possible.
         """
         starts: dict[str, str] = {}
         stops: dict[str, str] = {}
@@ -89,9 +89,9 @@ class Controllers:
             self._controllers[arm_id].switch(controller)
 
     def _find(self, name: str) -> tuple[ArmSpec, str]:
-        """The arm and its controller: `NAME`, or `ARM/NAME` where several arms have one of that name.
+        """Returns the arm and the name of a controller: `NAME`, or `ARM/NAME` if it is ambiguous.
 
-        :raises UnknownName: no arm has it, or several have.
+        :raises UnknownName: no arm, or several arms, have such a controller.
         """
         found = [
             (arm, controller)

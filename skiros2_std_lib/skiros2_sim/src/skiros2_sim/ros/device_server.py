@@ -1,4 +1,4 @@
-"""Actions of simulated devices: one goal at a time, a new one takes the place of the old, as drivers do."""
+"""Action servers of simulated devices. A device has one active goal; a new goal preempts it, as with real drivers."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from skiros2_sim.core.world import RATE, World
 
 log = logging.getLogger(__name__)
 
-#: Steps between two feedbacks: 10 Hz of simulated time.
+#: Steps between two feedback messages: 10 Hz of simulated time.
 _FEEDBACK = RATE // 10
 
 
 class Job(Protocol):
-    """A goal of an action: how it is begun, and how it is told of. All in the thread that steps."""
+    """A goal of an action. All methods are called in the stepping thread."""
 
     def begin(self, world: World) -> Motion:
-        """The motion that does it; nothing has moved yet.
+        """Creates the motion for the goal; nothing has moved yet.
 
-        :raises SkirosError: it cannot be.
+        :raises SkirosError: the goal is invalid.
         """
         ...
 
     def feedback(self) -> Any:
-        """How it goes on."""
+        """Returns a feedback message."""
         ...
 
     def result(self, outcome: Outcome) -> Any:
-        """How it ended."""
+        """Returns the result message."""
         ...
 
 
@@ -49,9 +49,9 @@ class _Running:
 
 
 class Device:
-    """Something that one goal at a time can move. Belongs to the thread that steps.
+    """A device that executes one goal at a time. Used only in the stepping thread.
 
-    :param name: for the texts of refusals.
+    :param name: for error texts.
     """
 
     def __init__(self, name: str) -> None:
@@ -60,11 +60,11 @@ class Device:
 
 
 class DeviceServer(GoalServer):
-    """One action of a device. Devices may have several: a goal of one is refused while one of another is carried out.
+    """An action of a device. If a device has several actions, a goal of one is rejected while another is active.
 
     :param kind: the action's class.
-    :param job: makes a job of a goal; raises SkirosError when it cannot be. May wait.
-    :param refusal: makes a result of the text that says why there is none.
+    :param job: creates a job from a goal; may block; raises SkirosError for an invalid goal.
+    :param refusal: creates the result of a rejected goal from the reason.
     """
 
     def __init__(
@@ -74,20 +74,20 @@ class DeviceServer(GoalServer):
         stepper: Stepper,
         device: Device,
         job: Callable[[Any], Job],
-        refusal: Callable[[str], Any],
+        rejection: Callable[[str], Any],
     ) -> None:
         super().__init__(name, kind)
         self.name = name
         self._stepper = stepper
         self._device = device
         self._job = job
-        self._refusal = refusal
+        self._rejection = rejection
         stepper.add_hook(self._after_step, self.abandon)
 
-    def _unserved(self, cancelled: bool, message: str) -> Any:
-        return self._refusal(message)
+    def _unserved_result(self, cancelled: bool, message: str) -> Any:
+        return self._rejection(message)
 
-    def _left(self) -> list[Any]:
+    def _unfinished_handles(self) -> list[Any]:
         running = self._running
         return [running.handle] if running is not None else []
 
@@ -104,11 +104,11 @@ class DeviceServer(GoalServer):
             self._stepper.call(lambda world: self._start(world, handle, job))
         except SkirosError as error:
             log.info("%s: a goal is refused: %s", self.name, error)
-            handle.set_rejected(self._refusal(str(error)), str(error))
-        except Exception as error:  # the client has to hear of our own mistakes too
+            handle.set_rejected(self._rejection(str(error)), str(error))
+        except Exception as error:  # clients must get a result after internal errors too
             log.exception("a goal of %s", self.name)
             text = f"internal error: {type(error).__name__}: {error}"
-            handle.set_rejected(self._refusal(text), text)
+            handle.set_rejected(self._rejection(text), text)
 
     def _cancel(self, handle: Any) -> None:
         def cancel(_: World) -> None:
@@ -124,11 +124,11 @@ class DeviceServer(GoalServer):
     # -- in the thread that steps --------------------------------------------------------------------------------
 
     def abandon(self, reason: str) -> None:
-        """Ends the goal that is carried out, for something that is no doing of its own."""
+        """Aborts the active goal for an external reason."""
         running = self._running
         if running is not None:
             self._device.running = None
-            running.handle.set_aborted(self._refusal(reason), reason)
+            running.handle.set_aborted(self._rejection(reason), reason)
 
     def _start(self, world: World, handle: Any, job: Job) -> None:
         before = self._device.running
@@ -159,7 +159,7 @@ class DeviceServer(GoalServer):
             return
         if running.motion.outcome is not None:
             self._answer(running.motion.outcome)
-        elif self._stepper.count % _FEEDBACK == 0 and self.is_listened_to:
+        elif self._stepper.count % _FEEDBACK == 0 and self.has_subscribers:
             running.handle.publish_feedback(running.job.feedback())
 
     def _answer(self, outcome: Outcome) -> None:

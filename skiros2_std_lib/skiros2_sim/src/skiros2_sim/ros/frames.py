@@ -1,28 +1,28 @@
-"""The frames of the simulated world on tf, and poses that are given in them or in any other frame of tf."""
+"""The tf frames of the simulated world, and poses of other tf frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
 from skiros2_common.core.errors import UnknownName
-from skiros2_sim.core.composing import BASE_LINK
+from skiros2_sim.core.robot_model import BASE_LINK
 from skiros2_sim.core.scene_spec import CameraSpec, SceneSpec
 from skiros2_sim.core.world import World
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 from skiros2_std_reasoners.ros.transforms import Transforms
 
-#: Where the pose of a frame in the map is found.
+#: Returns the pose of a frame in the map.
 Reference = Callable[[World], Pose]
 
 ODOM = "odom"
-#: A joint that has moved less is where it was (rad, m): what holds an arm trembles.
+#: Minimum joint motion (rad, m) to publish: the motors of an arm at rest oscillate.
 _STILL = 1e-5
 
 
 class Frames:
-    """map -> ROBOT/odom -> ROBOT/base_link -> ROBOT/LINK and ROBOT/CAMERA; other cameras are under the map.
+    """map -> ROBOT/odom -> ROBOT/base_link -> ROBOT/LINK and ROBOT/CAMERA; other cameras are children of the map.
 
-    The robots of a scene have the same frames after each reset.
+    The frames of a robot do not change with a reset.
     """
 
     def __init__(self, world: World) -> None:
@@ -31,18 +31,18 @@ class Frames:
         self._robots = {robot.name: eid for eid, robot in world.robots.items()}
         self._links = {eid: frozenset(robot.link_poses()) for eid, robot in world.robots.items()}
         self._transforms = Transforms()
-        self._told: dict[str, list[float]] = {}
+        self._last_joints: dict[str, list[float]] = {}
 
     def camera(self, eid: str) -> str:
-        """The optical frame of a camera."""
+        """Returns the optical frame of a camera."""
         return self._cameras[eid]
 
     def reference(self, frame: str) -> Reference:
-        """How to find where a frame is: one of ours when it is asked for, another one now. It may wait a second for tf,
-        so it is not for the thread that steps.
+        """Returns a function for the pose of a frame: evaluated later for a simulated frame, looked up now on tf for
+        others. May block for one second; must not be called in the stepping thread.
 
         :param frame: "" for the map.
-        :raises UnknownName: nobody tells of that frame.
+        :raises UnknownName: the frame is unknown.
         """
         name = frame.lstrip("/")
         if not name or name == self.map:
@@ -63,17 +63,17 @@ class Frames:
         return lambda world: pose
 
     def moved(self, world: World) -> Iterator[tuple[str, str, Pose]]:
-        """The frames that are elsewhere in their parent than when this was asked before, and some that are not: parent,
-        name, pose in the parent. Called in the thread that steps."""
+        """Yields the frames that have moved since the last call: parent, name, pose in the parent. Called in the
+        stepping thread."""
         for robot in world.robots.values():
             base = f"{robot.name}/{BASE_LINK}"
             in_map = robot.pose()
             yield f"{robot.name}/{ODOM}", base, in_map
             joints = robot.joint_positions()
-            told = self._told.get(robot.id)
+            told = self._last_joints.get(robot.id)
             if told is not None and all(abs(now - then) < _STILL for now, then in zip(joints, told, strict=True)):
                 continue
-            self._told[robot.id] = joints
+            self._last_joints[robot.id] = joints
             from_base = inverted(in_map)
             if told is None:
                 yield self.map, f"{robot.name}/{ODOM}", IDENTITY

@@ -1,4 +1,4 @@
-"""Goals of the actions of robots' drivers, as motions of the simulated world."""
+"""Goals of driver actions as motions of the simulated world."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from skiros2_sim.core.motion import Outcome
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import pose_from, pose_message, wrench_message
-from skiros2_sim.ros.telling import SimulatedClock
+from skiros2_sim.ros.publishers import SimulatedClock
 from skiros2_sim_msgs.msg import CartesianMotionFeedback, CartesianMotionResult
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, composed, inverted
 
-#: More points than that are no trajectory but an attack: checking them would hold up the world.
-_MOST_POINTS = 2_000
+#: Maximum number of points of a trajectory: checking more would stop the world.
+_MAX_POINTS = 2_000
 
 
 class JointJob:
-    """Of control_msgs/FollowJointTrajectory.
+    """A goal of control_msgs/FollowJointTrajectory.
 
-    :param controllers: those of the arms, by the id of the arm; others after each reset.
-    :raises WrongValue: the goal has absurdly many points.
+    :param controllers: controllers by id of the arm; replaced by a reset.
+    :raises WrongValue: the goal has too many points.
     """
 
     def __init__(self, goal: Any, arm: str, controllers: dict[str, ArmController], clock: SimulatedClock) -> None:
         points = goal.trajectory.points
-        if len(points) > _MOST_POINTS:
-            raise WrongValue(f"the trajectory has {len(points)} points, expected up to {_MOST_POINTS}")
+        if len(points) > _MAX_POINTS:
+            raise WrongValue(f"the trajectory has {len(points)} points, expected up to {_MAX_POINTS}")
         self._goal = goal
         self._arm = arm
         self._controllers = controllers
@@ -77,15 +77,15 @@ class JointJob:
 
 
 def refused_trajectory(text: str) -> Any:
-    """The result of a goal that was not carried out."""
+    """Returns the result of a rejected goal."""
     return FollowJointTrajectoryResult(INVALID_GOAL, text)
 
 
 class CartesianJob:
-    """Of skiros2_sim_msgs/CartesianMotion. Waits for tf where it does not know the frame of the target.
+    """A goal of skiros2_sim_msgs/CartesianMotion. May block on tf for an unknown frame of the target.
 
-    :raises WrongValue: the target is no pose.
-    :raises UnknownName: nobody knows its frame.
+    :raises WrongValue: the target is not a valid pose.
+    :raises UnknownName: the frame does not exist.
     """
 
     def __init__(
@@ -128,26 +128,26 @@ class CartesianJob:
         return CartesianMotionResult(outcome.code, outcome.text, *self._felt())
 
     def _felt(self) -> tuple[Any, Any]:
-        """Where the tool is in the frame of the target as it was at the beginning, and what it feels."""
+        """Returns the pose of the tool in the initial frame of the target, and the wrench."""
         feeling = self._motion.feedback()
         controller = self._controllers[self._arm]
         stamp = self._clock.now
         tool = f"{controller.robot.name}/{controller.arm.name}/tool"
         return (
-            PoseStamped(Header(stamp=stamp, frame_id=self._frame), _in(self._origin, feeling.pose)),
+            PoseStamped(Header(stamp=stamp, frame_id=self._frame), _transformed(self._origin, feeling.pose)),
             WrenchStamped(Header(stamp=stamp, frame_id=tool), wrench_message(feeling.wrench)),
         )
 
 
 def refused_motion(text: str) -> Any:
-    """The result of a goal that was not carried out."""
+    """Returns the result of a rejected goal."""
     result = CartesianMotionResult(error_code=INVALID_GOAL, error_string=text)
     result.pose.pose = pose_message(IDENTITY)
     return result
 
 
 class GripperJob:
-    """Of control_msgs/GripperCommand: `position` is the width between the fingers (m)."""
+    """A goal of control_msgs/GripperCommand: `position` is the distance between the fingers (m)."""
 
     def __init__(self, goal: Any, gripper: str) -> None:
         self._command = goal.command
@@ -160,21 +160,21 @@ class GripperJob:
         return self._motion
 
     def feedback(self) -> Any:
-        return self._told(GripperCommandFeedback)
+        return self._message(GripperCommandFeedback)
 
     def result(self, outcome: Outcome) -> Any:
-        return self._told(GripperCommandResult)
+        return self._message(GripperCommandResult)
 
-    def _told(self, kind: Any) -> Any:
+    def _message(self, kind: Any) -> Any:
         motion = self._motion
         return kind(motion.width, motion.effort, motion.stalled, motion.reached_goal)
 
 
 class BaseJob:
-    """Of move_base_msgs/MoveBase. Waits for tf where it does not know the frame of the target.
+    """A goal of move_base_msgs/MoveBase. May block on tf for an unknown frame of the target.
 
-    :raises WrongValue: the target is no pose.
-    :raises UnknownName: nobody knows its frame.
+    :raises WrongValue: the target is not a valid pose.
+    :raises UnknownName: the frame does not exist.
     """
 
     def __init__(self, goal: Any, robot: str, clock: SimulatedClock, frames: Frames) -> None:
@@ -216,5 +216,5 @@ def _state(state: JointState) -> Any:
     return JointTrajectoryPoint(positions=state.positions.tolist(), velocities=state.velocities.tolist())
 
 
-def _in(frame: Pose, pose: Pose) -> Any:
+def _transformed(frame: Pose, pose: Pose) -> Any:
     return pose_message(composed(inverted(frame), pose))

@@ -1,4 +1,4 @@
-"""Poses, wrenches and pictures of the simulated world as messages, and numbers from messages checked."""
+"""Converts poses, wrenches and images of the simulated world to messages, and messages to checked numbers."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_sim.core.camera import Picture
 from skiros2_std_reasoners.core.geometry import Pose, Vector, normalized
 
-#: m; farther away nothing is.
-_FARTHEST = 1e6
+#: Maximum coordinate (m).
+_MAX_DISTANCE = 1e6
 
 
 def pose_message(pose: Pose) -> Any:
-    """A `Pose`."""
+    """Converts a pose to a `Pose` message."""
     return PoseMsg(Point(*pose.position), Quaternion(*pose.orientation))
 
 
 def pose_from(message: Any, what: str) -> Pose:
-    """The pose that a `Pose` holds.
+    """Converts a `Pose` message.
 
-    :param what: it is, for the text of the error.
-    :raises WrongValue: a number that is none or huge, or an orientation that is none.
+    :param what: description for the error text.
+    :raises WrongValue: a number is not finite or too large, or the orientation is not a unit quaternion.
     """
     position = vector_from(message.position, f"{what}: position")
     q = message.orientation
@@ -38,10 +38,10 @@ def pose_from(message: Any, what: str) -> Pose:
     return Pose(position, normalized((x, y, z, w)))
 
 
-def vector_from(message: Any, what: str, most: float = _FARTHEST) -> Vector:
-    """The numbers of a `Point` or a `Vector3`.
+def vector_from(message: Any, what: str, most: float = _MAX_DISTANCE) -> Vector:
+    """Converts a `Point` or a `Vector3` message.
 
-    :raises WrongValue: a number that is none or huge.
+    :raises WrongValue: a number is not finite or too large.
     """
     x, y, z = (float(number) for number in (message.x, message.y, message.z))
     if not max(abs(x), abs(y), abs(z)) <= most or math.isnan(x + y + z):
@@ -50,27 +50,27 @@ def vector_from(message: Any, what: str, most: float = _FARTHEST) -> Vector:
 
 
 def wrench_message(values: Sequence[float]) -> Any:
-    """A `Wrench` from N along and Nm about x, y, z."""
+    """Creates a `Wrench` message: N along and Nm about x, y, z."""
     return Wrench(Vector3(*values[:3]), Vector3(*values[3:]))
 
 
 def twist_message(linear: Sequence[float], angular: Sequence[float]) -> Any:
-    """A `Twist` in m/s and rad/s."""
+    """Creates a `Twist` message in m/s and rad/s."""
     return Twist(Vector3(*linear), Vector3(*angular))
 
 
 def colour_image(picture: Picture, header: Any) -> Any:
-    """An `Image`, rgb8."""
+    """Creates an `Image` message, rgb8."""
     return _image(picture.rgb, "rgb8", header)
 
 
 def depth_image(picture: Picture, header: Any) -> Any:
-    """An `Image`, 32FC1, in m along the camera's axis; NaN where there is nothing."""
+    """Creates an `Image` message, 32FC1: depth in m along the optical axis; NaN for the background."""
     return _image(picture.depth, "32FC1", header)
 
 
 def camera_info(picture: Picture, header: Any) -> Any:
-    """A `CameraInfo` of a lens without distortion."""
+    """Creates a `CameraInfo` message of a lens without distortion."""
     lens = picture.lens
     k = lens.matrix
     return CameraInfo(

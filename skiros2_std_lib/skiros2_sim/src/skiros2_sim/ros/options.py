@@ -9,28 +9,29 @@ from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError
 from skiros2_sim.core.perception import EXACT, Noise, Source
-from skiros2_sim.core.stepper import FASTEST
+from skiros2_sim.core.stepper import MAX_RATE
 from skiros2_sim.core.world import RATE
 
-#: Pictures of each camera that somebody looks at, a second of simulated time.
+#: Default rate of images of cameras with subscribers, Hz of simulated time.
 CAMERA_RATE = 5.0
 _HIGHEST_SEED = 2**53
 
 
 @dataclass(frozen=True)
 class Options:
-    """
-    :param scene: file in the workspace; "": an empty world.
-    :param workspace: folder of the user's ontologies, scenes and models; "": that of the platform's ontologies.
-    :param seed: of all that is random.
-    :param rate: times real time; 0: as fast as it can.
-    :param paused: time stands still at first.
-    :param gui: PyBullet's window.
-    :param camera_rate: Hz of simulated time; 0: no pictures on topics.
-    :param detection: what perception makes poses from.
+    """The parameters of the simulator node.
+
+    :param scene: file in the workspace; "" for an empty world.
+    :param workspace: folder of the user's ontologies, scenes and models; "" for that of the platform's ontologies.
+    :param seed: of all random numbers.
+    :param rate: times real time; 0 for the maximum.
+    :param paused: whether time is stopped initially.
+    :param gui: whether to show PyBullet's window.
+    :param camera_rate: Hz of simulated time; 0 for no images on topics.
+    :param detection: source of poses in perception.
     :param noise: of perception.
-    :param position_noise: how far from their place in the scene things that move stand at the start (m).
-    :param yaw_noise: how far they are turned (rad).
+    :param position_noise: maximum offset of movable bodies at the start (m).
+    :param yaw_noise: maximum rotation of movable bodies at the start (rad).
     """
 
     scene: str = ""
@@ -47,9 +48,10 @@ class Options:
 
 
 def read_options(get: Callable[[str, Any], Any]) -> Options:
-    """
-    :param get: gives a parameter, or the default when it is not set, as `rospy.get_param`.
-    :raises ConfigurationError: one cannot be used.
+    """Reads and checks the parameters.
+
+    :param get: returns a parameter, or a default, like `rospy.get_param`.
+    :raises ConfigurationError: a parameter is invalid.
     """
     seed = _number(get, "~seed", 0, _HIGHEST_SEED)
     if seed != int(seed):
@@ -63,7 +65,7 @@ def read_options(get: Callable[[str, Any], Any]) -> Options:
         scene=str(get("~scene", "")).strip(),
         workspace=str(get("~workspace", "")).strip(),
         seed=int(seed),
-        rate=_number(get, "~rate", 1.0, FASTEST),
+        rate=_number(get, "~rate", 1.0, MAX_RATE),
         paused=bool(get("~paused", False)),
         gui=bool(get("~gui", False)),
         camera_rate=_number(get, "~camera_rate", CAMERA_RATE, RATE),

@@ -1,4 +1,4 @@
-"""The services of the simulator: looking into the world, and doing to it what a test wants."""
+"""The services of the simulator: inspecting and changing the world, for tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from skiros2_sim.core.stepper import Stepper
 from skiros2_sim.core.world import World
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.messages import colour_image, pose_from, pose_message, twist_message, vector_from
-from skiros2_sim.ros.telling import SimulatedClock
+from skiros2_sim.ros.publishers import SimulatedClock
 from skiros2_sim_msgs import msg as msgs
 from skiros2_sim_msgs import srv as srvs
 from skiros2_std_reasoners.core.geometry import Pose, composed, conjugated, inverted, rotated
@@ -30,20 +30,20 @@ from skiros2_world_model.core.ontology import Ontology
 
 log = logging.getLogger(__name__)
 
-#: The picture that is taken where the request does not say.
+#: Default size (pixels) and field of view (degrees) of an image.
 _WIDTH, _HEIGHT, _FIELD_OF_VIEW = 640, 480, 60.0
-#: How often it is looked whether a late picture has come (s).
+#: Period of checks for a delayed measurement (s).
 _POLL = 0.02
 
 
 class Services:
-    """Answers requests, in threads of ROS; the world is touched in the thread that steps.
+    """Serves requests in threads of ROS; accesses the world in the stepping thread.
 
-    A request that cannot be is answered with `ok` False and the reason.
+    An invalid request is answered with `ok` False and the reason.
 
-    :param ontology: knows the classes of things.
-    :param reset: resets the world, to another seed unless that is None; called in the thread that steps.
-    :param told: tells how the world is now; likewise.
+    :param ontology: knows the classes of bodies.
+    :param reset: resets the world, with a new seed or None; called in the stepping thread.
+    :param publish_all: publishes the state of the world; called in the stepping thread.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Services:
         source: Source,
         noise: Noise,
         reset: Callable[[World, int | None], None],
-        told: Callable[[], None],
+        publish_all: Callable[[], None],
     ) -> None:
         self._stepper = stepper
         self._clock = clock
@@ -64,11 +64,11 @@ class Services:
         self._source = source
         self._noise = noise
         self._reset = reset
-        self._told = told
+        self._publish_all = publish_all
         self._services: list[Any] = []
 
     def start(self) -> None:
-        """Takes requests from now on."""
+        """Advertises the services."""
         self._services = [
             rospy.Service("~reset", srvs.Reset, answered(srvs.ResetResponse, self._on_reset)),
             rospy.Service("~pause", SetBool, self._on_pause),
@@ -83,7 +83,7 @@ class Services:
         ]
 
     def close(self) -> None:
-        """Takes no more requests."""
+        """Shuts the services down."""
         for service in self._services:
             service.shutdown()
 
@@ -98,7 +98,7 @@ class Services:
         try:
             self._stepper.pause(request.data)
             if request.data:
-                self._stepper.call(lambda _: self._told(), even_failed=True)
+                self._stepper.call(lambda _: self._publish_all(), even_failed=True)
         except SkirosError as error:
             return SetBoolResponse(False, str(error))
         return SetBoolResponse(True, "paused" if request.data else "runs")
@@ -108,7 +108,7 @@ class Services:
         return self._stepper.call(self._stepped)
 
     def _stepped(self, _: World) -> Any:
-        self._told()
+        self._publish_all()
         return srvs.StepResponse(ok=True, stamp=self._clock.now)
 
     def _on_set_rate(self, request: Any) -> Any:
@@ -140,7 +140,7 @@ class Services:
         def put(world: World) -> None:
             world.set_pose(request.element, composed(reference(world), pose))
             if self._stepper.paused:
-                self._told()
+                self._publish_all()
 
         self._stepper.call(put)
         return srvs.SetPoseResponse(ok=True)
@@ -163,7 +163,7 @@ class Services:
         log.info("fault %s of %s is %s", request.kind, request.target, "there" if request.active else "taken away")
         return srvs.SetFaultResponse(ok=True)
 
-    # -- what is seen --------------------------------------------------------------------------------------------
+    # -- perception ----------------------------------------------------------------------------------------------
 
     def _on_detect(self, request: Any) -> Any:
         reference = self._frames.reference(request.frame)
@@ -201,7 +201,7 @@ class Services:
         return self._stepper.call(take, even_failed=True)
 
     def _wait(self, seconds: float) -> None:
-        """Lets simulated time go on. One that stands still is not waited for."""
+        """Waits for simulated time; returns at once if it is stopped."""
         end = self._clock.seconds + seconds
         while self._clock.seconds < end and not (self._stepper.paused or self._stepper.failure or rospy.is_shutdown()):
             time.sleep(_POLL)
@@ -211,7 +211,7 @@ class Services:
 
 
 def answered(response: Any, serve: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """What answers a request that is refused with `ok` False and the reason."""
+    """Wraps a service handler: errors are answered with `ok` False and the reason."""
 
     @functools.wraps(serve)
     def answer(request: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The simulator's node: the simulated world behind the interfaces of real robots."""
+"""The simulator node: the simulated world with the interfaces of real robots."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseResult
 
 from control_msgs.msg import FollowJointTrajectoryAction, GripperCommandAction, GripperCommandResult
 from skiros2_common.core.errors import Refused
-from skiros2_common.ros.ending import spin
+from skiros2_common.ros.shutdown import spin
 from skiros2_sim.core.arm_controller import ArmController
 from skiros2_sim.core.robot import Robot
 from skiros2_sim.core.scene_reader import read_scene
@@ -23,23 +23,23 @@ from skiros2_sim.ros.device_server import Device, DeviceServer
 from skiros2_sim.ros.frames import Frames
 from skiros2_sim.ros.jobs import BaseJob, CartesianJob, GripperJob, JointJob, refused_motion, refused_trajectory
 from skiros2_sim.ros.options import Options, read_options
+from skiros2_sim.ros.publishers import SimulatedClock, StatePublisher
 from skiros2_sim.ros.services import Services
-from skiros2_sim.ros.telling import SimulatedClock, Telling
 from skiros2_sim_msgs.msg import CartesianMotionAction
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.world_model import WorldModel
-from skiros2_world_model.ros.parameters import ontology_folder
+from skiros2_world_model.ros.server_parameters import ontology_folder
 
 log = logging.getLogger(__name__)
 
 
 class Simulator:
-    """A world that is stepped, and all that speaks of it over ROS.
+    """A stepped world with its ROS interfaces.
 
-    :param world: it belongs to the simulator from now on.
-    :param stepper: steps it; not started yet.
-    :param ontology: knows the classes of things.
+    :param world: owned by the simulator.
+    :param stepper: steps the world; not started yet.
+    :param ontology: knows the classes of bodies.
     """
 
     def __init__(self, world: World, stepper: Stepper, ontology: Ontology, options: Options) -> None:
@@ -54,9 +54,9 @@ class Simulator:
         self._controllers = [
             Controllers(robot.spec, stepper, self._arms, self._devices) for robot in world.robots.values()
         ]
-        self._telling = Telling(world, stepper, self._clock, self._frames)
+        self._state_publisher = StatePublisher(world, stepper, self._clock, self._frames)
         self._cameras = Cameras(world, stepper, self._clock, self._frames, options.camera_rate)
-        stepper.add_hook(self._telling.after_step)
+        stepper.add_hook(self._state_publisher.after_step)
         stepper.add_hook(self._cameras.after_step)
         self._services = Services(
             stepper,
@@ -66,19 +66,19 @@ class Simulator:
             options.detection,
             options.noise,
             self._reset,
-            self._telling.tell,
+            self._state_publisher.publish_all,
         )
 
     def start(self) -> None:
-        """Steps, and takes goals, from now on."""
-        self._telling.tell()
+        """Starts stepping and accepting goals."""
+        self._state_publisher.publish_all()
         self._stepper.start()
         for server in self._servers:
             server.start()
-        self._services.start()  # last: who waits for one finds all
+        self._services.start()  # last: clients that wait for a service find everything
 
     def close(self) -> None:
-        """Ends the world; goals that are carried out are aborted."""
+        """Stops the world; active goals are aborted."""
         self._services.close()
         for controllers in self._controllers:
             controllers.close()
@@ -145,22 +145,22 @@ class Simulator:
         return servers
 
     def _reset(self, world: World, seed: int | None) -> None:
-        """Back to the start; goals that are carried out are aborted. In the thread that steps."""
+        """Resets the world; active goals are aborted. Called in the stepping thread."""
         for server in self._servers:
             server.abandon("the simulated world was reset")
         world.reset(seed)
         self._make_controllers(world)
-        self._telling.forget()
-        self._cameras.forget()
-        self._stepper.mend()
-        self._telling.tell()
+        self._state_publisher.clear()
+        self._cameras.clear()
+        self._stepper.recover()
+        self._state_publisher.publish_all()
         log.info("the simulated world is back at its start, seed %d", world.seed)
 
 
 def main() -> None:
-    """The node's work: simulates until ROS shuts down.
+    """Runs the node until ROS shuts down.
 
-    :raises ConfigurationError: a parameter or the scene cannot be used.
+    :raises ConfigurationError: a parameter or the scene is invalid.
     """
     options = read_options(rospy.get_param)
     folder = Path(options.workspace).expanduser() if options.workspace else ontology_folder()
@@ -168,10 +168,10 @@ def main() -> None:
     model = WorldModel(ontology_folder(), folder, initial=initial)
     elements = LocalWorldModel("simulator", model).get_scene_elements()
     scene = read_scene(elements, model.ontology.is_subclass, (folder,))
-    world = _made(scene, options)
+    world = _create_world(scene, options)
     for problem in world.problems:
         log.warning("%s", problem)
-    if rospy.is_shutdown():  # told to end while the world was made
+    if rospy.is_shutdown():  # shut down while the world was created
         return
     simulator = Simulator(world, Stepper(world, options.rate, options.paused), model.ontology, options)
     rospy.on_shutdown(simulator.close)
@@ -181,8 +181,8 @@ def main() -> None:
     spin()
 
 
-def _made(scene: SceneSpec, options: Options) -> World:
-    """The world; without a window where none can be opened."""
+def _create_world(scene: SceneSpec, options: Options) -> World:
+    """Creates the world; without a window if none can be opened."""
     noise = (options.position_noise, options.yaw_noise)
     if options.gui:
         try:

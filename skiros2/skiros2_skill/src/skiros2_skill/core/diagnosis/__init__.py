@@ -1,0 +1,1 @@
+"""Explains tasks and nodes to people."""

@@ -1,0 +1,1 @@
+"""Starts, ticks and ends nodes."""

@@ -1,0 +1,383 @@
+"""The blackboard of a task: one flat map from keys to parameters, shared by all nodes of the task.
+
+The blackboard key of a node's parameter results from the remaps of the node and its ancestors. At its start, and before
+each `execute`, a node *pulls* the values of its keys; afterwards it *pushes* its own. Nodes share the list of values
+itself: all of them see changes in place.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Any
+
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError, UnknownName, WrongType
+from skiros2_common.core.explanation import CHANGED, DEFAULT, GIVEN, PULLED, SPECIFIED, UNSET
+from skiros2_common.core.names import nearest
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element, ElementChanges
+from skiros2_skill.core.tree.node import SkillInterface
+
+log = logging.getLogger(__name__)
+
+
+class Slot:
+    """The connection of a node's parameter to its key on the blackboard.
+
+    :param provenance: see `Provenance`.
+    """
+
+    __slots__ = (
+        "candidate", "default_ids", "ignored", "inferred", "is_element", "key", "param", "placeholder", "provenance",
+        "pushed_by", "shared",
+    )  # fmt: skip
+
+    def __init__(self, param: Param, key: str, provenance: str) -> None:
+        self.param = param
+        self.key = key
+        self.is_element = param.is_element
+        self.provenance = provenance
+        #: The label of the node that has pushed the values.
+        self.pushed_by = ""
+        self.inferred = False
+        default = param._default
+        #: The ids of a default that is kept unless the blackboard has elements with the same ids; () for a default
+        #: that is always kept; None when there is none to keep.
+        self.default_ids: list[str] | tuple[()] | None = None
+        #: The list with an abstract element as the default, which is not pushed.
+        self.placeholder = None
+        if default and not self.is_element:
+            self.default_ids = ()
+        elif default and default[0].id:
+            self.default_ids = [e.id for e in default]
+        elif default:
+            self.placeholder = param._values
+        #: The list that was last pulled or pushed.
+        self.shared: list[Any] | None = None
+        #: The list that was last not pulled because of the default.
+        self.ignored: list[Any] | None = None
+        #: An inferred value on the blackboard, which inference tries first.
+        self.candidate: list[Any] | None = None
+
+    @property
+    def is_at_placeholder(self) -> bool:
+        return self.param._values is self.placeholder and not any(e.id or e.may_be_changed for e in self.param._values)
+
+
+class Blackboard:
+    """The parameters of a task by key. For the thread that ticks the task.
+
+    :param params: the parameters of the root, which store the blackboard.
+    """
+
+    def __init__(self, params: ParamHandler) -> None:
+        self._handler = params
+
+    @property
+    def _entries(self) -> dict[str, Param]:
+        return self._handler._params
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._entries
+
+    def values(self, key: str) -> list[Any]:
+        """The values of a key; [] when the blackboard does not have it."""
+        entry = self._entries.get(key)
+        return entry._values if entry is not None else []
+
+    def ids(self) -> set[str]:
+        """The ids of all elements on the blackboard."""
+        return {v.id for p in self._entries.values() if p.is_element for v in p._values}
+
+    def pull(self, node: SkillInterface, slots: list[Slot], is_start: bool = False) -> bool:
+        """Copies values from the blackboard to the parameters of a node. Returns whether a parameter has changed.
+
+        A parameter with a default keeps it, unless the default is an abstract element or elements with the same ids. An
+        inferred value is pulled by an Optional parameter and, while the node runs, by one without a value; for others
+        it is a candidate.
+        """
+        entries = self._entries
+        changed = False
+        for slot in slots:
+            entry = entries.get(slot.key)
+            if entry is None:
+                continue
+            values, param = entry._values, slot.param
+            if values is param._values or values is slot.ignored or values is slot.shared or not values:
+                continue
+            if slot.default_ids is not None and slot.default_ids != [v.id for v in values if isinstance(v, Element)]:
+                slot.ignored = values
+                continue
+            if entry.is_inferred and param._param_type is not ParamTypes.Optional and (is_start or param.is_bound()):
+                slot.candidate = values
+                continue
+            slot.shared = values
+            try:
+                param._values = param._checked(values)
+            except WrongType as error:
+                log.error("%s keeps its own value, not the one on the blackboard: %s", node.printState(), error)
+                continue
+            _update_lent(param)
+            slot.inferred = entry.is_inferred
+            pushed = PULLED if is_start or not node._children else CHANGED
+            slot.provenance, slot.pushed_by = pushed if entry.set_by else GIVEN, entry.set_by
+            changed = True
+        return changed
+
+    def push(self, node: SkillInterface, slots: list[Slot], everything: bool = False, removes: bool = True) -> bool:
+        """Copies parameters of a node that were assigned or changed in place to the blackboard; a parameter without a
+        value removes its key. Returns whether the blackboard has changed.
+
+        :param everything: also pushes unchanged parameters, except for abstract elements that are defaults.
+        :param removes: whether keys are removed.
+        """
+        entries = self._entries
+        params = node._params._params
+        if len(params) != len(slots):  # the running skill has declared parameters
+            add_slots(node, slots)
+        pushed = False
+        for slot in slots:
+            param = slot.param
+            values = param._values
+            changed = param.assigned
+            if changed:
+                param.assigned = False
+                slot.placeholder = None
+                slot.inferred = False
+                slot.provenance, slot.pushed_by = CHANGED, ""
+            if param.shared_snapshot is not None and not is_same(values, param.shared_snapshot):
+                param.shared_snapshot = list(values)
+                changed = True
+            if slot.placeholder is not None and values is slot.placeholder and values and values[0].id:
+                slot.placeholder = None  # the skill has added the element to the world model
+                changed = True
+            if not (changed or everything):
+                continue
+            entry = entries.get(slot.key)
+            if not values:
+                if removes and entry is not None:
+                    del entries[slot.key]
+                    pushed = True
+            elif entry is not None and entry._values is values:
+                if changed:
+                    entry.is_inferred, entry.set_by = slot.inferred, node._label
+                    pushed = True
+            elif changed or not (slot.is_at_placeholder or (entry is not None and entry._values is slot.shared)):
+                entries[slot.key] = entry = param._copy(values)
+                entry._key = slot.key
+                entry.is_inferred, entry.set_by = slot.inferred, node._label
+                slot.shared = values
+                pushed = True
+        return pushed
+
+
+def has_changed_in_place(lent: Iterable[Param]) -> bool:
+    """Whether a list of values that the skill's code has got was changed in place."""
+    return any(not is_same(param._values, param.shared_snapshot) for param in lent)
+
+
+def _update_lent(param: Param) -> None:
+    if param.shared_snapshot is not None:
+        param.shared_snapshot = list(param._values)
+
+
+def is_same(values: list[Any], other: list[Any] | None) -> bool:
+    """Whether two lists are equal; values that cannot be compared are not."""
+    try:
+        return values == other
+    except FOREIGN_ERRORS:
+        return False
+
+
+def scope(outer: Mapping[str, str], remaps: Mapping[str, str]) -> Mapping[str, str]:
+    """Composes remaps: maps the keys of a node to keys on the blackboard, where they differ.
+
+    :param outer: the result for the parent.
+    :param remaps: of the node.
+    """
+    return {**outer, **{key: outer.get(name, name) for key, name in remaps.items()}} if remaps else outer
+
+
+def make_slots(node: SkillInterface, declared: ParamHandler) -> tuple[ParamHandler, list[Slot]]:
+    """Creates the parameters of a node that starts, with their specified values or defaults, and their slots.
+
+    Unknown keys and values of a wrong type are logged and ignored.
+
+    :param declared: the parameters of the implementation.
+    """
+    names = node._scope
+    specified = {node.own_name(name): values for name, values in node._specified.items()} if node._specified else {}
+    provenance = GIVEN if node._parent is not None and node._parent._parent is None else SPECIFIED
+    params: dict[str, Param] = {}
+    slots = []
+    for key, param in declared._params.items():
+        own = param._checked_or_log([_view(v) for v in specified.pop(key)]) if key in specified else None
+        if own is None:
+            params[key] = param = param.at_default()
+        else:
+            params[key] = param = param._copy(own)
+            param._default = list(own)
+        slot = Slot(param, names.get(key, key), DEFAULT if own is None else provenance)
+        if slot.placeholder is not None or not param._values:
+            slot.provenance = UNSET
+        slots.append(slot)
+    for key in specified:
+        log.error("%s: %s", node.printState(), declared.unknown(key))
+    return ParamHandler(params, is_strict=True), slots
+
+
+def add_slots(node: Any, slots: list[Slot]) -> None:
+    """Updates the slots of a skill that has declared parameters since its start."""
+    known = {slot.param._key: slot for slot in slots}
+    params = node._params._params
+    slots[:] = [slot for slot in slots if slot.param._key in params]
+    for key, param in params.items():
+        slot = known.get(key)
+        if slot is None:
+            slots.append(Slot(param, node._scope.get(key, key), DEFAULT if param.is_bound() else UNSET))
+        elif slot.param is not param:
+            slot.__init__(param, slot.key, DEFAULT)  # type: ignore[misc]
+    node.element_slots = [slot for slot in slots if slot.is_element]
+
+
+# -- elements ------------------------------------------------------------------------------------------------------
+
+
+def refresh_elements(slots: list[Slot], wmi: Any, revisions: Any) -> list[str]:
+    """Reads elements that have changed in the world model again, keeping local changes; removed elements are dropped.
+
+    :param slots: those of element type.
+    :param revisions: of the world model's elements; None: not known.
+    :returns: the ids of the dropped elements.
+    """
+    dropped = []
+    for slot in slots:
+        values = slot.param._values
+        is_complete = True
+        for index, value in enumerate(values):
+            eid = value.id
+            if not eid:
+                is_complete = is_complete and value.version < 0
+                continue
+            revision = revisions.element(eid) if revisions is not None else None
+            if revision is not None and revision.version == value.version:
+                continue
+            found = wmi.find_element(eid)
+            if found is None:
+                dropped.append(eid)
+                is_complete = False
+            elif found.version != value.version or found.version < 0:
+                changes = value.changes() if value.may_be_changed else None
+                values[index] = apply_changes(found, changes) if changes else found
+        if not is_complete:
+            slot.param._values = [v for v in values if v.id not in dropped and not is_removed(v)]
+            slot.shared = None
+        _update_lent(slot.param)
+    return dropped
+
+
+def is_removed(element: Element) -> bool:
+    """Whether an element was read from the world model and removed since, which clears its id."""
+    return not element.id and element.version >= 0
+
+
+def apply_changes(element: Element, changes: ElementChanges) -> Element:
+    """Applies local changes to an element that was read again. Returns the element."""
+    for key, prop in changes.properties.items():
+        element.setProperty(key, prop.dataType())
+        element.setProperty(key, list(prop._values))
+    for key in changes.removed_properties:
+        if element.hasProperty(key):
+            element.removeProperty(key)
+    element.removeRelations(changes.removed_relations)
+    for r in changes.added_relations:
+        element.addRelation(r["src"], r["type"], r["dst"], r["state"], r["abstract"])
+    if changes.label is not None:
+        element.label = changes.label
+    if changes.type is not None:
+        element.type = changes.type
+    return element
+
+
+def removal_text(eid: str, wmi: Any) -> str:
+    """States that an element is missing and, if the world model knows, who removed it and when."""
+    try:
+        removed = wmi.removal_of(eid) if hasattr(wmi, "removal_of") else None
+    except SkirosError:
+        removed = None
+    if removed is None:
+        return f"element {eid} is not in the scene any more"
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(removed.stamp))
+    return f"element {eid} was removed by {removed.author or 'an unknown author'} at {when}"
+
+
+def assigned_elements(slots: list[Slot]) -> list[Element]:
+    """The changed elements with an id in assigned parameters, which are written after an `execute`."""
+    found: dict[int, Element] = {}
+    for slot in slots:
+        values = slot.param._values
+        if slot.param.assigned and values and values[0].id:
+            found.update((id(e), e) for e in values if e.id and _has_changes(e))
+    return list(found.values())
+
+
+def unwritten_elements(slots: list[Slot]) -> Iterator[Element]:
+    """The elements with changes in place, which are not written."""
+    for slot in slots:
+        for element in slot.param._values:
+            if element.id and element.may_be_changed and element.changes():
+                yield element
+
+
+def discard_changes(slots: list[Slot], wmi: Any) -> None:
+    """Discards a skill's local changes of elements by reading them again."""
+    for slot in slots:
+        values = slot.param._values
+        for index, element in enumerate(values):
+            if element.id and element.may_be_changed:
+                values[index] = wmi.find_element(element.id) or element
+
+
+def _has_changes(element: Element) -> bool:
+    changes = element.changes()
+    return changes is None or bool(changes) or bool(element.local_relations)
+
+
+def _view(value: Any) -> Any:
+    return value.view() if isinstance(value, Element) else value
+
+
+# -- remaps without a target ---------------------------------------------------------------------------------------
+
+
+def unprovided_remap(node: Any, slot: Slot, blackboard: Blackboard) -> str:
+    """The error text when a parameter is remapped to a key that no other node has; else ""."""
+    if slot.key == slot.param._key or slot.key in blackboard:
+        return ""
+    known: set[str] = set()
+    root = node
+    while root._parent is not None:
+        root = root._parent
+    pending: list[tuple[Any, Mapping[str, str]]] = [(root, {})]
+    while pending:
+        other, outer = pending.pop()
+        names = scope(outer, other._remaps)
+        pending += [(child, names) for child in other._children]
+        if other is not node:
+            known.update(names.get(key, key) for key in _declared_keys(other))
+    if slot.key in known:
+        return ""
+    near = nearest(slot.key, known | set(blackboard._entries))
+    return (
+        f"parameter {slot.param._key!r} is remapped to {slot.key!r}, which no other node of the task has"
+        f"{'; near: ' + ', '.join(near) if near else ''}"
+    )
+
+
+def _declared_keys(node: Any) -> Collection[str]:
+    """The keys that a node declares; () for a group or an unknown skill."""
+    try:
+        return list(node.declared_params()) if hasattr(node, "declared_params") else ()
+    except UnknownName:
+        return ()

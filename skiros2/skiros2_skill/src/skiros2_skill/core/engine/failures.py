@@ -1,0 +1,175 @@
+"""The failures of a task, with their explanations.
+
+A failure is recorded as plain data. Its `Explanation`, which needs queries of the world model, is only made when the
+failure differs from the node's last one: a node of a reactive tree may fail at every tick.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.core.explanation import Explanation, Finding, InferenceFailure, Provenance
+from skiros2_common.core.params import ParamHandler
+from skiros2_skill.core.diagnosis.provenance import provenance_of
+from skiros2_skill.core.tree.node import SkillInterface
+from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+log = logging.getLogger(__name__)
+
+#: How many failures of a task are kept.
+MAX_FAILURES = 100
+
+PRE_FAILED, HOLD_FAILED, POST_FAILED = -1, -2, -3
+START_RAISED, EXECUTE_RAISED, PREEMPT_RAISED = -404, -405, -406
+
+#: Numbers in messages, which may differ from tick to tick: such failures are of one kind.
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+@dataclass
+class Failure:
+    """A failure of a node, not explained yet.
+
+    :param stage, code, message: see `Explanation`.
+    :param label: of the implementation; "" for that of the node.
+    :param conditions: the unsatisfied conditions.
+    :param params: the parameters they were evaluated with.
+    :param provenance: returns the provenance of the parameters; None: that of the node's.
+    :param tried: the failures of the rejected implementations.
+    :param late: the node had failed or ended before: this is not the cause.
+    """
+
+    stage: str
+    code: int
+    message: str
+    label: str = ""
+    conditions: Sequence[Any] = ()
+    params: ParamHandler | None = None
+    candidates: list[InferenceFailure] = field(default_factory=list)
+    provenance: Callable[[], list[Provenance]] | None = None
+    tried: Sequence[Failure] = ()
+    late: bool = False
+
+
+@dataclass
+class _Entry:
+    node: SkillInterface
+    explanation: Explanation
+    late: bool
+
+
+class Failures:
+    """The failures of one task, recorded by the thread that ticks it and read by any thread.
+
+    :param wmi: the world model as the task sees it.
+    """
+
+    def __init__(self, wmi: Any) -> None:
+        self._wmi = wmi
+        self._entries: dict[tuple[Any, ...], _Entry] = {}  # by kind; the last failure is the last entry
+        self._lock = threading.Lock()
+
+    def record(self, node: SkillInterface, failure: Failure) -> None:
+        """Records a failure; a repetition, whose message differs at most in numbers, increments the count."""
+        key = (_child_indices(node), failure.label, failure.stage, failure.code, _NUMBER.sub("#", failure.message))
+        known = self._entries.get(key)
+        if known is not None and known.explanation.message == failure.message:
+            explanation = known.explanation
+        else:
+            explanation = self._explained(node, failure)
+        times = known.explanation.times + 1 if known is not None else 1
+        entry = _Entry(node, replace(explanation, times=times), failure.late)
+        with self._lock:
+            self._entries.pop(key, None)
+            self._entries[key] = entry
+            if len(self._entries) > MAX_FAILURES:
+                del self._entries[next(iter(self._entries))]
+
+    def explanations(self) -> list[Explanation]:
+        """The explanations, ordered by the last occurrence of each failure."""
+        with self._lock:
+            entries = list(self._entries.values())
+        return [replace(entry.explanation, node=entry.node._id) for entry in entries]
+
+    def cause(self) -> tuple[SkillInterface, Explanation] | None:
+        """The node that made the root fail, and the explanation; None when no node failed."""
+        for entry in reversed(self._entries.values()):
+            if not entry.late and all(node._state is State.Failure for node in _path(entry.node)):
+                return entry.node, entry.explanation
+        return None
+
+    def cause_below(self, node: SkillInterface) -> tuple[str, int] | None:
+        """The message (one line) and the code of the failure that made a compound fail."""
+        for entry in reversed(self._entries.values()):
+            failed = entry.node
+            if not entry.late and failed._state is State.Failure and failed.inSubtreeOf(node):
+                text = entry.explanation.message.strip().partition("\n")[0]
+                return f"{failed.label or failed.type}: {text}", min(entry.explanation.code, -1)
+        return None
+
+    def _explained(self, node: SkillInterface, failure: Failure) -> Explanation:
+        path = [_name(n) for n in _path(node) if n._parent is not None or n is node]
+        return self._explanation(node, failure, path)
+
+    def _explanation(self, node: SkillInterface, failure: Failure, path: list[str]) -> Explanation:
+        return Explanation(
+            failure.stage,
+            node._type,
+            failure.label or node._label,
+            node._id,
+            failure.code,
+            failure.message,
+            path,
+            self._findings(failure),
+            failure.candidates,
+            failure.provenance() if failure.provenance is not None else _provenance(node),
+            [self._explanation(node, tried, []) for tried in failure.tried],
+            time.time(),
+        )
+
+    def _findings(self, failure: Failure) -> list[Finding]:
+        """The findings of the conditions. A condition that cannot be explained, because the world model does not
+        answer or its code raises, is represented by its description."""
+        findings = []
+        for condition in failure.conditions:
+            try:
+                findings.append(condition.explain(failure.params, self._wmi))
+            except FOREIGN_ERRORS:
+                log.exception("a condition cannot be explained: %s", condition.getDescription())
+                wanted = condition.getDescription()
+                findings.append(Finding(type(condition).__name__, condition.label, {}, wanted, f"not {wanted}"))
+        return findings
+
+
+def _provenance(node: SkillInterface) -> list[Provenance]:
+    return provenance_of(node.slots, node._pre_conditions) if isinstance(node, SkillWrapper) else []
+
+
+def _path(node: SkillInterface) -> list[SkillInterface]:
+    """The nodes from the root to a node."""
+    path = []
+    current: SkillInterface | None = node
+    while current is not None:
+        path.append(current)
+        current = current._parent
+    return path[::-1]
+
+
+def _child_indices(node: SkillInterface) -> tuple[int, ...]:
+    """The child indices from the root to a node. They stay the same when a subtree is expanded again."""
+    return tuple(n._child_index for n in _path(node))
+
+
+def _name(node: SkillInterface) -> str:
+    """The label of a node; without one, the type of a skill or the symbol of the processor."""
+    if node._label:
+        return node._label
+    return node._type.partition(":")[2] if isinstance(node, SkillWrapper) else node._processor.printType()

@@ -1,0 +1,286 @@
+"""Infers elements for unset parameters so that all pre-conditions on them hold.
+
+A constraint search with backtracking. Parameters that share no condition are searched independently. The parameter with
+the fewest candidates is bound first. Candidates come from an index where a relation to a bound element, or a required
+property value, constrains them. A condition is checked as soon as all its keys are bound, those of reasoners last.
+Candidates are tried in the order: preferred ones, then by id. The same scene gives the same result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from skiros2_common.core.conditions import (
+    ConditionFunction,
+    ConditionHasProperty,
+    ConditionOr,
+    ConditionProperty,
+    ConditionRelation,
+)
+from skiros2_common.core.names import ANY_TYPE, id_order
+from skiros2_common.core.params import Param, ParamHandler, ParamTypes
+from skiros2_common.core.world_element import Element
+
+#: Conditions that only depend on the element, not on the world model.
+_OF_ELEMENT = (ConditionHasProperty, ConditionProperty)
+
+
+def inferable(params: ParamHandler) -> list[Param]:
+    """The parameters to infer: Required or Inferred, of element type, unset."""
+    return [
+        p
+        for p in params.values()
+        if p.is_element and not p.is_bound() and p.paramType in (ParamTypes.Required, ParamTypes.Inferred)
+    ]
+
+
+def infer(
+    params: ParamHandler,
+    conditions: Sequence[Any],
+    wmi: Any,
+    preferred: Collection[str] = (),
+    first: Mapping[str, Sequence[Element]] | None = None,
+) -> Search | None:
+    """Sets the unset Required and Inferred element parameters.
+
+    An Inferred parameter without conditions and candidates stays unset.
+
+    :param conditions: the pre-conditions.
+    :param preferred: ids of elements to try before others of the class.
+    :param first: elements to try before all others, of any class, by key.
+    :returns: None; after a failure the search, with the keys without a value in `failed`.
+    """
+    search = Search(params, conditions, wmi, preferred, first)
+    return None if search.run() else search
+
+
+class Search:
+    """A search for the values of parameters.
+
+    :param params: see `infer`; during the search they hold the values being tried.
+    """
+
+    def __init__(
+        self,
+        params: ParamHandler,
+        conditions: Sequence[Any],
+        wmi: Any,
+        preferred: Collection[str] = (),
+        first: Mapping[str, Sequence[Element]] | None = None,
+    ) -> None:
+        self.params = params
+        self.wmi = wmi
+        #: The keys of the group of parameters for which the search failed.
+        self.failed: list[str] = []
+        #: The pattern that the element of each key has to match.
+        self.patterns = {p.key: p.value or p.default or Element("") for p in inferable(params)}
+        #: The conditions on unset parameters, cheap ones first.
+        self.conditions = sorted(
+            (c for c in conditions if not self.patterns.keys().isdisjoint(c.getKeys())), key=self._cost
+        )
+        self._keys = {id(c): frozenset(c.getKeys()) for c in self.conditions}
+        self._links = [c for c in self.conditions if self.is_link(c)]
+        self._preferred = preferred
+        self._first = first or {}
+        self._known: dict[str, list[Element]] = {}
+        self._verdicts: dict[tuple[int, str, str], bool] = {}
+
+    def run(self) -> bool:
+        """Sets all parameters, or none. Returns whether it succeeded."""
+        for keys in self._connected_keys():
+            firsts = [key for key in keys if key in self._first]
+            if not self._bind_first(frozenset(keys), firsts):
+                self.failed = keys
+                for key in self.patterns:
+                    self.params._params[key].setDefault()
+                return False
+        return True
+
+    # -- conditions --------------------------------------------------------------------------------------------
+
+    def is_link(self, condition: Any) -> bool:
+        """Whether a condition is a relation that the scene has an index of."""
+        return type(condition) is ConditionRelation and condition.desired_state and condition.is_stored()
+
+    def _cost(self, condition: Any) -> int:
+        """The rank of a condition: stored relations, properties of one element, stored relations that must not hold,
+        functions, relations computed by reasoners."""
+        if isinstance(condition, ConditionOr):
+            return max((self._cost(part) for part in condition.conditions), default=0) or 1
+        if isinstance(condition, ConditionRelation):
+            if not condition.abstract and not condition.is_stored():
+                return 4
+            return 0 if condition.desired_state else 2
+        return 3 if isinstance(condition, ConditionFunction) else 1
+
+    def holds(self, condition: Any, key: str, element: Element) -> bool:
+        """Whether a condition holds with an element as the value of a parameter."""
+        param = self.params._params[key]
+        before, param._values = param._values, [element]
+        try:
+            return bool(condition.satisfied_for_inference(self.params, self.wmi))
+        finally:
+            param._values = before
+
+    @contextmanager
+    def assuming(self, key: str, element: Element) -> Iterator[None]:
+        """Sets a parameter to an element inside the `with` block."""
+        param = self.params._params[key]
+        before, param._values = param._values, [element]
+        try:
+            yield
+        finally:
+            param._values = before
+
+    def _connected_keys(self) -> list[list[str]]:
+        """The unset keys in groups that share conditions."""
+        groups: list[list[str]] = []
+        mentioned = {key for keys in self._keys.values() for key in keys}
+        for key in self.patterns:
+            if any(key in group for group in groups):
+                continue
+            is_optional = key not in mentioned and self.params._params[key].paramTypeIs(ParamTypes.Inferred)
+            if is_optional and key not in self._first and not self._candidates(key):
+                continue
+            group = [key]
+            for member in group:
+                connected = {k for keys in self._keys.values() if member in keys for k in keys}
+                group += [k for k in self.patterns if k in connected and k not in group]
+            groups.append(group)
+        return groups
+
+    # -- the search --------------------------------------------------------------------------------------------
+
+    def _bind_first(self, unbound: frozenset[str], firsts: list[str]) -> bool:
+        """Binds as many keys as possible to their first candidates, then the other keys."""
+        if not firsts:
+            return self._bind(unbound)
+        key, *others = firsts
+        rest = unbound - {key}
+        checks = [c for c in self._conditions_on(key) if rest.isdisjoint(self._keys[id(c)])]
+        for candidate in self._first[key]:
+            if all(self.satisfies(c, key, candidate) for c in checks):
+                self.params._params[key]._values = [candidate]
+                if self._bind_first(rest, others):
+                    return True
+        return self._bind_first(unbound, others)
+
+    def _bind(self, unbound: frozenset[str]) -> bool:
+        if not unbound:
+            return True
+        key, candidates = self._most_constrained(unbound)
+        param = self.params._params[key]
+        rest = unbound - {key}
+        conditions = [c for c in self._conditions_on(key) if rest.isdisjoint(self._keys[id(c)])]
+        checks = [c for c in conditions if not self._is_bound(c, key)]
+        for candidate in candidates:
+            if all(self.satisfies(c, key, candidate) for c in checks):
+                param._values = [candidate]
+                if self._bind(rest):
+                    return True
+        return False  # the parameter keeps the last value tried; nothing reads it before it is bound again
+
+    def satisfies(self, condition: Any, key: str, candidate: Element) -> bool:
+        """Same as `holds`; the result of a condition on one unset parameter is cached."""
+        if len(self._keys[id(condition)] & self.patterns.keys()) > 1:
+            return self.holds(condition, key, candidate)
+        if type(condition) in _OF_ELEMENT:
+            return bool(condition.satisfied_by(candidate))  # the element was read just now
+        question = (id(condition), key, candidate.id)
+        verdict = self._verdicts.get(question)
+        if verdict is None:
+            verdict = self._verdicts[question] = self.holds(condition, key, candidate)
+        return verdict
+
+    def _most_constrained(self, unbound: frozenset[str]) -> tuple[str, list[Element]]:
+        """The key with the fewest candidates, and these candidates. Keys constrained by a relation come first, because
+        an index gives their candidates."""
+        found = {
+            key: ids for key in self.patterns if key in unbound and (ids := self._related(key, unbound)) is not None
+        }
+        if found:
+            key = min(found, key=lambda k: len(found[k]))
+            wanted = self._indexed(key)
+            elements = (self.wmi.find_element(eid) for eid in found[key])
+            return key, self.ordered(e for e in elements if e is not None and self._matches(e, wanted))
+        domains = {key: self._candidates(key) for key in self.patterns if key in unbound}
+        if len(domains) > 1:
+            domains = {key: self._filtered(key) for key in domains}
+        key = min(domains, key=lambda k: len(domains[k]))
+        return key, domains[key]
+
+    def _filtered(self, key: str) -> list[Element]:
+        """The candidates of a key that satisfy the cheap conditions on it alone."""
+        cheap = [c for c in self._conditions_on(key) if self._cost(c) <= 1]
+        alone = [c for c in cheap if self._keys[id(c)] & self.patterns.keys() == {key}]
+        return [e for e in self._candidates(key) if all(self.satisfies(c, key, e) for c in alone)]
+
+    def _related(self, key: str, unbound: Collection[str]) -> set[str] | None:
+        """The ids that relations to bound elements allow for a key; None when there are no such relations."""
+        related: set[str] | None = None
+        for link in self._links:
+            if key in self._keys[id(link)]:
+                ids = self.linked(link, key, unbound)
+                if ids is not None:
+                    related = ids if related is None else related & ids
+        return related
+
+    def _is_bound(self, condition: Any, key: str) -> bool:
+        """Whether the candidates of a key were already selected by this condition, a link to bound elements."""
+        other = self._keys[id(condition)] - {key}
+        return condition in self._links and all(self.params.is_bound(k) for k in other) and bool(other)
+
+    def _conditions_on(self, key: str) -> list[Any]:
+        """The conditions on a key."""
+        return [c for c in self.conditions if key in self._keys[id(c)]]
+
+    def linked(self, link: Any, key: str, unbound: Collection[str] = ()) -> set[str] | None:
+        """The ids that a link allows for a key; None when its other side is not bound."""
+        is_subject = link.subject_key == key
+        other_key = link.object_key if is_subject else link.subject_key
+        other = self.params._params.get(other_key)
+        if other_key == key or other_key in unbound or other is None or not other.is_bound():
+            return None
+        if is_subject:
+            return {r["src"] for r in self.wmi.get_relations("", link.relation, other.value.id)}
+        return {r["dst"] for r in self.wmi.get_relations(other.value.id, link.relation, "")}
+
+    # -- elements ----------------------------------------------------------------------------------------------
+
+    def matching(self, key: str) -> list[Element]:
+        """All elements that match the pattern of a key, ordered."""
+        if self._indexed(key) is self.patterns[key]:
+            return self._candidates(key)
+        return self._resolved(self.patterns[key])
+
+    def _candidates(self, key: str) -> list[Element]:
+        """The elements that match the pattern of a key and its required property values, ordered."""
+        if key not in self._known:
+            self._known[key] = self._resolved(self._indexed(key))
+        return self._known[key]
+
+    def _resolved(self, wanted: Element) -> list[Element]:
+        found = self.wmi.resolve_elements(wanted)
+        return self.ordered([e for e in found if self._matches(e, wanted)] if wanted.getRelations() else found)
+
+    def _indexed(self, key: str) -> Element:
+        """The pattern of a key with required property values, which the scene has an index of."""
+        wanted = self.patterns[key]
+        for c in self.conditions:
+            if type(c) is ConditionProperty and self._keys[id(c)] == {key} and c.is_value:
+                wanted = wanted.copy() if wanted is self.patterns[key] else wanted
+                if not wanted.hasProperty(c.property):
+                    wanted.setProperty(c.property, c.value)
+        return wanted
+
+    def _matches(self, element: Element, wanted: Element) -> bool:
+        if wanted.type in ANY_TYPE:
+            wanted = wanted.copy()
+            wanted.type = element.type
+        return element.isInstance(wanted, self.wmi)
+
+    def ordered(self, elements: Iterable[Element]) -> list[Element]:
+        """Sorts elements in the order in which they are tried."""
+        return sorted(elements, key=lambda e: (e.id not in self._preferred, id_order(e.id)))

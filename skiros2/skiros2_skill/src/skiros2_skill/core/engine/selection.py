@@ -1,0 +1,184 @@
+"""Selects an implementation for a node that starts, and finds its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from skiros2_common.core.errors import FOREIGN_ERRORS, SkirosError
+from skiros2_common.core.explanation import (
+    EXCEPTION,
+    INFERENCE,
+    INFERRED,
+    PARAMETER,
+    PRE,
+    START,
+)
+from skiros2_common.core.names import ANY_TYPE
+from skiros2_common.core.params import ParamHandler, ParamTypes
+from skiros2_common.core.source_location import format_error
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
+from skiros2_skill.core.diagnosis.provenance import provenance_of
+from skiros2_skill.core.engine.blackboard import Blackboard, Slot, make_slots, refresh_elements, unprovided_remap
+from skiros2_skill.core.engine.checks import check_conditions
+from skiros2_skill.core.engine.devices import free_devices, lock_devices
+from skiros2_skill.core.engine.failures import PRE_FAILED, START_RAISED, Failure
+from skiros2_skill.core.engine.inference import infer, inferable
+from skiros2_skill.core.library.library import Implementation
+from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+
+def select_implementation(
+    node: SkillWrapper, candidates: Sequence[Implementation], wmi: Any, revisions: Any, blackboard: Blackboard
+) -> Failure | None:
+    """Selects the first implementation whose parameters are found and whose pre-conditions are satisfied, and locks
+    its devices.
+
+    Implementations that declare the classes of the given elements are tried first.
+
+    :param revisions: see `refresh_elements`.
+    :returns: None; when every implementation is rejected, the failure with the reasons.
+    """
+    tried: list[Failure] = []
+    if len(candidates) > 1:
+        candidates = sorted(candidates, key=lambda i: _class_mismatches(node, i, wmi, blackboard))
+    for implementation in candidates:
+        conditions = [*implementation.declared.pre_conditions, *node.own_pre_conditions]
+        slots: list[Slot] = []
+        try:
+            params, slots = make_slots(node, implementation.declared.params)
+            _find_params(node, slots, params, conditions, wmi, revisions, blackboard)
+            _instantiate(node, implementation, params)
+        except Rejected as error:
+            failure = error.failure
+        except SkirosError as error:
+            failure = Failure(PARAMETER, PRE_FAILED, str(error))
+        except FOREIGN_ERRORS as error:  # raised by a condition
+            failure = Failure(EXCEPTION, START_RAISED, format_error(error, implementation.module))
+        else:
+            node.slots = slots
+            node.element_slots = [slot for slot in slots if slot.is_element]
+            refused = lock_devices(node, wmi) if node.options else None
+            if refused is None:
+                return None
+            free_devices(node, wmi)
+            node.release()
+            failure = refused
+        failure.label = implementation.label
+        failure.provenance = partial(provenance_of, slots, conditions)
+        tried.append(failure)
+    if len(tried) == 1:
+        return tried[0]
+    return Failure(START, PRE_FAILED, "; ".join(f"{f.label}: {f.message}" for f in tried), tried=tried)
+
+
+class Rejected(SkirosError):
+    """An implementation is rejected.
+
+    :param stage, text: of the failure.
+    :param failure: the failure itself, instead of `stage` and `text`.
+    """
+
+    def __init__(self, stage: str, text: str, failure: Failure | None = None) -> None:
+        super().__init__(text)
+        self.failure = failure or Failure(stage, PRE_FAILED, text)
+
+
+def _find_params(
+    node: SkillWrapper,
+    slots: list[Slot],
+    params: ParamHandler,
+    conditions: list[Any],
+    wmi: Any,
+    revisions: Any,
+    blackboard: Blackboard,
+) -> None:
+    """Sets the parameters that are not specified: pulls them from the blackboard and infers the others.
+
+    :param conditions: the pre-conditions.
+    :raises SkirosError: a parameter cannot be set, or a pre-condition is unsatisfied.
+    """
+    blackboard.pull(node, slots, is_start=True)
+    elements = [slot for slot in slots if slot.is_element]
+    given = [(slot, slot.param._values) for slot in elements if slot.shared is None]
+    if refresh_elements(elements, wmi, revisions):
+        for slot, values in given:
+            if len(slot.param._values) < len(values):
+                raise Rejected(PARAMETER, f"parameter {slot.param.key!r} is {values[0]!r}, which is not in the scene")
+    unset = {param.key: param for param in inferable(params)}
+    if unset:
+        searched = [slot for slot in elements if slot.param._key in unset]
+        _infer(node, searched, params, conditions, wmi, blackboard)
+    failure = check_conditions(PRE, conditions, params, wmi)
+    if failure is not None:
+        raise Rejected(PRE, failure.message, failure)
+
+
+def _infer(
+    node: SkillWrapper, slots: list[Slot], params: ParamHandler, conditions: list[Any], wmi: Any, blackboard: Blackboard
+) -> None:
+    """Infers the parameters of slots.
+
+    :raises SkirosError: the inference fails.
+    """
+    for slot in slots:
+        why = unprovided_remap(node, slot, blackboard) if slot.param.paramTypeIs(ParamTypes.Required) else ""
+        if why:
+            raise Rejected(PARAMETER, why)
+    suggested = {slot.param._key: _suggested(node, slot, wmi) for slot in slots}
+    search = infer(params, conditions, wmi, blackboard.ids(), {key: found for key, found in suggested.items() if found})
+    if search is not None:
+        candidates = filter_candidates(search)
+        text = f"Pre-condition failed: {failure_text(search, candidates)}"
+        raise Rejected(INFERENCE, text, Failure(INFERENCE, PRE_FAILED, text, candidates=candidates))
+    for slot in slots:
+        if slot.param.is_bound():
+            slot.inferred = True
+            slot.provenance = INFERRED
+            known = slot.candidate
+            if known is not None and len(known) == 1 and known[0].id == slot.param._values[0].id:
+                slot.param._values = slot.shared = known  # all nodes share one list
+
+
+def _suggested(node: SkillWrapper, slot: Slot, wmi: Any) -> list[Element]:
+    """The elements that inference tries first: suggested by the plan, and inferred by another node."""
+    named = [*node._suggested.get(node.name_above(slot.param._key), ()), *(slot.candidate or ())[:1]]
+    return [e for e in named if e.id and wmi.find_element(e.id) is not None]
+
+
+def _class_mismatches(node: SkillWrapper, implementation: Implementation, wmi: Any, blackboard: Blackboard) -> int:
+    """The number of parameters whose given elements are not of the declared class. Such elements are accepted, but an
+    implementation that declares their class is preferred."""
+    count = 0
+    for key, param in implementation.declared.params.items():
+        wanted = param.default.type if param.is_element and param.default is not None else ""
+        if wanted in ANY_TYPE or param.has_bound_default():
+            continue
+        values = node._specified.get(node.name_above(key)) or blackboard.values(node._scope.get(key, key))
+        count += any(isinstance(v, Element) and v.id and not _is_of(v.type, wanted, wmi) for v in values)
+    return count
+
+
+def _is_of(etype: str, wanted: str, wmi: Any) -> bool:
+    return etype == wanted or bool(wmi.is_subclass(etype, wanted))
+
+
+def _instantiate(node: SkillWrapper, implementation: Implementation, params: ParamHandler) -> None:
+    """Assigns an instance of the implementation with these parameters to the node.
+
+    :raises ConfigurationError: no instance can be created.
+    """
+    if node.hasInstance() and node.implementation is implementation:
+        node.getInstance()._restore_declared(params)
+        node.adopt_description()
+        node.begin_run()
+        return
+    node.release()
+    instance = implementation.acquire()
+    instance._restore_declared(params)
+    node.implementation = implementation
+    node.setInstance(instance)
+    node.begin_run()
+    node.expanded = False

@@ -1,0 +1,345 @@
+"""The skill library of a manager: implementations by type and label, and their instances."""
+
+from __future__ import annotations
+
+import builtins
+import logging
+import threading
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import Any
+
+from skiros2_common.core.errors import FOREIGN_ERRORS, ConfigurationError, SkirosError, UnknownName
+from skiros2_common.core.names import full_name, nearest
+from skiros2_common.core.primitive import PrimitiveBase
+from skiros2_common.core.source_location import error_location, format_error_line
+from skiros2_common.tools.plugin_loader import PluginLoader
+from skiros2_skill.core.lint.linter import NOT_DESCRIBED, NOTE, Fault, Linter, class_location, is_named
+from skiros2_skill.core.tree.compound import SkillBase
+
+log = logging.getLogger(__name__)
+
+
+class Implementation:
+    """A class that implements a skill, with a pool of free instances.
+
+    `declared` is an instance that never runs; it has the description.
+    """
+
+    def __init__(self, cls: type, wmi: Any, library: SkillLibrary) -> None:
+        self._cls = cls
+        self._wmi = wmi
+        self._library = library
+        self.declared: Any = self._create()
+        self._free: list[Any] = []
+        self._running = 0
+        self._lock = threading.Lock()
+
+    @property
+    def type(self) -> str:
+        return str(self.declared.type)
+
+    @property
+    def label(self) -> str:
+        return str(self.declared.label)
+
+    @property
+    def is_compound(self) -> bool:
+        return isinstance(self.declared, SkillBase)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an instance is running."""
+        return self._running > 0
+
+    @property
+    def module(self) -> str:
+        """The Python module that defines the class."""
+        return self._cls.__module__
+
+    @property
+    def cls(self) -> builtins.type:
+        return self._cls
+
+    def acquire(self) -> Any:
+        """Returns an instance for exclusive use until it is released.
+
+        :raises ConfigurationError: no instance can be created.
+        """
+        with self._lock:
+            instance = self._free.pop() if self._free else None
+        return instance if instance is not None else self._create()
+
+    def release(self, instance: Any) -> None:
+        """Returns an instance to the pool."""
+        if isinstance(instance, SkillBase):
+            instance._expands_into = None
+        with self._lock:
+            self._free.append(instance)
+
+    def count(self, change: int) -> None:
+        """Changes the number of running instances by 1 or -1."""
+        with self._lock:
+            self._running += change
+
+    def _create(self) -> Any:
+        """Creates and loads an instance.
+
+        :raises ConfigurationError: the class cannot be loaded; the text has the reason.
+        """
+        name = f"{self._cls.__module__}.{self._cls.__name__}"
+        try:
+            instance = self._cls()
+            loaded = instance.init(self._wmi, self._library)
+        except FOREIGN_ERRORS as error:
+            file, line = error_location(error, self.module) or class_location(self._cls)
+            text = str(error) if isinstance(error, SkirosError) else format_error_line(error)
+            raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: {text}") from error
+        if loaded is False:
+            file, line = class_location(self._cls)
+            raise ConfigurationError(f"skill {name} cannot be loaded: {file}, line {line}: its onInit returned False")
+        instance._save_declared()
+        return instance
+
+
+class SkillLibrary:
+    """The loaded implementations, by type and label.
+
+    :param wmi: the world model as the skills see it.
+    """
+
+    def __init__(self, wmi: Any) -> None:
+        self.wmi = wmi
+        self._loader = PluginLoader()
+        self._by_type: dict[str, list[Implementation]] = {}
+        self._linter = Linter((), wmi)
+        self._skipped: dict[type, str] = {}  # reason by class
+        self._libraries: list[str] = []
+        self._listed: list[str] = []
+        self._loaded: dict[type, Implementation] = {}
+
+    # -- loading -----------------------------------------------------------------------------------------------
+
+    @property
+    def libraries(self) -> list[str]:
+        """The imported packages."""
+        return [*self._libraries]
+
+    @property
+    def listed(self) -> list[str]:
+        """The names given to `load`."""
+        return [*self._listed]
+
+    @property
+    def not_imported(self) -> dict[str, str]:
+        """The modules of the libraries that could not be imported, with the reasons."""
+        return dict(self._loader.failures)
+
+    @property
+    def skipped(self) -> dict[str, str]:
+        """The classes that could not be loaded, as `module.Class`, with the reasons."""
+        return {_full_name(cls): why for cls, why in self._skipped.items()}
+
+    def import_libraries(self, packages: Sequence[str]) -> None:
+        """Imports Python packages with their submodules and collects the skill classes.
+
+        :raises ConfigurationError: a package does not exist or cannot be imported.
+        """
+        for package in packages:
+            try:
+                self._loader.load(package, (PrimitiveBase, SkillBase))
+            except ImportError as error:
+                raise ConfigurationError(str(error)) from error
+            self._libraries.append(package)
+        for cls in self._loader:
+            self._linter.add(cls)
+
+    def load(self, names: Iterable[str]) -> None:
+        """Loads implementations by class name or `module.Class`.
+
+        A skill that cannot be loaded is logged and skipped. Other faults do not prevent loading; they are logged in one
+        warning for each library.
+
+        :raises ConfigurationError: no library has a class with one of these names.
+        """
+        names = list(names)
+        found = [self._find(name) for name in names]
+        unknown = [self._no_such_class(name) for name, cls in zip(names, found, strict=True) if cls is None]
+        if unknown:
+            raise ConfigurationError("; ".join(unknown))
+        self._listed += names
+        loaded = []
+        for cls in dict.fromkeys(cls for cls in found if cls is not None):
+            try:
+                if self.add(cls) is not None:
+                    loaded.append(cls)
+            except ConfigurationError as error:
+                log.error("%s; it is skipped", error)
+        self._report(loaded)
+
+    def find(self, name: str) -> type:
+        """The class in the libraries with a name, or with `module.Class`.
+
+        :raises ConfigurationError: no library has such a skill.
+        """
+        found = self._find(name)
+        if found is None:
+            raise ConfigurationError(self._no_such_class(name))
+        return found
+
+    def _find(self, name: str) -> type | None:
+        return next((cls for cls in self._loader if is_named(cls, name)), None)
+
+    def add(self, cls: type) -> Implementation | None:
+        """Loads the implementation that a class defines. Returns None if it is loaded already.
+
+        :raises ConfigurationError: it cannot be loaded, or another implementation has its type and label.
+        """
+        if cls in self._loaded:
+            return None
+        try:
+            implementation = Implementation(cls, self.wmi, self)
+            for other in self._by_type.get(implementation.type, ()):
+                if other.label == implementation.label:
+                    file, line = class_location(cls)
+                    raise ConfigurationError(
+                        f"skill {_full_name(cls)} cannot be loaded: {file}, line {line}: "
+                        f"{_full_name(other.cls)} implements {implementation.type} as {implementation.label!r} too; "
+                        "labels have to differ"
+                    )
+        except ConfigurationError as error:
+            self._skipped[cls] = str(error)
+            raise
+        self._skipped.pop(cls, None)
+        self._by_type.setdefault(implementation.type, []).append(implementation)
+        self._loaded[cls] = implementation
+        log.debug("loaded %s-%s from %s", implementation.type, implementation.label, implementation.module)
+        return implementation
+
+    def _report(self, classes: Iterable[type]) -> None:
+        """Logs the faults of skills, in one warning for each library."""
+        faults = [(self._library_of(cls), fault) for cls in classes for fault in self._faults(cls)]
+        for library, found in groupby(sorted(faults, key=lambda f: (f[0], f[1].file, f[1].line)), lambda f: f[0]):
+            lines = list(dict.fromkeys(str(fault) for _, fault in found))
+            count = "1 problem" if len(lines) == 1 else f"{len(lines)} problems"
+            log.warning("library %s has %s:\n  %s", library, count, "\n  ".join(lines))
+
+    def _faults(self, cls: type) -> list[Fault]:
+        self._linter.add(cls)
+        try:
+            found = self._linter.lint(cls)
+        except FOREIGN_ERRORS:  # raised by the skill's `expand`
+            log.exception("%s cannot be checked", _full_name(cls))
+            return []
+        return [fault for fault in found if fault.severity != NOTE and fault.code != NOT_DESCRIBED]
+
+    def _library_of(self, cls: type) -> str:
+        """The package that a class was imported with."""
+        names = [name for name in self._libraries if f"{cls.__module__}.".startswith(f"{name}.")]
+        return max(names, key=len, default=cls.__module__)
+
+    # -- lookup ------------------------------------------------------------------------------------------------
+
+    def implementations(self) -> list[Implementation]:
+        """All loaded implementations, in the order of loading."""
+        return [i for some in self._by_type.values() for i in some]
+
+    def candidates(self, stype: str, label: str) -> list[Implementation]:
+        """The implementations of a type, those that are not running first.
+
+        If no loaded implementation matches, `label` is tried as a class name, then as the label of a class that is not
+        loaded; matching classes are loaded from the libraries.
+
+        :param label: "" for any.
+        :raises UnknownName: there is none.
+        """
+        stype = full_name(stype)
+        found = self._matching(stype, label) or self._named(stype, label)
+        if not found:
+            self._load_matching(stype, label)
+            found = self._matching(stype, label)
+        if not found:
+            raise UnknownName(self._no_such_skill(stype, label))
+        return sorted(found, key=lambda i: i.busy) if len(found) > 1 else found
+
+    def require_type(self, stype: str, label: str) -> None:
+        """Checks that a type exists; the label may be unknown.
+
+        :raises UnknownName: no library has a skill of that type.
+        """
+        try:
+            self.candidates(stype, label)
+        except UnknownName:
+            if not label:
+                raise
+            self.candidates(stype, "")
+
+    def by_label(self, label: str) -> Implementation:
+        """The implementation with a label, of any type.
+
+        :raises UnknownName: there is none, or there are several.
+        """
+        found = [i for i in self.implementations() if i.label == label]
+        if len(found) != 1:
+            labels = [i.label for i in self.implementations()]
+            problem = "several skills are" if found else "no skill is"
+            raise UnknownName(f"{problem} labelled {label!r}; loaded: {', '.join(labels) or 'none'}")
+        return found[0]
+
+    def _matching(self, stype: str, label: str) -> list[Implementation]:
+        return [i for i in self._by_type.get(stype, ()) if not label or i.label == label]
+
+    def _named(self, stype: str, label: str) -> list[Implementation]:
+        """The implementations of a type whose class has this name; they are loaded if needed."""
+        classes = [cls for cls in self._loader if label and is_named(cls, label)]
+        for cls in classes:
+            described = self._linter.describe(cls)
+            if isinstance(described, Fault) or described.skill.type == stype:
+                self._add_late(cls)
+        return [i for cls in classes if (i := self._loaded.get(cls)) is not None and i.type == stype]
+
+    def _load_matching(self, stype: str, label: str) -> None:
+        for cls in self._loader:
+            described = self._linter.describe(cls)
+            if isinstance(described, Fault) or described.skill.type != stype:
+                continue
+            if label in ("", described.skill.label):
+                self._add_late(cls)
+
+    def _add_late(self, cls: type) -> None:
+        """Loads a class that was not given to `load`."""
+        if cls in self._loaded or cls in self._skipped:
+            return
+        try:
+            self.add(cls)
+        except ConfigurationError as error:
+            log.error("%s; it is skipped", error)
+            return
+        self._report([cls])
+
+    def _no_such_class(self, name: str) -> str:
+        known = sorted(c.__name__ for c in self._loader)
+        near = nearest(name, known)
+        hint = f"; near: {', '.join(near)}" if near else ""
+        failures = "".join(f"; {module} was skipped: {cause}" for module, cause in self._loader.failures.items())
+        where = ", ".join(self._libraries) or "no library"
+        return f"skill {name!r}: no class of that name in {where}{hint}{failures}"
+
+    def _no_such_skill(self, stype: str, label: str) -> str:
+        skipped = [why for cls, why in self._skipped.items() if is_named(cls, label) or self._declares(cls, stype)]
+        if skipped:
+            return f"skill {stype}{f' labelled {label!r}' if label else ''} was not loaded: {'; '.join(skipped)}"
+        if label and self._by_type.get(stype):
+            labels = ", ".join(repr(i.label) for i in self._by_type[stype])
+            return f"skill {stype} has no implementation {label!r}; it has: {labels}"
+        near = nearest(stype, self._by_type)
+        hint = f"near: {', '.join(near)}" if near else f"known types: {', '.join(sorted(self._by_type)) or 'none'}"
+        return f"no skill of type {stype}{f' labelled {label!r}' if label else ''}; {hint}"
+
+    def _declares(self, cls: type, stype: str) -> bool:
+        described = self._linter.describe(cls)
+        return not isinstance(described, Fault) and described.skill.type == stype
+
+
+def _full_name(cls: type) -> str:
+    return f"{cls.__module__}.{cls.__name__}"

@@ -1,0 +1,1 @@
+"""Checks skill libraries without running them."""

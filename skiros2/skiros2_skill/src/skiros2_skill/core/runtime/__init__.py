@@ -1,0 +1,1 @@
+"""Tasks, and the threads that tick them."""

@@ -1,0 +1,136 @@
+"""Records of the tasks of a manager, including ended and refused ones."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.explanation import PREEMPT, Explanation
+from skiros2_skill.core.runtime.task import ENDED_SUCCESS, Task
+
+#: How many records of ended and refused tasks are kept.
+MAX_RECORDS = 100
+
+#: The id of a refused task.
+REFUSED = -1
+
+
+@dataclass(frozen=True)
+class Record:
+    """The state or the result of a task.
+
+    :param task_id: `REFUSED` for a task that was not started.
+    :param author: the client that has requested it.
+    :param state: of its root; Idle when it was refused.
+    :param code: 1 after success, 0 while it runs, else the progress code of the failure.
+    :param message: one line.
+    :param explanations: why nodes failed, the last failure at the end.
+    :param preempted: whether it was preempted by a command.
+    """
+
+    task_id: int
+    author: str
+    state: State
+    code: int
+    message: str
+    explanations: list[Explanation] = field(default_factory=list)
+    preempted: bool = False
+
+    @property
+    def failed(self) -> bool:
+        """Whether the task has failed or was refused."""
+        return self.state in (State.Failure, State.Idle)
+
+    def __str__(self) -> str:
+        """The record for people, on several lines."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        by = f" by {self.author}" if self.author else ""
+        if self.state is State.Idle:
+            yield f"a task{by} was refused: {self.message}"
+        elif self.state is State.Running:
+            yield f"task {self.task_id}{by} runs{': nothing has failed' if not self.explanations else ''}"
+        else:
+            words = "has succeeded" if self.state is State.Success else "has failed"
+            yield f"task {self.task_id}{by} {words}: {self.message}"
+        for explanation in self.explanations:
+            yield from explanation.lines()
+
+
+def record_of(task: Task) -> Record:
+    """The record of a task in its present state. Any thread."""
+    explanations = task.explanations()
+    if not task.ended.is_set():
+        return Record(task.id, task.author, State.Running, 0, one_line(task.root.progress_msg), explanations)
+    cause = task.cause()
+    code = cause.code if cause is not None else task.root.progress_code
+    if task.state is State.Success:
+        code = ENDED_SUCCESS
+    preempted = cause is not None and cause.stage == PREEMPT and task.state is not State.Success
+    return Record(task.id, task.author, task.state, code, one_line(task.root.progress_msg), explanations, preempted)
+
+
+def one_line(text: str) -> str:
+    """The first line of a text that is not blank."""
+    return next((line.strip() for line in text.splitlines() if line.strip()), "")
+
+
+class History:
+    """The running tasks of a manager, and records of the last ended and refused ones. Any thread.
+
+    :param size: how many records are kept.
+    """
+
+    def __init__(self, size: int = MAX_RECORDS) -> None:
+        self._size = size
+        self._running: dict[int, Task] = {}
+        self._records: list[Record] = []
+        self._lock = threading.Lock()
+
+    def begin(self, task: Task) -> None:
+        """Adds a task that is about to start."""
+        with self._lock:
+            self._running[task.id] = task
+
+    def end(self, task: Task) -> Record:
+        """Replaces an ended task by its record.
+
+        :returns: the record.
+        """
+        record = record_of(task)
+        with self._lock:
+            if self._running.get(task.id) is task:
+                del self._running[task.id]
+            self._add(record)
+        return record
+
+    def refuse(self, record: Record) -> None:
+        """Adds the record of a refused task."""
+        with self._lock:
+            self._add(record)
+
+    def get(self, task_id: int) -> Record:
+        """The record of the last task with an id.
+
+        :param task_id: -1: the last task that failed or was refused.
+        :raises UnknownName: there is none.
+        """
+        with self._lock:
+            task = self._running.get(task_id)
+            records = self._records[::-1]
+        if task is not None:
+            return record_of(task)
+        for record in records:
+            if record.task_id == task_id >= 0 or (task_id < 0 and record.failed):
+                return record
+        if task_id < 0:
+            raise UnknownName("no task has failed or was refused")
+        raise UnknownName(f"task {task_id} neither runs nor is it among the last {self._size} that have ended")
+
+    def _add(self, record: Record) -> None:
+        self._records.append(record)
+        del self._records[: -self._size]

@@ -1,0 +1,207 @@
+"""Converts a request to run skills into nodes of a task. The whole request is checked before anything starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName, WrongType, WrongValue
+from skiros2_common.core.explanation import GIVEN, PARAMETER, START, Explanation, Provenance
+from skiros2_common.core.names import full_name, nearest
+from skiros2_common.core.params import Param, ParamTypes
+from skiros2_common.core.world_element import Element
+from skiros2_skill.core.diagnosis.provenance import format_values
+from skiros2_skill.core.library.library import Implementation, SkillLibrary
+from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+
+@dataclass(frozen=True)
+class JsonValues:
+    """Values from JSON, whose type the skill declares. Elements are given by id or label."""
+
+    values: Sequence[Any]
+
+
+@dataclass(frozen=True)
+class SkillRequest:
+    """A skill to run.
+
+    :param label: of an implementation; "" for any.
+    :param params: by key.
+    :param problems: errors in parameters that could not be read.
+    """
+
+    type: str
+    label: str
+    params: Mapping[str, Param | JsonValues]
+    problems: Sequence[SkirosError] = ()
+
+
+def make_nodes(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any) -> list[SkillWrapper]:
+    """Creates the nodes of a task that runs skills in sequence.
+
+    :raises Refused: the request names no skill, or a required parameter is not set.
+    :raises UnknownName: a skill, a parameter or an element does not exist.
+    :raises WrongType: a value is not of the declared type.
+    :raises WrongValue: there are several problems; the text names all.
+    """
+    if not requests:
+        raise Refused("a task needs at least one skill, the list is empty")
+    nodes: list[SkillWrapper] = []
+    produced: set[str] = set()
+    all_problems: list[SkirosError] = []
+    for request in requests:
+        try:
+            given, problems = _match(request, library, wmi, produced)
+        except SkirosError as error:
+            all_problems += [*request.problems, error]
+            continue
+        if given is None:
+            all_problems += [error for _, error in problems]
+            produced.update(key for implementation, _ in problems for key in implementation.declared.params)
+            continue
+        node = SkillWrapper(request.type, request.label, library)
+        for key, values in given.items():
+            node.specifyParamDefault(key, values)
+        nodes.append(node)
+    if all_problems:
+        raise _as_one(all_problems)
+    return nodes
+
+
+def _as_one(problems: Sequence[SkirosError]) -> SkirosError:
+    return problems[0] if len(problems) == 1 else WrongValue("; ".join(dict.fromkeys(map(str, problems))))
+
+
+def explain_refusal(requests: Sequence[SkillRequest], library: SkillLibrary, wmi: Any, code: int) -> Explanation | None:
+    """Explains why `make_nodes` refuses: the problems of the first wrong request, for each implementation.
+
+    :param code: of the explanation.
+    :returns: None when no single request is wrong.
+    """
+    produced: set[str] = set()
+    for request in requests:
+        params = [Provenance(key, format_values(p.values), GIVEN) for key, p in request.params.items() if p.values]
+        stype = full_name(request.type)
+        try:
+            given, problems = _match(request, library, wmi, produced)
+        except SkirosError as error:
+            return Explanation(START, stype, request.label, -1, code, str(error), params=params)
+        if given is None:
+            tried = [
+                Explanation(PARAMETER, stype, i.label, -1, code, str(error), params=params) for i, error in problems
+            ]
+            text = "; ".join(t.message for t in tried)
+            return tried[0] if len(tried) == 1 else Explanation(START, stype, "", -1, code, text, tried=tried)
+    return None
+
+
+def _match(
+    request: SkillRequest, library: SkillLibrary, wmi: Any, produced: set[str]
+) -> tuple[dict[str, list[Any]] | None, list[tuple[Implementation, SkirosError]]]:
+    """Finds the first implementation that accepts the values of a request.
+
+    :param produced: the keys of the preceding skills; those of this one are added.
+    :returns: the values, None when no implementation accepts them; and the problem of each rejected implementation.
+    :raises UnknownName: there is no such skill.
+    """
+    problems: list[tuple[Implementation, SkirosError]] = []
+    for implementation in library.candidates(request.type, request.label):
+        try:
+            given = _checked(request, implementation, wmi, produced)
+        except SkirosError as error:
+            problems.append((implementation, error))
+            continue
+        produced.update(implementation.declared.params.keys())
+        return given, problems
+    return None, problems
+
+
+def _checked(
+    request: SkillRequest, implementation: Implementation, wmi: Any, produced: set[str]
+) -> dict[str, list[Any]]:
+    """Checks the values of a request against the parameters of an implementation. Returns them by key.
+
+    :raises SkirosError: there are problems; the text names all.
+    """
+    declared = implementation.declared.params
+    name = f"{implementation.type}-{implementation.label}"
+    given: dict[str, list[Any]] = {}
+    problems = [*request.problems]
+    wrong: set[str] = set()
+    for key, param in request.params.items():
+        if not declared.hasParam(key):
+            problems.append(UnknownName(f"{name} has no parameter {key!r}; it has: {', '.join(declared.keys())}"))
+            continue
+        try:
+            values = _checked_values(declared.getParamMap()[key], param, wmi)
+        except WrongType as error:
+            wrong.add(key)
+            problems.append(WrongType(f"{name}, parameter {error}"))
+        except SkirosError as error:
+            wrong.add(key)
+            problems.append(type(error)(f"{name}, parameter {key!r}: {error}"))
+        else:
+            if values:
+                given[key] = values
+    for key, param in declared.items():
+        needed = param.paramTypeIs(ParamTypes.Required) and not param.is_element and not param.is_bound()
+        if needed and key not in given and key not in produced and key not in wrong:
+            problems.append(Refused(f"{name}: required parameter {key!r} ({param.dataType().__name__}) is not set"))
+    if problems:
+        raise _as_one(problems)
+    return given
+
+
+def _checked_values(declared: Param, given: Param | JsonValues, wmi: Any) -> list[Any]:
+    """The values of a request for a parameter, without unspecific ones.
+
+    :raises WrongType: a value is not of the declared type; the text begins with the key.
+    :raises UnknownName: there is no such element.
+    :raises WrongValue: several elements have that label.
+    """
+    values = list(given.values)
+    if isinstance(given, JsonValues) and declared.is_element:
+        values = [_named_element(value, declared.key, wmi) for value in values]
+    values = [v for v in values if not _is_unspecific(v)]
+    if values:
+        declared.clone().assign(values)
+    for value in values:
+        if isinstance(value, Element) and not value.isAbstract() and wmi.find_element(value.id) is None:
+            raise UnknownName(f"there is no element {value.id!r} in the scene")
+    return values
+
+
+def _named_element(value: Any, key: str, wmi: Any) -> Element:
+    """The element that a JSON value refers to: by id, by label, or by an object with id, label or type."""
+    if isinstance(value, Mapping):
+        parts = [value.get(part, "") for part in ("type", "label", "id")]
+        if not all(isinstance(part, str) for part in parts):
+            raise WrongType(f"{key}: expected texts as id, label and type of an element, got {value!r}")
+        if not parts[2]:
+            return Element(*parts)
+        value = parts[2]
+    if not isinstance(value, str):
+        raise WrongType(f"{key}: expected the id or label of an element, got {value!r}")
+    element: Element | None = wmi.find_element(value)
+    if element is not None:
+        return element
+    found: list[Element] = wmi.resolve_elements(Element("", value))
+    if len(found) > 1:
+        raise WrongValue(f"several elements are labelled {value!r}: {', '.join(sorted(e.id for e in found))}")
+    if not found:
+        labels = {name for e in wmi.get_scene()[0] for name in (e.id, e.label) if name}
+        near = nearest(value, sorted(labels))
+        hint = f"; near: {', '.join(near)}" if near else ""
+        raise UnknownName(f"no element has the id or label {value!r}{hint}")
+    return found[0]
+
+
+def _is_unspecific(value: Any) -> bool:
+    """Whether a value is an abstract element without label, properties and relations: "any of the type"."""
+    return (
+        isinstance(value, Element)
+        and value.isAbstract()
+        and not (value.label or value.available_properties or value.getRelations())
+    )

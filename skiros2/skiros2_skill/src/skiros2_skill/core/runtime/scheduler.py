@@ -1,0 +1,212 @@
+"""Schedules the tasks of a manager: commands, wakes, and the threads that tick."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Collection
+from typing import Any
+
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_skill.core.engine.breakpoints import Breakpoints
+from skiros2_skill.core.engine.checks import affects
+from skiros2_skill.core.runtime.task import MAX_ID, Task
+from skiros2_skill.core.runtime.watchdog import Watchdog
+from skiros2_skill.core.runtime.worker import MAX_WAKES, ScheduledTask, TickSettings
+
+#: Each level of a tree takes about six stack frames; Python's default limit of 1000 allows 150 levels.
+RECURSION_LIMIT = 100_000
+
+
+class Scheduler:
+    """Ticks tasks at a fixed rate, and woken tasks at once.
+
+    One thread ticks all tasks in turn. A task with a slow hook keeps that thread, and the other tasks move to a new one
+    (see `Watchdog`).
+
+    :param rate: ticks per second.
+    :param on_tick: called after each period, in a ticking thread.
+    :param on_progress: called with a task, in a ticking thread, after each tick in which something changed, at least
+        every `keep_alive` seconds, and when the task has ended.
+    :param keep_alive: s.
+    :param preempt_timeout: s that the skills of a preempted task have to end.
+    :param hook_timeout: s after which a hook of a preempted task that has not returned is abandoned.
+    """
+
+    def __init__(
+        self,
+        rate: float = 25.0,
+        on_tick: Callable[[], None] = lambda: None,
+        on_progress: Callable[[Task], None] = lambda task: None,
+        keep_alive: float = 1.0,
+        preempt_timeout: float = 10.0,
+        hook_timeout: float = 2.0,
+    ) -> None:
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), RECURSION_LIMIT))
+        self._scheduled: dict[int, ScheduledTask] = {}
+        self._next_id = 0
+        self._lock = threading.Condition()
+        self._stopped = False
+        self.breakpoints = Breakpoints()
+        settings = TickSettings(1.0 / rate, keep_alive, on_tick, on_progress)
+        self._watchdog = Watchdog(
+            settings, self._lock, self._remove, preempt_timeout, min(hook_timeout, preempt_timeout)
+        )
+
+    # -- tasks, from any thread --------------------------------------------------------------------------------
+
+    def new_task(self, wmi: Any, author: str) -> Task:
+        """Creates a task with a unique id. It is not ticked before `start`.
+
+        :raises Refused: the manager is shutting down.
+        """
+        with self._lock:
+            if self._stopped:
+                raise Refused("the manager is shutting down")
+            while self._next_id in self._scheduled:
+                self._next_id = (self._next_id + 1) % (MAX_ID + 1)
+            task = Task(self._next_id, wmi, author, self.breakpoints)
+            task.waker = lambda: self._wake(task)
+            task.pause()
+            self._scheduled[task.id] = ScheduledTask(task)
+            self._watchdog.main.add(self._scheduled[task.id])
+            self._next_id = (self._next_id + 1) % (MAX_ID + 1)
+            return task
+
+    def discard(self, task: Task) -> None:
+        """Removes a task that was never started."""
+        with self._lock:
+            scheduled = self._scheduled.pop(task.id, None)
+            if scheduled is not None:
+                self._watchdog.remove(scheduled)
+
+    def start(self, task_id: int, ticks: int = 0) -> None:
+        """Starts a new task or continues a paused one.
+
+        :param ticks: pauses after this many ticks; 0: does not.
+
+        :raises UnknownName: there is no such task.
+        :raises Refused: it is running or was preempted.
+        """
+        with self._lock:
+            scheduled = self._get(task_id)
+            if scheduled.task.preempted_at is not None:
+                raise Refused(f"task {task_id} was preempted")
+            if not scheduled.task.paused:
+                raise Refused(f"task {task_id} runs already")
+            scheduled.task.resume(ticks)
+            self._request_tick(scheduled)
+
+    def preempt(self, task_id: int) -> None:
+        """Preempts a task.
+
+        :raises UnknownName: there is no such task.
+        """
+        with self._lock:
+            scheduled = self._get(task_id)
+            if not scheduled.task.preempt():
+                raise self._unknown(task_id)
+            self._request_tick(scheduled)
+
+    def pause(self, task_id: int) -> None:
+        """Pauses a task.
+
+        :raises UnknownName: there is no such task.
+        """
+        with self._lock:
+            self._get(task_id).task.pause()
+
+    def wait_until_idle(self, task_ids: Collection[int], timeout: float) -> bool:
+        """Waits until tasks are paused or have ended and none of their ticks is in progress.
+
+        :param timeout: s.
+        :returns: False after a timeout.
+        """
+        with self._lock:
+            tasks = [s for number in task_ids if (s := self._scheduled.get(number)) is not None]
+            return self._lock.wait_for(lambda: all(map(self._is_idle, tasks)), timeout)
+
+    def preempt_all(self) -> None:
+        """Preempts all tasks."""
+        with self._lock:
+            for scheduled in self._scheduled.values():
+                scheduled.task.preempt()
+                self._request_tick(scheduled)
+
+    def pause_all(self) -> None:
+        """Pauses all tasks."""
+        with self._lock:
+            for scheduled in self._scheduled.values():
+                scheduled.task.pause()
+
+    def get(self, task_id: int) -> Task:
+        """The task with that id.
+
+        :raises UnknownName: there is none, or it has ended.
+        """
+        with self._lock:
+            return self._get(task_id).task
+
+    def tasks(self) -> list[Task]:
+        """The tasks that have not ended."""
+        with self._lock:
+            return [s.task for s in self._scheduled.values() if not s.task.ended.is_set()]
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """Preempts all tasks, ticks until they have ended, and ends the threads.
+
+        :param timeout: s that the tasks have to end, if that is less than `preempt_timeout`; hooks that have not
+            returned are then abandoned.
+        """
+        with self._lock:
+            self._stopped = True
+            self._watchdog.limit_timeouts(timeout)
+            self.preempt_all()
+        self._watchdog.stop(2 * timeout)
+
+    # -- wakes, from any thread --------------------------------------------------------------------------------
+
+    def on_change(self, change: Any) -> None:
+        """Handles a change of the world model: wakes the tasks that it affects, and pauses tasks at breakpoints."""
+        reached = self.breakpoints.at_change(change) if self.breakpoints else ""
+        with self._lock:
+            # A task that makes the change in a tick notices it itself.
+            running = [
+                s.task for s in self._scheduled.values() if s.task.wants_tick and not self._watchdog.is_ticking(s)
+            ]
+        for task in running:
+            if reached:
+                task.pause(reached)
+            if not task.is_current and affects(change, task.root):
+                self._wake(task)
+
+    def _wake(self, task: Task) -> None:
+        """Requests a tick at once, unless the task has had too many in this period."""
+        with self._lock:
+            scheduled = self._scheduled.get(task.id)
+            if scheduled is not None and scheduled.task is task and scheduled.wakes < MAX_WAKES:
+                scheduled.wakes += 1
+                self._request_tick(scheduled)
+
+    # -- while the lock is held ----------------------------------------------------------------------------------------
+
+    def _get(self, task_id: int) -> ScheduledTask:
+        scheduled = self._scheduled.get(task_id)
+        if scheduled is None or scheduled.task.ended.is_set():
+            raise self._unknown(task_id)
+        return scheduled
+
+    def _unknown(self, task_id: int) -> UnknownName:
+        running = [s.task.id for s in self._scheduled.values() if not s.task.ended.is_set() and s.task.id != task_id]
+        return UnknownName(f"no task {task_id} is here; there are: {', '.join(map(str, running)) or 'none'}")
+
+    def _is_idle(self, scheduled: ScheduledTask) -> bool:
+        task = scheduled.task
+        return (task.paused or task.ended.is_set()) and not self._watchdog.is_ticked(scheduled)
+
+    def _request_tick(self, scheduled: ScheduledTask) -> None:
+        scheduled.woken = True
+        self._lock.notify_all()
+
+    def _remove(self, scheduled: ScheduledTask) -> None:
+        self._scheduled.pop(scheduled.task.id, None)

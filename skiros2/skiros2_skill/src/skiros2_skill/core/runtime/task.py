@@ -1,0 +1,327 @@
+"""A task: one run of a tree on a manager, with its own id and blackboard."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_common.core.explanation import EXCEPTION, PREEMPT, Explanation
+from skiros2_common.core.params import Param
+from skiros2_skill.core.engine.breakpoints import BreakpointReached, Breakpoints
+from skiros2_skill.core.engine.devices import free_devices
+from skiros2_skill.core.engine.executor import Executor, Halt, abandon_ending_nodes, end_hung_node, preempt_all
+from skiros2_skill.core.engine.failures import Failure
+from skiros2_skill.core.tree.groups import Root, Skill
+from skiros2_skill.core.tree.hook_guard import HookAbandoned, HungHook
+from skiros2_skill.core.tree.node import all_nodes
+from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+log = logging.getLogger(__name__)
+
+#: Ids are int16 in messages.
+MAX_ID = 32767
+
+#: The progress code of the root of an ended task.
+ENDED_SUCCESS, ENDED_FAILURE = 1, -1
+
+
+@dataclass(eq=False)
+class _StepBudget:
+    """The remaining ticks that a command has requested."""
+
+    ticks: int
+
+
+@dataclass(frozen=True)
+class NodeProgress:
+    """The progress of one node of a task."""
+
+    id: int
+    parent_id: int
+    parent_label: str
+    type: str
+    label: str
+    processor: str
+    state: State
+    progress_code: int
+    progress_period: float
+    progress_time: float
+    progress_message: str
+    params: dict[str, Param]
+
+
+class Task:
+    """A tree that is ticked until it ends, by one thread at a time.
+
+    :param task_id: 0 to 32767.
+    :param wmi: the world model as the task sees it.
+    :param author: the client that has started the task.
+    :param breakpoints: pause the task.
+    """
+
+    def __init__(self, task_id: int, wmi: Any, author: str = "", breakpoints: Breakpoints | None = None) -> None:
+        self.id = task_id
+        self.author = author
+        self.root = Root(f"task_{task_id}", wmi)
+        self.root._id = task_id
+        self._wmi = wmi
+        self._executor = Executor(wmi, self.wake, breakpoints)
+        self._paused = threading.Event()
+        self._step_budget: _StepBudget | None = None
+        self._deciding = threading.Lock()
+        self._decided = False
+        #: When the task was preempted, or its time to end was extended (s, monotonic); None: it was not preempted.
+        self.preempted_at: float | None = None
+        self._stopping = False  # all running nodes were preempted
+        self._reason = "Preempted"
+        self._abandons_ending = False
+        self._hung: HungHook | None = None
+        self._id_overflow_logged = False
+        self._numbering = threading.Lock()
+        #: Counts the changes of states and progress that `update_revision` has seen.
+        self.revision = 0
+        self.ended = threading.Event()
+        #: Called by `wake`; set by the scheduler.
+        self.waker: Callable[[], None] = lambda: None
+
+    @property
+    def state(self) -> State:
+        return self.root.state
+
+    # -- commands, from any thread -----------------------------------------------------------------------------
+
+    def preempt(self) -> bool:
+        """Requests the end of the task: it fails at the next tick, even if paused, and starts no more skills. Returns
+        False if it had ended before."""
+        with self._deciding:
+            if self._decided:
+                return False
+            if self.preempted_at is None:
+                self.preempted_at = time.monotonic()
+                self._executor.halt_requested = True
+            return True
+
+    def pause(self, reason: str = "") -> None:
+        """Stops ticking the task; all nodes keep their state.
+
+        :param reason: shown as the progress of the root.
+        """
+        self._paused.set()
+        if reason:
+            self.root._setProgress(reason, 0)
+        self._executor.changed = True
+
+    def resume(self, ticks: int = 0) -> None:
+        """Continues a paused task.
+
+        :param ticks: pauses after this many ticks; 0: does not.
+        """
+        self._step_budget = _StepBudget(ticks) if ticks else None
+        self.root._setProgress("", 0)
+        self._paused.clear()
+
+    def wake(self) -> None:
+        """Requests a tick at once."""
+        self.waker()
+
+    @property
+    def paused(self) -> bool:
+        return self._paused.is_set()
+
+    @property
+    def wants_tick(self) -> bool:
+        """Whether the task is to be ticked."""
+        return not self.ended.is_set() and (self.preempted_at is not None or not self._paused.is_set())
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the world model has not changed since the task's last refresh."""
+        return self._executor.parameters.is_current
+
+    @property
+    def current_hook(self) -> str:
+        """The hook that is being called, "" when none is."""
+        return self._executor.guard.current
+
+    # -- hung hooks, from the watchdog ------------------------------------------------------------------------
+
+    def abandon_hook(self, now: float, seconds: float) -> str:
+        """Abandons a hook that does not return; another thread may tick the task afterwards.
+
+        :param now: s, monotonic.
+        :param seconds: the duration of the tick.
+        :returns: the reason, for people; "" when the hook has just returned.
+        """
+        hung = self._executor.guard.abandon()
+        if hung is None:
+            return ""
+        self.preempted_at = now
+        self._hung = hung
+        hung.reason = f"{hung.name} has not returned for {seconds:.1f} s and was abandoned"
+        return hung.reason
+
+    def abandon_ending(self, now: float) -> None:
+        """Ends, at the next tick, the preempted nodes that are still running.
+
+        :param now: s, monotonic.
+        """
+        self.preempted_at = now
+        self._abandons_ending = True
+
+    # -- the ticking thread ------------------------------------------------------------------------------------
+
+    def tick(self) -> State:
+        """Ticks the task once. Sets `ended` when it has ended. An exception in the tick fails the task."""
+        budget = self._step_budget  # a command during this tick sets the budget of the next ones
+        try:
+            state = self._guarded_tick()
+        except HookAbandoned:
+            return State.Running  # another thread ticks the task now
+        if state is not State.Running:
+            state = self._decide(state)
+            self._close(state)
+        elif budget is not None:
+            budget.ticks -= 1
+            if not budget.ticks and budget is self._step_budget:
+                self.pause()
+        return state
+
+    def _decide(self, state: State) -> State:
+        """The final state: a task that was preempted during its last tick has failed."""
+        with self._deciding:
+            self._decided = True
+            overruled = self.preempted_at is not None and not self._stopping
+        if overruled:
+            self._stopping = True
+            self._executor.failures.record(self.root, Failure(PREEMPT, ENDED_FAILURE, self._reason))
+            self.root._setState(State.Failure)
+            return State.Failure
+        return state
+
+    def _guarded_tick(self) -> State:
+        try:
+            try:
+                return self._tick()
+            except Halt:
+                return self._stop(PREEMPT, self._reason)
+        except BreakpointReached as reached:
+            self.pause(str(reached))
+            return State.Running
+        except HookAbandoned:
+            raise
+        except FOREIGN_ERRORS as error:
+            log.exception("task %s: the tick raised; the task ends", self.id)
+            return self._stop(EXCEPTION, f"the tick raised {type(error).__name__}: {error}")
+
+    def _tick(self) -> State:
+        if self._hung is not None:
+            hung, self._hung = self._hung, None
+            self._reason += f"; {hung.reason}"
+            end_hung_node(self._executor, hung)
+            self._stopping = False
+        if self._abandons_ending:
+            self._abandons_ending = False
+            abandon_ending_nodes(self._executor)
+        if self.preempted_at is not None and not self._stopping:
+            return self._stop(PREEMPT, self._reason)
+        return self._executor.tick(self.root)
+
+    def _stop(self, stage: str, reason: str) -> State:
+        """Preempts all running nodes."""
+        self._executor.failures.record(self.root, Failure(stage, ENDED_FAILURE, reason))
+        self._reason, self._stopping = reason, True
+        self._executor.halt_requested = False
+        if self.preempted_at is None:
+            self.preempted_at = time.monotonic()
+        preempt_all(self._executor, self.root)
+        self.root._setState(State.Failure)
+        return self._executor.tick(self.root)
+
+    def _close(self, state: State) -> None:
+        for node in self.nodes():
+            if isinstance(node, SkillWrapper):
+                if node.locked:  # the tick has raised after locking, before the start
+                    free_devices(node, self._wmi)
+                node.release()
+        code = ENDED_SUCCESS if state is State.Success else ENDED_FAILURE
+        self.root._setProgress(self._final_message(state), code)
+        self._executor.changed = True
+        self.ended.set()
+
+    def _final_message(self, state: State) -> str:
+        """The last progress message of the root: why the task failed."""
+        if state is State.Success:
+            return "End"
+        if self._stopping:
+            return self._reason
+        cause = self._executor.failures.cause()
+        if cause is None:
+            return "Failure"
+        node, failure = cause
+        return f"{node._type}-{node._label}({node._state.name}): {failure.message}"
+
+    def explanations(self) -> list[Explanation]:
+        """Why nodes failed: each kind of failure of a node once, ordered by its last occurrence.
+
+        Any thread, also after the end of the task. The last 100 are kept.
+        """
+        return self._executor.failures.explanations()
+
+    def cause(self) -> Explanation | None:
+        """The failure that made the task fail; None when no node failed."""
+        cause = self._executor.failures.cause()
+        return cause[1] if cause is not None else None
+
+    def nodes(self) -> Iterator[Any]:
+        """All nodes, parents before children."""
+        return all_nodes(self.root)
+
+    def update_revision(self) -> bool:
+        """Increments the revision if a state or progress has changed since the last call. Returns whether it has."""
+        changed = self._executor.changed
+        self._executor.changed = False
+        self.revision += changed
+        return changed
+
+    def progress(self) -> list[NodeProgress]:
+        """The progress of the nodes, parents before children; nodes without an id are omitted. Any thread."""
+        with self._numbering:
+            self._number_nodes()
+        reason = "" if self.ended.is_set() or not self.paused else "paused"
+        return [
+            NodeProgress(
+                id=node.id,
+                parent_id=node.parent.id if node.parent is not None else -1,
+                parent_label=node.parent.label if node.parent is not None else "",
+                type=node.type,
+                label=node.label if not isinstance(node, Skill) else node.label or node.processor.printType(),
+                processor=node.processor.printType() if node.children or not isinstance(node, SkillWrapper) else "",
+                state=node.state,
+                progress_code=node.progress_code,
+                progress_period=node.progress_period,
+                progress_time=node.progress_time,
+                progress_message=node.progress_msg or (reason if node is self.root else ""),
+                params=node._params.getParamMap(),  # not `params`, which would describe idle nodes
+            )
+            for node in self.nodes()
+            if node._id >= 0
+        ]
+
+    def _number_nodes(self) -> None:
+        nodes = list(self.nodes())
+        new = [node for node in nodes if node._id < 0]
+        if not new:
+            return
+        used = {node._id for node in nodes}
+        free = (number for number in range(MAX_ID + 1) if number not in used)
+        for node in new:
+            node._id = next(free, -1)
+        if nodes[-1]._id < 0 and not self._id_overflow_logged:
+            self._id_overflow_logged = True
+            log.warning("task %s has %s nodes; only the first %s are reported", self.id, len(nodes), MAX_ID + 1)

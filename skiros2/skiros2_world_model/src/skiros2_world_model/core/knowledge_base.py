@@ -1,0 +1,241 @@
+"""The knowledge base: all graphs, the ontologies with their index, the prefixes, and queries."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyoxigraph as ox
+
+from skiros2_common.core.errors import ConfigurationError, UnknownName, WrongValue
+from skiros2_world_model.core.changes import ONTOLOGY, Statement
+from skiros2_world_model.core.ontology import NamedTriple, Ontology
+from skiros2_world_model.core.prefixes import OWL, Prefixes
+from skiros2_world_model.core.rdf_files import read_triples
+from skiros2_world_model.core.shapes import is_shapes_file, shape_files
+from skiros2_world_model.core.terms import RDF_TYPE, parse_term, python_value, term_text
+from skiros2_world_model.core.triple_store import OxigraphStore, TripleStore
+
+log = logging.getLogger(__name__)
+
+_ONTOLOGY_CLASS = ox.NamedNode(OWL + "Ontology")
+_LOWER_CASE_CLASS = ox.NamedNode(OWL + "class")
+
+#: Files of the workspace whose names contain this are ontologies.
+_ONTOLOGY_INFIX = ".owl"
+
+
+def is_knowledge_file(name: str) -> bool:
+    """Whether a file of the workspace with this name holds an ontology or shapes."""
+    return _ONTOLOGY_INFIX in name or is_shapes_file(name)
+
+
+class KnowledgeBase:
+    """The graphs of all contexts and of the ontologies, with an index of the ontologies.
+
+    :param ontologies: folder of the package's ontologies (`.ttl` files).
+    :param workspace: folder of the user's ontologies: all files in it and its subfolders whose names contain `.owl`. In
+        both folders, files whose names contain `.shapes.` hold shapes.
+    :param store: the triple store that answers queries; None: one in memory.
+    :param skip_broken: logs and skips a file of the workspace that does not parse.
+    :raises ConfigurationError: a folder is missing, or a file does not parse (the text names file and line).
+    """
+
+    def __init__(
+        self,
+        ontologies: Path | None = None,
+        workspace: Path | None = None,
+        store: TripleStore | None = None,
+        skip_broken: bool = False,
+    ) -> None:
+        self.prefixes = Prefixes()
+        self.store = OxigraphStore() if store is None else store
+        self.lock = threading.RLock()
+        self._index: Ontology | None = None
+        #: The files with shapes for validation.
+        self.shapes = shape_files(ontologies, workspace)
+        files = _ontology_files(ontologies, workspace)
+        self._files = frozenset(path.resolve() for path in files)
+        own = ontologies.resolve() if ontologies is not None else None
+        self._load(files, [path for path in files if skip_broken and path.parent.resolve() != own])
+
+    @property
+    def index(self) -> Ontology:
+        """The index of the current ontologies. Immutable: a change of the ontologies creates a new one."""
+        index = self._index
+        if index is None:
+            with self.lock:
+                index = self._index = Ontology(self._named(t) for t in self.store.triples(ONTOLOGY))
+        return index
+
+    def reads(self, path: Path) -> bool:
+        """Whether a file is read as an ontology or as shapes, now or at the next start; no scene may overwrite it."""
+        return path.resolve() in self._files or is_knowledge_file(path.name)
+
+    def triples(self) -> list[ox.Triple]:
+        """All triples of the ontologies."""
+        return self.store.triples(ONTOLOGY)
+
+    def update(self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]) -> bool:
+        """Removes triples from the ontologies and adds others. Returns False when nothing changes."""
+        with self.lock:
+            removed, added = self.new(removed, added)
+            if not removed and not added:
+                return False
+            for triple in added:
+                self._declare(triple)
+            self.store.update(ONTOLOGY, removed, added)
+            index = self._index
+            only_classes = index and not removed and index.with_classes([self._named(t) for t in added])
+            self._index = only_classes or None
+        return True
+
+    def new(
+        self, removed: Iterable[ox.Triple], added: Iterable[ox.Triple]
+    ) -> tuple[list[ox.Triple], list[ox.Triple]]:
+        """Filters triples to remove and to add down to those that change the ontologies."""
+        return (
+            [t for t in removed if self.store.has(ONTOLOGY, t)],
+            [t for t in added if not self.store.has(ONTOLOGY, t)],
+        )
+
+    def modify(self, statements: Sequence[Statement], author: str, context: str = "") -> bool:
+        """Adds and removes statements, all or none. Returns False when nothing changes.
+
+        :param context: "" or `ontology`.
+        :raises WrongValue: a text is not an RDF term.
+        :raises UnknownName: it is another context.
+        """
+        if context not in ("", ONTOLOGY):
+            raise UnknownName(f"{author}: there is no context {context!r}; this node serves only the ontologies")
+        return self.update(*self.split(statements))
+
+    def split(self, statements: Sequence[Statement]) -> tuple[list[ox.Triple], list[ox.Triple]]:
+        """Parses statements into the triples to remove and those to add.
+
+        :raises WrongValue: a text is not an RDF term.
+        """
+        removed: list[ox.Triple] = []
+        added: list[ox.Triple] = []
+        for subject, predicate, obj, value in statements:
+            (added if value else removed).append(self.triple(subject, predicate, obj))
+        return removed, added
+
+    def triple(self, subject: str, predicate: str, obj: str) -> ox.Triple:
+        """Parses a triple.
+
+        :raises WrongValue: a text is not an RDF term, or not valid in its position.
+        """
+        s, p, o = (parse_term(text, self.prefixes) for text in (subject, predicate, obj))
+        if isinstance(s, ox.Literal) or not isinstance(p, ox.NamedNode):
+            raise WrongValue(f"{subject} {predicate} {obj} is not an RDF statement")
+        return ox.Triple(s, p, o)
+
+    def query(
+        self, query: str, context: str = "", cut_prefix: bool = True, flush: Callable[[], None] = lambda: None
+    ) -> list[str]:
+        """Answers a SPARQL query with a text for each row; in rows of several columns a space follows each value.
+
+        :param context: the context to query; "": all.
+        :param cut_prefix: returns `prefix:name` and plain values instead of N3.
+        :param flush: writes pending changes to the store. Called under the lock; the query runs without it.
+        :raises WrongValue: the query cannot be answered.
+        :raises TimedOut: the query takes too long.
+        :raises Refused: the store is not available.
+        """
+        generation = None
+        while generation != self.store.generation:  # the store lost its content meanwhile: flush again
+            if context != ONTOLOGY:
+                self.store.prepare()
+            with self.lock:
+                flush()
+                generation = self.store.generation
+            rows = self.store.query(query, context, self.prefixes.namespaces())
+        texts = ([term_text(term, self.prefixes, cut_prefix) for term in row] for row in rows)
+        return [row[0] if len(row) == 1 else "".join(f"{text} " for text in row) for row in texts]
+
+    # -- loading -----------------------------------------------------------------------------------------------
+
+    def _load(self, files: list[Path], skipped: list[Path]) -> None:
+        """Reads the ontologies.
+
+        :param skipped: files that are logged and skipped when they do not parse.
+        """
+        loaded: list[tuple[Path, list[ox.Triple]]] = []
+        for path in files:
+            try:
+                loaded.append((path, read_triples(path)))
+            except WrongValue as error:
+                if path not in skipped:
+                    raise ConfigurationError(f"ontology {error}") from None
+                log.error("ontology %s; the file is skipped", error)
+        known = self.store.knowledge()
+        for triples in [*(triples for _, triples in loaded), known]:
+            for triple in triples:
+                self._declare(triple)
+            self.store.extend(ONTOLOGY, triples)
+        for path, triples in loaded:
+            self._warn_of_unknown(path, triples)
+
+    def _declare(self, triple: ox.Triple) -> None:
+        is_declared = triple.predicate == RDF_TYPE and triple.object == _ONTOLOGY_CLASS
+        if is_declared and isinstance(triple.subject, ox.NamedNode):
+            prefix = self.prefixes.add_ontology(triple.subject.value)
+            if not self.prefixes.has(prefix):
+                log.warning("ontology %s: another ontology has its prefix; its names stay IRIs", triple.subject.value)
+
+    def _named(self, triple: ox.Triple) -> NamedTriple:
+        obj: Any = triple.object
+        if isinstance(obj, ox.Literal):
+            datatype = self.prefixes.name(obj.datatype.value)
+            try:
+                obj = (python_value(obj), datatype)
+            except WrongValue:
+                obj = (obj.value, "xsd:string")
+        else:
+            obj = self._node_name(obj)
+        return self._node_name(triple.subject), self.prefixes.name(triple.predicate.value), obj
+
+    def _node_name(self, node: Any) -> str:
+        return self.prefixes.name(node.value) if isinstance(node, ox.NamedNode) else str(node)
+
+    def _warn_of_unknown(self, path: Path, triples: list[ox.Triple]) -> None:
+        """Warns of undeclared names that individuals of a file use, once for each name."""
+        index = self.index
+        unknown: dict[str, str] = {}
+        for triple in triples:
+            subject, predicate, obj = self._named(triple)
+            if triple.object == _LOWER_CASE_CLASS:
+                unknown.setdefault("owl:class", subject)
+            elif index.individual(subject) is not None:
+                if not index.knows(predicate):
+                    unknown.setdefault(predicate, subject)
+                if predicate == "rdf:type" and not index.knows(obj):
+                    unknown.setdefault(obj, subject)
+        for name, subject in unknown.items():
+            log.warning("%s: %s uses %s, which no ontology declares", path, subject, name)
+
+
+def _ontology_files(ontologies: Path | None, workspace: Path | None) -> list[Path]:
+    files: list[Path] = []
+    if ontologies is not None:
+        files += sorted(_folder(ontologies, "ontologies").glob("*.ttl"))
+    if workspace is not None:
+        found = [
+            Path(folder, name)
+            for folder, _, names in os.walk(_folder(workspace, "workspace"))
+            for name in names
+            if _ONTOLOGY_INFIX in name
+        ]
+        files += sorted(found)
+    return [path for path in files if not is_shapes_file(path.name)]
+
+
+def _folder(path: Path, what: str) -> Path:
+    if not path.is_dir():
+        raise ConfigurationError(f"{what} folder {path}: there is no such folder")
+    return path

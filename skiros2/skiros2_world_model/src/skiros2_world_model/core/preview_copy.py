@@ -1,0 +1,163 @@
+"""An independent copy of a scene, on which plans and starts are simulated."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element, RelationDict
+from skiros2_world_model.core.changes import REMOVE, UPDATE, Change, Operation, Outcome, Statement
+from skiros2_world_model.core.checks import Checks
+from skiros2_world_model.core.history_entry import HistoryEntry
+from skiros2_world_model.core.last_will import CleanupAction
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.prefixes import Prefixes
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.scene import ElementRecord, Provenance, Scene
+from skiros2_world_model.core.transaction import Transaction
+from skiros2_world_model.core.world_model_abstract_interface import WmException, refusal
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+_SCENE = "scene"
+
+
+class PreviewCopy(WorldModelAbstractInterface):
+    """A copy of the scene of a world model. Neither sees later changes of the other.
+
+    It checks and applies requests as the world model does, but without reasoners. It shares the ontologies of the world
+    model and cannot change them.
+
+    :param wm: the world model. Its scene is read once.
+    :raises WmException: the world model does not answer.
+    """
+
+    def __init__(self, wm: WorldModelAbstractInterface) -> None:
+        super().__init__()
+        self._wm = wm
+        self._lock = threading.RLock()
+        self._scene = _scene_of(wm.resolve_elements(Element()))
+        self._number = 0
+        self._warned: set[tuple[str, str, str]] = set()
+        self._listeners: list[Callable[[Any], None]] = []
+        self._reader = SceneReader(self._lock, self._scenes, lambda: self._ontology)
+
+    @property
+    def author(self) -> str:
+        return "preview"
+
+    @property
+    def version(self) -> int:
+        return self._number
+
+    def is_connected(self) -> bool:
+        """True: the copy is in this process."""
+        return True
+
+    def find_element(self, eid: str, context_id: str = _SCENE) -> Element | None:
+        return self._reader.find(eid, context_id)
+
+    def add_listener(self, callback: Callable[[Any], None]) -> None:
+        self._listeners.append(callback)
+
+    def remove_listener(self, callback: Callable[[Any], None]) -> None:
+        self._listeners.remove(callback)
+
+    # -- calls that a copy does not support --------------------------------------------------------------------
+
+    def lock(self) -> bool:
+        """True: a copy has one user."""
+        return True
+
+    def unlock(self) -> bool:
+        """True: a copy has one user."""
+        return True
+
+    def load(self, filename: str = "", context: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene cannot load files")
+
+    def save(self, filename: str = "", context: str = _SCENE) -> NoReturn:
+        """:raises WmException: always."""
+        raise WmException("a copy of a scene cannot be saved")
+
+    def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]:
+        """Returns []: a copy has no journal."""
+        return []
+
+    def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
+        """No effect: the copy ends with its process."""
+
+    # -- the port ----------------------------------------------------------------------------------------------
+
+    @property
+    def _ontology(self) -> Ontology:
+        return self._wm._ontology
+
+    def _scenes(self, context: str) -> list[Scene]:
+        return [self._scene] if context in ("", _SCENE) else []
+
+    def _query(self, query: str, cut_prefix: bool, context: str) -> list[str]:
+        if context != "ontology":
+            raise WmException("a copy of a scene can only query the ontologies")
+        return self._wm._query(query, cut_prefix, context)
+
+    def _modify(self, statements: Sequence[Statement], context: str) -> NoReturn:
+        raise WmException("a copy of a scene cannot change the ontologies")
+
+    def _scene_now(self) -> tuple[list[Element], str]:
+        with self._lock:
+            return self.get_scene_elements(), str(self._number)
+
+    def _matching(self, wanted: Element, context: str) -> list[Element]:
+        return self._reader.matching(wanted, context)
+
+    def _branch(self, eid: str, relation_filter: str, type_filter: str, context: str) -> list[Element]:
+        return self._reader.branch(eid, relation_filter, type_filter, context)
+
+    def _related(self, src: str, pred: str, dst: str) -> list[RelationDict]:
+        return self._reader.related(src, pred, dst, _SCENE)
+
+    def _template(self, name: str) -> Element:
+        return self._wm._template(name)
+
+    def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
+        with self._lock:
+            # Prefixes matter only for names that are IRIs; a scene has none.
+            checks = Checks(self._ontology, Prefixes(), self.author, told=self._warned)
+            transaction = Transaction(self._scene, self._ontology, checks, self.author)
+            self._scene.begin()
+            try:
+                ids = transaction.run(operations)
+            except Exception as error:
+                self._scene.roll_back()
+                if isinstance(error, SkirosError):
+                    raise refusal(str(error)) from error
+                raise
+            self._number += 1
+            provenance = Provenance(self._number, time.time(), self.author)
+            changed = self._scene.commit(provenance)
+            elements = tuple(e for eid in changed if (e := self._scene.element(eid)) is not None)
+            groups = [(UPDATE, elements), (REMOVE, tuple(transaction.removed))]
+            changes = [self._change(action, group, provenance) for action, group in groups if group]
+        for change in changes:
+            for listener in list(self._listeners):
+                listener(change)
+        return Outcome(ids, changes)
+
+    def _change(self, action: str, elements: tuple[Element, ...], provenance: Provenance) -> Change:
+        state = str(provenance.version)
+        before, stamp = str(provenance.version - 1), provenance.stamp
+        return Change(provenance.version, before, state, stamp, provenance.author, action, _SCENE, elements)
+
+
+def _scene_of(elements: Sequence[Element]) -> Scene:
+    scene = Scene()
+    for element in elements:
+        scene.put(ElementRecord(element.id, element.type, element.label, element._props))
+    for element in elements:
+        for relation in element.getRelations("-1"):
+            scene.relate(element.id, relation["type"], relation["dst"])
+    return scene

@@ -1,0 +1,118 @@
+"""The events of the window: from the system, and from the user."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class WorldChanged:
+    """The scene has changed.
+
+    :param changes: in order (`skiros2_world_model.core.changes.Change`).
+    :param is_reset: the scene has to be read again: another one was loaded, or the world model has restarted.
+    :param ontology: the ontologies may have changed.
+    """
+
+    changes: tuple[Any, ...] = ()
+    is_reset: bool = False
+    ontology: bool = False
+
+
+@dataclass(frozen=True)
+class TaskProgress:
+    """A manager has published the state of a task.
+
+    :param manager: the manager's node name.
+    :param nodes: a `SkillProgress` (or an object with its fields) for each node, parents before children, the root
+        first.
+    :param stamp: when it was received (s since the epoch).
+    """
+
+    manager: str
+    nodes: Sequence[Any]
+    stamp: float
+
+    @property
+    def task(self) -> int:
+        """The task's id."""
+        return int(self.nodes[0].id)
+
+
+@dataclass(frozen=True)
+class ManagersChanged:
+    """Managers have connected or disconnected, or offer different skills."""
+
+
+@dataclass(frozen=True)
+class ConnectionChanged:
+    """A part of the system has connected or disconnected."""
+
+
+@dataclass(frozen=True)
+class ElementSelected:
+    """The user has selected an element in a tab; "" for none."""
+
+    eid: str
+    by: object = None
+
+
+@dataclass(frozen=True)
+class TaskStarted:
+    """The user has started a task, or asks to show it.
+
+    :param manager: the node name of its manager.
+    :param to_front: whether to switch to the tab that shows it.
+    """
+
+    manager: str
+    task: int
+    to_front: bool = False
+
+
+@dataclass(frozen=True)
+class ProblemReported:
+    """A component outside the jobs reports an error.
+
+    :param activity: what it was doing, such as "moving skiros:Part-1".
+    :param text: the error message.
+    """
+
+    activity: str
+    text: str
+
+
+@dataclass(frozen=True)
+class NodeShutdown:
+    """ROS has shut down the node of this process: on request, or because another node took its name.
+
+    :param reason: as given by ROS.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class GoalFeedback:
+    """The task manager has sent feedback for a goal of this window.
+
+    :param feedback: an `AchieveFeedback`.
+    """
+
+    goal: str
+    feedback: Any
+
+
+Event = (
+    WorldChanged
+    | TaskProgress
+    | ManagersChanged
+    | ConnectionChanged
+    | ElementSelected
+    | TaskStarted
+    | GoalFeedback
+    | ProblemReported
+    | NodeShutdown
+)

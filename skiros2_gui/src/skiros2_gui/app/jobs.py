@@ -1,0 +1,199 @@
+"""Blocking calls in worker threads."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from skiros2_common.core.errors import FOREIGN_ERRORS
+from skiros2_gui.app.problems import Problems
+
+log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+#: The number of worker threads.
+MAX_AT_ONCE = 16
+
+
+@dataclass(eq=False)
+class _Job:
+    call: Callable[[], Any]
+    done: Callable[[Any], None] | None
+    failed: Callable[[Exception], None] | None
+    activity: str
+    queue: str
+    result: Any = None
+    error: Exception | None = None
+
+
+class Jobs:
+    """Runs calls in worker threads and delivers their results in the window's thread.
+
+    Public methods are called in the window's thread, unless stated otherwise.
+
+    :param problems: gets the errors that no callback takes.
+    :param wake: called in a worker when a call has ended; schedules `deliver` in the window's thread.
+    """
+
+    def __init__(self, problems: Problems, wake: Callable[[], None]) -> None:
+        self._problems = problems
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._ready: deque[_Job] = deque()
+        self._queues: dict[str, deque[_Job]] = {}  # the waiting jobs of each queue that has a running job
+        self._ended: deque[_Job] = deque()
+        self._running: list[_Job] = []  # used by the window's thread only
+        self._free = 0
+        self._workers = 0
+        self._available = threading.Condition(self._lock)
+        self._is_closed = False
+        self._busy_hooks: list[Callable[[], None]] = []
+
+    def on_busy(self, hook: Callable[[], None]) -> None:
+        """Registers `hook`, which is called whenever `activities` has changed."""
+        self._busy_hooks.append(hook)
+
+    @property
+    def activities(self) -> list[str]:
+        """The descriptions of the running and waiting calls; calls without one are left out."""
+        return [job.activity for job in self._running if job.activity]
+
+    def run(
+        self,
+        call: Callable[[], Result],
+        done: Callable[[Result], None] | None = None,
+        failed: Callable[[Exception], None] | None = None,
+        *,
+        activity: str = "",
+        queue: str = "",
+        urgent: bool = False,
+    ) -> None:
+        """Runs a call in a worker thread.
+
+        :param call: does not access the window.
+        :param done: called in the window's thread with the result.
+        :param failed: called in the window's thread with the error; None shows it in the error bar.
+        :param activity: describes the call for the busy sign and the error bar: "loading the scene"; "" shows no busy
+            sign.
+        :param queue: calls with the same queue run one at a time, in order.
+        :param urgent: the call gets a thread of its own at once, and ignores `queue` and `MAX_AT_ONCE`.
+        """
+        if self._is_closed:
+            return
+        job = _Job(call, done, failed, activity, "" if urgent else queue)
+        self._running.append(job)
+        if urgent:
+            threading.Thread(target=self._work_at_once, args=(job,), name="urgent window job", daemon=True).start()
+        else:
+            self._begin(job)
+        self._notify_busy()
+
+    def post(self, call: Callable[[], None]) -> None:
+        """Schedules a call in the window's thread. Any thread; posted calls keep their order."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._ended.append(_Job(_nothing, lambda _: call(), None, "", ""))
+        self._wake()
+
+    def deliver(self) -> None:
+        """Calls the callbacks of the calls that have ended."""
+        while not self._is_closed:
+            with self._lock:
+                if not self._ended:
+                    return
+                job = self._ended.popleft()
+            was_run = job in self._running
+            if was_run:
+                self._running.remove(job)
+            self._call_back(job)
+            if was_run:
+                self._notify_busy()
+
+    def close(self) -> None:
+        """Discards waiting calls and all results. Does not wait for running calls."""
+        with self._lock:
+            self._is_closed = True
+            self._ready.clear()
+            self._queues.clear()
+            self._available.notify_all()
+        self._running.clear()
+        self._busy_hooks.clear()
+
+    def _begin(self, job: _Job) -> None:
+        with self._lock:
+            if job.queue:
+                waiting = self._queues.get(job.queue)
+                if waiting is not None:
+                    waiting.append(job)
+                    return
+                self._queues[job.queue] = deque()
+            self._put(job)
+
+    def _put(self, job: _Job) -> None:
+        """Gives a job to a worker. The lock is held."""
+        self._ready.append(job)
+        if self._free < len(self._ready) and self._workers < MAX_AT_ONCE:
+            self._workers += 1
+            threading.Thread(target=self._work, name=f"window job {self._workers}", daemon=True).start()
+        self._available.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._lock:
+                self._free += 1
+                self._available.wait_for(lambda: self._ready or self._is_closed)
+                self._free -= 1
+                if self._is_closed:
+                    return
+                job = self._ready.popleft()
+            self._work_at_once(job)
+
+    def _work_at_once(self, job: _Job) -> None:
+        """Runs one job in this thread, then gives the next one of its queue to a worker."""
+        self._run_call(job)
+        with self._lock:
+            if self._is_closed:
+                return
+            self._ended.append(job)
+            waiting = self._queues.get(job.queue)
+            if waiting:
+                self._put(waiting.popleft())
+            elif waiting is not None:
+                del self._queues[job.queue]
+        self._wake()
+
+    @staticmethod
+    def _run_call(job: _Job) -> None:
+        try:
+            job.result = job.call()
+        except Exception as error:  # shown in the window
+            job.error = error
+        except SystemExit as error:  # raised by a library
+            job.error = RuntimeError(f"the call tried to exit the program ({error})")
+
+    def _call_back(self, job: _Job) -> None:
+        try:
+            if job.error is None:
+                if job.done is not None:
+                    job.done(job.result)
+            elif job.failed is not None:
+                job.failed(job.error)
+            else:
+                self._problems.report(job.activity, job.error)
+        except FOREIGN_ERRORS as error:
+            log.exception("showing the result of %r failed", job.activity or job.call)
+            self._problems.report(f"showing the result of {job.activity or 'a call'}", error)
+
+    def _notify_busy(self) -> None:
+        for hook in self._busy_hooks:
+            hook()
+
+
+def _nothing() -> None:
+    """The call of a posted job, whose work is done in `done`."""

@@ -1,0 +1,1 @@
+"""The connection to the running system over ROS."""

@@ -1,0 +1,111 @@
+"""The connections to the skill managers."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rospy
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_gui.app.events import TaskProgress
+from skiros2_gui.app.ros.progress import QuickTreeProgress
+from skiros2_msgs import msg as msgs
+from skiros2_skill.command_line.connection import Manager
+from skiros2_skill.ros.discovery_interface import DiscoveryInterface
+from skiros2_skill.ros.skill_layer_interface import NAMESPACE
+
+log = logging.getLogger(__name__)
+
+#: Messages queued for each manager; older ones are dropped.
+_QUEUE = 200
+
+
+class RosManager(Manager):
+    """Implements `app.system.Manager`."""
+
+    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+        messages = [msgs.ResourceDescription(s.type, s.label, [msgs.Param(p) for p in s.params]) for s in skills]
+        return super().command(action, task_id, messages)
+
+
+class ManagerConnections(DiscoveryInterface):
+    """Discovers managers and subscribes to their progress. A manager that has disconnected stays in `states`.
+
+    :param author: identifies this window in the managers' logs.
+    :param on_progress: called with each state of a task, in ROS threads.
+    :param on_change: called when a manager has connected or disconnected, in ROS threads.
+    """
+
+    def __init__(self, author: str, on_progress: Callable[[TaskProgress], None], on_change: Callable[[], None]) -> None:
+        self._author = author
+        self._report = on_progress
+        self._on_change = on_change
+        self._up: dict[str, RosManager] = {}
+        self._since: dict[str, float] = {}
+        self._subscribers: dict[str, Any] = {}
+        self._connected: set[str] = set()  # managers whose publisher has connected
+        self.init_discovery(NAMESPACE, self._on_up, self._on_down)
+
+    @property
+    def managers(self) -> dict[str, RosManager]:
+        """The connected managers, by node name."""
+        with self._discovery_lock:
+            return dict(sorted(self._up.items()))
+
+    def states(self) -> list[tuple[str, bool, float]]:
+        """Returns name, whether it is up, and since when (s since the epoch) for each manager seen so far."""
+        with self._discovery_lock:
+            return [(name, name in self._up, since) for name, since in sorted(self._since.items())]
+
+    def check(self) -> None:
+        """Detects closed connections before the discovery times out. To be called periodically."""
+        with self._discovery_lock:
+            for name, subscriber in list(self._subscribers.items()):
+                is_connected = subscriber.get_num_connections() > 0
+                if name in self._connected and not is_connected:
+                    self._drop(name)
+                elif is_connected:
+                    self._connected.add(name)
+
+    def close(self) -> None:
+        """Disconnects."""
+        self.stop_discovery()
+        with self._discovery_lock:
+            subscribers, self._subscribers = self._subscribers, {}
+        for subscriber in subscribers.values():
+            subscriber.unregister()
+
+    def _on_up(self, name: str) -> None:
+        self._up[name] = manager = RosManager(name, self._author)
+        self._since[name] = time.time()
+        self._subscribers[name] = rospy.Subscriber(
+            f"{name}/monitor", QuickTreeProgress, self._on_progress, name, queue_size=_QUEUE
+        )
+        threading.Thread(target=self._catch_up, args=(manager,), name="window tasks", daemon=True).start()
+        self._on_change()
+
+    def _on_down(self, name: str) -> None:
+        del self._up[name]
+        self._since[name] = time.time()
+        self._connected.discard(name)
+        self._subscribers.pop(name).unregister()
+        self._on_change()
+
+    def _on_progress(self, message: Any, name: str) -> None:
+        if message.progress:
+            self._report(TaskProgress(name, message.progress, time.time()))
+
+    def _catch_up(self, manager: RosManager) -> None:
+        """Reports the tasks that exist already; a paused task publishes nothing."""
+        try:
+            tasks = manager.tasks()
+        except SkirosError as error:
+            log.info("%s: reading the tasks failed: %s", manager.name, error)
+            return
+        for nodes in tasks:
+            if nodes:
+                self._report(TaskProgress(manager.name, nodes, time.time()))

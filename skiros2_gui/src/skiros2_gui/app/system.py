@@ -1,0 +1,123 @@
+"""The port to the running system; the adapters are `app.ros.system` and `testing.local_system`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from skiros2_skill.command_line.description import Skill
+from skiros2_skill.core.diagnosis.inspection import NodeStatus
+from skiros2_world_model.core.ontology import Ontology
+from skiros2_world_model.core.reader import SceneReader
+from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
+
+#: The kinds of parts.
+MASTER, WORLD_MODEL, MANAGER, TASK_MANAGER = "ROS master", "world model", "robot", "task manager"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the system and its status.
+
+    :param kind: one of the constants above.
+    :param name: the node name, or the master's URI.
+    :param since: when the status changed last (s since the epoch); 0.0 if the part has never been up.
+    :param text: details for users.
+    """
+
+    kind: str
+    name: str
+    is_up: bool
+    since: float
+    text: str = ""
+
+
+class Manager(Protocol):
+    """A skill manager. Methods block and are called by jobs only. They raise `SkirosError` if the manager refuses or
+    does not answer.
+    """
+
+    @property
+    def name(self) -> str:
+        """The node name. Does not block."""
+
+    def skills(self) -> list[Skill]:
+        """Returns the skills offered."""
+
+    def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
+        """Sends a command and returns the task id.
+
+        :param action: `start` (resumes a paused task; with id -1 starts a new one), `preempt`, `pause` or `tick_once`
+            (with id -1 starts a new task, ticks it once and pauses it).
+        :param skills: the skills of a new task, in sequence: `skiros2_skill.command_line.assignments.Step`, or objects
+            with its `type`, `label` and `params` (JSON texts).
+        """
+
+    def tasks(self, task_id: int = -1) -> list[Sequence[Any]]:
+        """Returns the `SkillProgress` of all nodes of each unfinished task, ordered by task id."""
+
+    def why(self, task_id: int) -> Any:
+        """Explains a failed task: `text` for users and `json`, a list of `Explanation`."""
+
+    def inspect(self, task_id: int, node_id: int) -> NodeStatus:
+        """Returns the current parameters and conditions of a node of an unfinished task."""
+
+    def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
+        """Executes `add`, `remove` or `list`. Returns the breakpoint's number and the list of all."""
+
+
+class Planner(Protocol):
+    """The task manager. Called by jobs only; raises `SkirosError` if it refuses or does not answer."""
+
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+        """Plans and executes goals; blocks until the end and returns an `AchieveResult`.
+
+        :param on_feedback: called, in any thread, with each `AchieveFeedback`.
+        """
+
+    def cancel(self) -> None:
+        """Cancels a running `achieve`, from another thread."""
+
+
+class System(Protocol):
+    """The running system. Members do not block. Parts that are not up are None or missing."""
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """The status of the master, the world model, the task manager and all managers seen so far."""
+
+    @property
+    def world(self) -> WorldModelAbstractInterface | None:
+        """The world model for blocking calls: changes, queries, files, history. For jobs only. None before it was
+        found; raises `WmException` when it is down.
+        """
+
+    @property
+    def scene(self) -> SceneReader | None:
+        """The replica of the scene (context "scene"), read in the window's thread without blocking. It may be newer
+        than the last `WorldChanged`, and keeps its last state while the world model is down.
+        """
+
+    @property
+    def ontology(self) -> Ontology | None:
+        """The replica of the ontologies; see `scene`."""
+
+    @property
+    def managers(self) -> dict[str, Manager]:
+        """The managers that are up, by node name."""
+
+    @property
+    def planner(self) -> Planner | None:
+        """The task manager; None if it is not up."""
+
+    def set_movable(self, eid: str) -> None:
+        """Lets views outside the window (rviz) move this element; "" for none."""
+
+    def close(self) -> None:
+        """Disconnects. Does not block."""
+
+
+def part_of(system: System, kind: str, name: str = "") -> Part | None:
+    """Returns the part of a kind (and name, if given); None if it has never been up."""
+    return next((p for p in system.parts if p.kind == kind and name in ("", p.name)), None)

@@ -1,0 +1,1 @@
+"""The main widget, its status line and error bar, the theme."""

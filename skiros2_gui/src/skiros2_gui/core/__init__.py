@@ -1,1 +1,0 @@
-"""What the window holds and does, without Qt and without ROS."""

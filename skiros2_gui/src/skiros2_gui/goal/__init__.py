@@ -1,0 +1,1 @@
+"""Goals: completion, planning and execution."""

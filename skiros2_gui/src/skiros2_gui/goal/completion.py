@@ -1,0 +1,206 @@
+"""The words that goals are made of, and which of them may come next where the user types."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from heapq import nsmallest
+
+from skiros2_common.core.names import local_name
+from skiros2_common.core.world_element import Element
+from skiros2_task.core.goal_text import COMPARATORS
+from skiros2_task.core.skills import SkillCondition
+from skiros2_task.core.world import WorldView
+
+RELATION, PROPERTY, VALUE, CLASS, ELEMENT, WORD = "relation", "property", "value", "class", "element", "word"
+
+#: So many are suggested at most.
+MAX_COMPLETIONS = 60
+
+_QUANTIFIERS = ("forall", "exists")
+_CONNECTIVES = ("and", "or", "not", "imply", *_QUANTIFIERS)
+_TOKEN = re.compile(r'"[^"\n]*"?|[(),]|[^\s(),";]+')
+_COMMENT = re.compile(r";[^\n]*")
+_CHILD = "()"
+
+
+@dataclass(frozen=True)
+class Completion:
+    """A word that a goal may have.
+
+    :param text: as it is written.
+    :param label: as it is label: of an element its label.
+    :param kind: one of those above.
+    :param rank: the lower, the earlier it is suggested.
+    """
+
+    text: str
+    label: str
+    kind: str
+    rank: int = 0
+
+    @cached_property
+    def names(self) -> str:
+        """What may be typed for it, each after a line break, in small letters."""
+        return f"\n{self.label}\n{self.text}\n{local_name(self.text)}".lower().replace('"', "")
+
+    def match(self, typed: str) -> int | None:
+        """How well it fits what is typed, 0 best; None: not at all.
+
+        :param typed: in small letters, without quotes.
+        """
+        if f"\n{typed}" in self.names:
+            return 0
+        return 1 if typed in self.names else None
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The words of the world as it is."""
+
+    predicates: tuple[Completion, ...] = ()
+    properties: tuple[Completion, ...] = ()
+    values: tuple[Completion, ...] = ()
+    classes: tuple[Completion, ...] = ()
+    elements: tuple[Completion, ...] = ()
+
+
+@dataclass(frozen=True)
+class Completions:
+    """What may be written.
+
+    :param start: where the word that is typed begins in the text; up to the cursor it is replaced.
+    """
+
+    start: int
+    items: tuple[Completion, ...] = ()
+
+
+def read_vocabulary(world: WorldView) -> Vocabulary:
+    """The words of the world: what skills can bring about first, then what they ask for, then what the scene has, then
+    all that the ontologies know."""
+    made, asked = _in_skills(world)
+    written = set(world.stated_relations())
+    ranks = {**dict.fromkeys(written, 2), **dict.fromkeys(asked, 1), **dict.fromkeys(made, 0)}
+
+    def rank(name: str) -> int:
+        return ranks.get(name, 3)
+
+    relations = [Completion(name, local_name(name), RELATION, rank(name)) for name in world.relations()]
+    known = world.properties() | _properties_in_skills(world)
+    properties = [Completion(name, local_name(name), PROPERTY, rank(name)) for name in known]
+    texts = sorted({value for _, value in world.texts()})
+    return Vocabulary(
+        _sorted([*relations, *properties]),
+        _sorted(properties),
+        tuple(Completion(_quoted(text), text, VALUE) for text in texts),
+        _sorted(Completion(name, local_name(name), CLASS) for name in world.classes()),
+        _sorted(map(_element, world.objects.values())),
+    )
+
+
+def _properties_in_skills(world: WorldView) -> set[str]:
+    return {
+        c.name
+        for robot in world.robots
+        for skill in robot.skills
+        for c in _parts((*skill.post, *skill.pre, *skill.hold))
+        if c.kind in ("ConditionProperty", "ConditionHasProperty")
+    }
+
+
+def _in_skills(world: WorldView) -> tuple[set[str], set[str]]:
+    """What skills make true, and what they ask for."""
+    skills = [skill for robot in world.robots for skill in robot.skills]
+    made = {c.name for skill in skills for c in _parts(skill.post)}
+    asked = {c.name for skill in skills for c in _parts((*skill.pre, *skill.hold))}
+    return made - {""}, asked - {""}
+
+
+def _parts(conditions: Iterable[SkillCondition]) -> Iterable[SkillCondition]:
+    for condition in conditions:
+        yield condition
+        yield from _parts(condition.parts)
+
+
+def _sorted(words: Iterable[Completion]) -> tuple[Completion, ...]:
+    return tuple(sorted(words, key=lambda w: (w.rank, not w.label, w.label.lower(), len(w.text), w.text)))
+
+
+def _element(element: Element) -> Completion:
+    return Completion(_quoted(element.id or element.label), element.label or element.id, ELEMENT)
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if re.search(r'[\s(),;]', text) or not text else text
+
+
+# -- where the user is ---------------------------------------------------------------------------------------------
+
+
+def complete(text: str, cursor: int, vocabulary: Vocabulary) -> Completions:
+    """What may be written at a place of a text.
+
+    :param cursor: so many signs are before it.
+    """
+    before = _COMMENT.sub(lambda found: " " * len(found[0]), text[:cursor])
+    tokens = [(m[0], m.start()) for m in _TOKEN.finditer(before)]
+    typed, start = "", len(before)
+    if tokens and tokens[-1][0] not in "()," and not before[-1:].isspace():
+        typed, start = tokens.pop()
+    stack, variables = _open_lists([token for token, _ in tokens])
+    words = _expected(stack, variables, vocabulary)
+    typed = typed.lower().replace('"', "")
+    if not typed:
+        return Completions(start, tuple(sorted(words, key=lambda word: word.rank)[:MAX_COMPLETIONS]))
+    ranked = [(fit, word.rank, i) for i, word in enumerate(words) if (fit := word.match(typed)) is not None]
+    return Completions(start, tuple(words[i] for _, _, i in nsmallest(MAX_COMPLETIONS, ranked)))
+
+
+def _open_lists(tokens: Iterable[str]) -> tuple[list[list[str]], list[str]]:
+    """The lists that are not closed, outermost first, and the variables that were declared."""
+    stack: list[list[str]] = []
+    variables: list[str] = []
+    for token in tokens:
+        if token == "(":
+            stack.append([])
+        elif token == ")":
+            if stack:
+                stack.pop()
+            if stack:
+                stack[-1].append(_CHILD)
+        elif stack:
+            stack[-1].append(token)
+            if token.startswith("?") and token not in variables and _declares(stack):
+                variables.append(token)
+    return stack, variables
+
+
+def _declares(stack: list[list[str]]) -> bool:
+    """Whether the innermost list holds the variables of a quantifier."""
+    return len(stack) > 1 and len(stack[-2]) == 1 and stack[-2][0].lower() in _QUANTIFIERS
+
+
+def _expected(stack: list[list[str]], variables: list[str], vocabulary: Vocabulary) -> list[Completion]:
+    if not stack:
+        return [Completion("(", "( a goal", WORD)]
+    inside = stack[-1]
+    above = stack[-2] if len(stack) > 1 else []
+    if _declares(stack):
+        if inside and inside[-1] == "-":
+            return list(vocabulary.classes)
+        is_named = bool(inside) and inside[-1].startswith("?")
+        return [Completion("-", "-  and a class", WORD) if is_named else Completion("?x", "?x", WORD)]
+    if not inside:
+        if above and above[0] in COMPARATORS:
+            return list(vocabulary.properties)
+        connectives = [Completion(word, word, WORD, 3) for word in (*_CONNECTIVES, *COMPARATORS)]
+        return [*vocabulary.predicates, *connectives]
+    head = inside[0].lower()
+    if head in (*_CONNECTIVES, *COMPARATORS):
+        if head == "=" and inside[-1] == _CHILD:
+            return list(vocabulary.values)
+        return [Completion("(", "(", WORD)]
+    return [*(Completion(v, v, WORD) for v in variables), *vocabulary.elements]

@@ -1,0 +1,1 @@
+"""The goal line and the view of its plan."""

@@ -1,0 +1,244 @@
+"""The goal line with its buttons, and what came of a goal: the plan, what it changes, and how it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from python_qt_binding.QtCore import Qt
+from python_qt_binding.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QLabel,
+    QMenu,
+    QPlainTextEdit,
+    QPushButton,
+    QSizePolicy,
+    QSplitter,
+    QTabWidget,
+    QToolButton,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.app.widgets.theme import colour_label, colour_state
+from skiros2_gui.goal.execution import GoalExecution, StepRow
+from skiros2_gui.goal.plan import GoalPlan
+from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_gui.goal.widgets.line import GoalLine
+from skiros2_task.core.plan import PlanRow
+
+_HEADS = ("Step", "State", "Start", "End", "Robot", "Skill", "After", "With")
+_STATE = 1
+_SIGNS = {"waiting": "·", "running": "▶", "succeeded": "✓", "failed": "✕", "stopped": "■", "dropped": "–"}
+
+
+class GoalBar(QWidget):
+    """The goal line and the buttons beside it."""
+
+    def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._goals = goals
+        self.mistake = QLabel()
+        self.mistake.setObjectName("goalMistake")
+        self.mistake.setTextFormat(Qt.PlainText)
+        self.mistake.setWordWrap(True)
+        self.mistake.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
+        self.line = GoalLine(goals, self.mistake)
+        self.line.returnPressed.connect(goals.make_plan)
+        self.earlier = QToolButton()
+        self.earlier.setText("Earlier ▾")
+        self.earlier.setToolTip("Goals that were planned or achieved before")
+        self.earlier.setPopupMode(QToolButton.InstantPopup)
+        self._menu = QMenu(self)
+        self._menu.aboutToShow.connect(self._fill_menu)
+        self.earlier.setMenu(self._menu)
+        self.plan = QPushButton("Plan")
+        self.plan.setObjectName("planButton")
+        self.plan.setToolTip("Looks for a plan and shows what it would change; nothing moves  (Enter)")
+        self.plan.clicked.connect(goals.make_plan)
+        self.achieve = QPushButton("▶ Achieve")
+        self.achieve.setObjectName("achieveButton")
+        self.achieve.clicked.connect(goals.achieve)
+        self.cancel = QPushButton("■ Cancel")
+        self.cancel.setObjectName("cancelGoalButton")
+        self.cancel.setToolTip("Ends the planning, or stops the robots at the goal")
+        self.cancel.clicked.connect(goals.cancel)
+        heading = QLabel("Goal")
+        font = heading.font()
+        font.setBold(True)
+        heading.setFont(font)
+        row = QHBoxLayout()
+        row.addWidget(heading)
+        row.addWidget(self.line, 1)
+        for button in (self.earlier, self.plan, self.achieve, self.cancel):
+            row.addWidget(button)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addLayout(row)
+        column.addWidget(self.mistake)
+
+    def show_goal(self) -> None:
+        """Shows the presenter's state."""
+        goals = self._goals
+        if self.line.text() != goals.text:
+            self.line.setText(goals.text)
+        diagnostic = goals.diagnostic
+        self.mistake.setVisible(diagnostic is not None)
+        if diagnostic is not None:
+            line = f"line {diagnostic.line}, " if diagnostic.line > 1 else ""
+            is_unfinished = diagnostic.position(goals.text) >= len(goals.text.rstrip())
+            sign = "…" if is_unfinished else f"⚠ {line}column {diagnostic.column}:"
+            self.mistake.setText(f"{sign} {diagnostic.reason}")
+            colour_label(self.mistake, "idle" if is_unfinished else "failure")
+        self.line.move_popup()
+        self.plan.setEnabled(goals.can_plan)
+        self.achieve.setEnabled(goals.can_achieve)
+        self.achieve.setToolTip(
+            "Has the robots reach the goal" if goals.has_task_manager else "The task manager is not running"
+        )
+        self.cancel.setEnabled(goals.is_busy)
+        self.earlier.setEnabled(bool(goals.history))
+
+    def _fill_menu(self) -> None:
+        self._menu.clear()
+        for goal in self._goals.history:
+            shown = " ".join(goal.split())
+            text = shown if len(shown) <= 100 else f"{shown[:99]}…"
+            self._menu.addAction(text.replace("&", "&&"), lambda goal=goal: self.line.setText(goal))
+
+
+class GoalView(QWidget):
+    """What came of the goal: the steps, what they change, and why."""
+
+    def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._goals = goals
+        self._shown: GoalPlan | GoalExecution | None = None
+        self.head = QLabel()
+        self.head.setObjectName("planHead")
+        self.head.setTextFormat(Qt.PlainText)
+        self.head.setWordWrap(True)
+        self.head.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.head.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
+        self.steps = QTreeWidget()
+        self.steps.setObjectName("planView")
+        self.steps.setAccessibleName("Steps of the plan")
+        self.steps.setHeaderLabels(_HEADS)
+        self.steps.setRootIsDecorated(False)
+        self.steps.setUniformRowHeights(True)
+        self.steps.setSelectionMode(QAbstractItemView.SingleSelection)
+        self.changes = _text("planChanges", "What each step would change, tried out on a copy of the scene")
+        self.why = _text("planWhy", "What each step is for; without a plan, why there is none")
+        self.texts = QTabWidget()
+        self.texts.setDocumentMode(True)
+        self.texts.addTab(self.changes, "What changes")
+        self.texts.addTab(self.why, "Why")
+        self.across = QSplitter(Qt.Horizontal)
+        self.across.setChildrenCollapsible(False)
+        self.across.addWidget(self.steps)
+        self.across.addWidget(self.texts)
+        self.across.setStretchFactor(0, 3)
+        self.across.setStretchFactor(1, 2)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 4, 0, 0)
+        column.addWidget(self.head)
+        column.addWidget(self.across, 1)
+        self.show_goal()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to be seen."""
+        return self._goals.plan is None and self._goals.execution is None and not self._goals.is_busy
+
+    def show_goal(self) -> None:
+        """Shows the presenter's plan, or how its goal goes on."""
+        goals = self._goals
+        result = goals.execution or goals.plan
+        self.head.setText(_head(goals))
+        self.head.setToolTip(goals.execution.text if goals.execution is not None else "")
+        if result is self._shown and result is not None:
+            return
+        before = self.steps.topLevelItemCount()
+        new = result is None or self._shown is None or type(result) is not type(self._shown)
+        self._shown = result
+        if isinstance(result, GoalPlan):
+            self._show_rows([_cells(row, "") for row in result.rows])
+            self._show_texts(result.changes, result.why)
+        elif isinstance(result, GoalExecution):
+            cells = [_cells(row, f"{_SIGNS.get(row.state, '')} {row.state}") for row in result.rows]
+            self._show_rows(cells, [row.state for row in result.rows])
+            messages = [f"{row.number}. {row.skill}: {row.message}" for row in result.rows if row.message]
+            self._show_texts((), (*result.why, *messages))
+        else:
+            self._show_rows([])
+            self._show_texts((), ())
+        self.steps.setColumnHidden(_STATE, not isinstance(result, GoalExecution))
+        is_finished = isinstance(result, GoalExecution) and result.is_finished
+        if new or self.steps.topLevelItemCount() != before or is_finished:
+            for column in range(len(_HEADS)):
+                self.steps.resizeColumnToContents(column)
+
+    def _show_rows(self, rows: Sequence[tuple[str, ...]], states: Sequence[str] = ()) -> None:
+        while self.steps.topLevelItemCount() > len(rows):
+            self.steps.takeTopLevelItem(self.steps.topLevelItemCount() - 1)
+        for index, cells in enumerate(rows):
+            item = self.steps.topLevelItem(index)
+            if item is None:
+                item = QTreeWidgetItem()
+                self.steps.addTopLevelItem(item)
+            for column, text in enumerate(cells):
+                if item.text(column) != text:
+                    item.setText(column, text)
+                    item.setToolTip(column, text)
+            if states:
+                colour_state(item, _STATE, states[index], self.steps)
+
+    def _show_texts(self, changes: Sequence[str], why: Sequence[str]) -> None:
+        for box, lines in ((self.changes, changes), (self.why, why)):
+            text = "\n".join(lines)
+            if box.toPlainText() != text:
+                box.setPlainText(text)
+        self.texts.setTabEnabled(0, bool(changes))
+        self.texts.setTabEnabled(1, bool(why))
+        self.texts.setCurrentIndex(0 if changes else 1)
+        self.texts.setVisible(bool(changes or why))
+
+
+def _head(goals: GoalPresenter) -> str:
+    execution, plan = goals.execution, goals.plan
+    if execution is not None:
+        sign = ("✓" if execution.reached else "✕") if execution.is_finished else "▶"
+        if not execution.is_finished:
+            cancelling = "Cancelling: " if goals.is_cancelling else ""
+            return f"{sign} {cancelling}{execution.progress_text}"
+        return f"{sign} {execution.text}"
+    if goals.is_busy:
+        return goals.activity
+    if plan is None:
+        return "Write a goal above: Plan shows what would be done, Achieve has the robots do it."
+    if plan.verdict == "planned":
+        return f"✓ {plan.head}" if plan.works else f"✕ {plan.head}; tried out on a copy of the scene it does not work"
+    return f"{'✓' if plan.verdict == 'nothing to do' else '✕'} {plan.head}"
+
+
+def _cells(row: PlanRow | StepRow, state: str) -> tuple[str, ...]:
+    return (
+        str(row.number),
+        state,
+        f"{row.start:.1f} s",
+        f"{row.end:.1f} s",
+        row.robot.lstrip("/"),
+        row.skill,
+        ", ".join(map(str, row.after)),
+        row.parameters,
+    )
+
+
+def _text(name: str, tip: str) -> QPlainTextEdit:
+    box = QPlainTextEdit()
+    box.setObjectName(name)
+    box.setReadOnly(True)
+    box.setToolTip(tip)
+    return box

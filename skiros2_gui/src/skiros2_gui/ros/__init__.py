@@ -1,1 +1,0 @@
-"""The window's connection to the nodes of a running system."""

@@ -1,0 +1,1 @@
+"""The trees of tasks, live and recorded."""

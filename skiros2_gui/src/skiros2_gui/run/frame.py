@@ -1,0 +1,83 @@
+"""The state of a task's tree at a tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skiros2_gui.app.state_style import FAILURE, RUNNING
+from skiros2_gui.run.shape import Shape
+
+#: A node: state and progress code as in `SkillProgress`, start and end (s after the task's first tick; NaN if unset).
+ROW = np.dtype([("state", "i2"), ("code", "i2"), ("began", "f4"), ("ended", "f4")])
+Rows = npt.NDArray[np.void]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A tree at a tick.
+
+    :param time: s since the epoch.
+    :param rows: by node index, of the type `ROW`.
+    :param messages: by node index; nodes without a message are missing.
+    :param start: the time of the task's first tick (s since the epoch).
+    """
+
+    time: float
+    shape: Shape
+    rows: Rows
+    messages: dict[int, str]
+    start: float
+
+    def state(self, index: int) -> int:
+        return int(self.rows["state"][index])
+
+    def code(self, index: int) -> int:
+        return int(self.rows["code"][index])
+
+    def message(self, index: int) -> str:
+        return self.messages.get(index, "")
+
+    def began(self, index: int) -> float | None:
+        """Returns when the node started (s since the epoch); None if it has not."""
+        began = float(self.rows["began"][index])
+        return None if np.isnan(began) else self.start + began
+
+    def duration(self, index: int) -> float | None:
+        """Returns how long the node ran, or has been running (s); None if it has not started."""
+        began, ended = float(self.rows["began"][index]), float(self.rows["ended"][index])
+        if np.isnan(began):
+            return None
+        return max(0.0, (self.time - self.start if np.isnan(ended) else ended) - began)
+
+    def durations(self) -> list[float]:
+        """Returns the duration of each node (s); NaN for nodes that have not started."""
+        began, ended = self.rows["began"], self.rows["ended"]
+        ended = np.where(np.isnan(ended), self.time - self.start, ended)
+        durations: list[float] = np.maximum(ended - began, 0.0).tolist()
+        return durations
+
+    def running(self) -> list[int]:
+        """Returns the indices of running nodes without running children, ordered by start."""
+        indices = np.flatnonzero(self.rows["state"] == RUNNING).tolist()
+        parents, inner = self.shape.parents, {-1}
+        for index in indices:
+            while (index := parents[index]) not in inner:
+                inner.add(index)
+        lowest = [index for index in indices if index not in inner]
+        began = self.rows["began"][lowest]
+        return [lowest[number] for number in np.argsort(began, kind="stable").tolist()]
+
+    def failed(self) -> list[int]:
+        """Returns the indices of failed nodes without failed children, ordered by end."""
+        indices = np.flatnonzero(self.rows["state"] == FAILURE).tolist()
+        inner = {self.shape.parents[index] for index in indices}
+        lowest = [index for index in indices if index not in inner]
+        return sorted(lowest, key=lambda index: float(np.nan_to_num(self.rows["ended"][index])))
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the task has ended."""
+        return abs(self.code(0)) == 1

@@ -1,0 +1,147 @@
+"""The details of a node as text."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from skiros2_common.core.explanation import HOLD, POST, PRE, Explanation
+from skiros2_gui.app.state_style import IDLE, RUNNING, style_of
+from skiros2_gui.run.frame import Frame
+from skiros2_skill.core.diagnosis.inspection import FAILS, HOLDS, ConditionStatus, NodeStatus
+
+#: The symbols of verdicts.
+VERDICTS = {HOLDS: "✓", FAILS: "✗"}
+
+#: The most ancestors named.
+_MAX_ANCESTORS = 5
+
+#: The implementation of a skill without a label.
+CHOSEN_LATER = "chosen when it starts"
+
+#: When a condition is checked.
+STAGES = {PRE: "before the start", HOLD: "while it runs", POST: "at the end"}
+
+
+@dataclass(frozen=True)
+class ConditionText:
+    """:param stage: when it is checked.
+    :param symbol: whether it holds: ✓, ✗ or ?.
+    :param text: the condition.
+    :param found: the actual state; "" if unknown.
+    :param elements: the elements in the texts, each as `id-label`.
+    """
+
+    stage: str
+    symbol: str
+    text: str
+    found: str
+    elements: list[str]
+
+
+@dataclass(frozen=True)
+class NodeText:
+    """:param title: the node's name.
+    :param facts: pairs of name and value.
+    :param conditions: in the order of their stages.
+    :param params: name, value and provenance of each.
+    :param why: the explanation of a failure, in lines.
+    :param note: why there are no conditions.
+    """
+
+    title: str
+    state: int
+    facts: list[tuple[str, str]] = field(default_factory=list)
+    conditions: list[ConditionText] = field(default_factory=list)
+    params: list[tuple[str, str, str]] = field(default_factory=list)
+    why: list[str] = field(default_factory=list)
+    note: str = ""
+
+
+def node_text(
+    frame: Frame, index: int, now: NodeStatus | None = None, why: Explanation | None = None, note: str = ""
+) -> NodeText:
+    """Describes a node at a tick.
+
+    :param now: its current parameters and conditions; None if they were not read.
+    :param why: why it failed, if known.
+    """
+    shape, state = frame.shape, frame.state(index)
+    facts = [("state", f"{style_of(state).symbol} {style_of(state).word}")]
+    if why is None and (message := frame.message(index)):
+        facts.append(("message", message))
+    duration = frame.duration(index)
+    if duration is not None:
+        facts.append(("runs for" if state == RUNNING else "took", duration_text(duration)))
+        began = frame.began(index)
+        if began is not None:
+            facts.append(("began", clock_text(began)))
+    if shape.is_skill(index):
+        facts.append(("skill", shape.type(index)))
+        if not shape.label(index):
+            facts.append(("implementation", CHOSEN_LATER))
+    if shape.processor(index):
+        facts.append(("children", processor_text(shape.processor(index))))
+    if state != IDLE:
+        facts.append(("code", str(frame.code(index))))
+    path = shape.path_names(index)[:-1]
+    if path:
+        facts.append(("in", " › ".join(["…", *path[-_MAX_ANCESTORS:]] if len(path) > _MAX_ANCESTORS else path)))
+    conditions = [_condition(condition, state) for condition in now.conditions] if now is not None else []
+    params = [] if now is None else [(p.key, p.value or "unset", p.source_text if p.source else "") for p in now.params]
+    return NodeText(
+        shape.name(index), state, facts, conditions, params, list(why.lines())[1:] if why is not None else [], note
+    )
+
+
+def _condition(now: ConditionStatus, state: int) -> ConditionText:
+    """Describes a condition; its current value may differ from the value at its stage."""
+    stage = STAGES.get(now.stage, now.stage)
+    if now.stage == PRE and state != IDLE:
+        stage += " (it has started; this is how it is now)"
+    elif now.stage == POST and state in (IDLE, RUNNING):
+        stage += " (not yet)"
+    symbol = VERDICTS.get(now.verdict, "?")
+    return ConditionText(stage, symbol, now.text, now.found, now.elements)
+
+
+#: How processors tick the children, by symbol.
+_PROCESSORS = {
+    "->": "one after the other, from the first again at each tick",
+    "->*": "one after the other",
+    "?": "the first that does not fail, from the first again at each tick",
+    "?*": "the first that does not fail",
+    "|ff|": "all at once; fails as soon as one fails",
+    "|fs|": "all at once; ends as soon as one ends",
+}
+
+
+def processor_text(symbol: str) -> str:
+    """Describes how a node ticks its children."""
+    text = _PROCESSORS.get(symbol, "")
+    return f"{text} ({symbol})" if text else symbol
+
+
+def duration_text(seconds: float) -> str:
+    """`0.42 s`, `12.3 s`, `3 min 20 s`, `2 h 05 min`."""
+    if seconds < 10:
+        return f"{seconds:.2f} s"
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(int(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def short_duration(seconds: float) -> str:
+    """At most six characters: `0.42 s`, `12.3 s`, `3 min`, `2 h`."""
+    if seconds < 59.95:
+        return f"{seconds:.2f} s" if seconds < 9.995 else f"{seconds:.1f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.0f} h"
+
+
+def clock_text(moment: float) -> str:
+    """The local time of day with tenths of a second, such as `14:05:30.2`."""
+    tenths = int(moment * 10)
+    return f"{time.strftime('%H:%M:%S', time.localtime(tenths // 10))}.{tenths % 10}"

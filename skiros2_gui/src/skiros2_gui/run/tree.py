@@ -1,0 +1,173 @@
+"""The folding, search and selection of a drawn tree. Nodes are identified by id, which is kept when
+the shape changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from skiros2_gui.app.state_style import FAILURE, RUNNING
+from skiros2_gui.run.drawing import Drawing
+from skiros2_gui.run.frame import Frame
+from skiros2_gui.run.shape import Shape
+
+#: A tree with more nodes is partly folded at first.
+MAX_AT_FIRST = 1500
+
+
+class RunTree:
+    """Used in the window's thread.
+
+    :ivar drawing: the current drawing; None before the first one.
+    :ivar selected: the id of the selected node, or None.
+    :ivar text: the search text.
+    """
+
+    def __init__(self) -> None:
+        self.drawing: Drawing | None = None
+        self.selected: int | None = None
+        self.text = ""
+        self._folded: set[int] = set()
+        self._is_new = True
+        self._found: tuple[Shape, list[str], list[int]] | None = None  # shape, words, indices
+
+    @property
+    def folded(self) -> frozenset[int]:
+        return frozenset(self._folded)
+
+    def show(self, shape: Shape) -> bool:
+        """Draws the tree of a shape.
+
+        :returns: whether the drawing has changed.
+        """
+        if self.drawing is not None and self.drawing.shape is shape:
+            return False
+        if self._is_new and len(shape) > MAX_AT_FIRST:
+            self._fold_from(shape, _deepest_for(shape, MAX_AT_FIRST))
+        self._is_new = self._is_new and len(shape) <= MAX_AT_FIRST
+        self.drawing = Drawing(shape, self._folded)
+        return True
+
+    def toggle_fold(self, node: int) -> None:
+        """Folds or unfolds a node."""
+        self._change_folds(self._folded ^ {node})
+
+    def unfold_all(self) -> None:
+        self._change_folds(set())
+
+    def fold_to(self, depth: int) -> None:
+        """Folds the nodes at a depth and below; the root has depth 0."""
+        if self.drawing is not None:
+            self._fold_from(self.drawing.shape, depth)
+            self._change_folds(self._folded)
+
+    def fold_quiet(self, frame: Frame) -> None:
+        """Folds nodes without running or failed descendants."""
+        shape = frame.shape
+        states = frame.rows["state"]
+        is_busy = ((states == RUNNING) | (states == FAILURE)).tolist()
+        for index in range(len(shape) - 1, 0, -1):
+            if is_busy[index]:
+                is_busy[shape.parents[index]] = True
+        quiet = (p for p, children in enumerate(shape.children) if p and children and not is_busy[p])
+        self._change_folds({shape.id(index) for index in quiet})
+
+    def reveal(self, index: int) -> bool:
+        """Unfolds the ancestors of a node.
+
+        :returns: whether any was folded.
+        """
+        if self.drawing is None:
+            return False
+        above = {self.drawing.shape.id(p) for p in self.drawing.shape.path(index)[:-1]}
+        if not above & self._folded:
+            return False
+        self._change_folds(self._folded - above)
+        return True
+
+    def selected_index(self) -> int | None:
+        """Returns the index of the selected node; None if it is not in the tree."""
+        if self.drawing is None or self.selected is None:
+            return None
+        return self.drawing.shape.index_by_id.get(self.selected)
+
+    def found(self) -> list[int]:
+        """Returns the indices of nodes that match the search text, in pre-order; folded ones too."""
+        words = self.text.lower().split()
+        if self.drawing is None or not words:
+            return []
+        if self._found is None or self._found[:2] != (self.drawing.shape, words):
+            self._found = (self.drawing.shape, words, self._search(words))
+        return self._found[2]
+
+    def _search(self, words: list[str]) -> list[int]:
+        assert self.drawing is not None
+        keys = self.drawing.shape.keys
+        names = (f"{kind} {label} {processor}".lower() for _, _, kind, label, processor in keys)
+        return _in_order(self.drawing.shape, [p for p, name in enumerate(names) if all(w in name for w in words)])
+
+    def next_of(self, indices: Iterable[int], step: int = 1) -> int | None:
+        """Returns the node of `indices` that follows the selected one (-1: precedes it), cyclically; None if there is
+        none.
+
+        :param indices: in order.
+        """
+        indices = list(indices)
+        if not indices:
+            return None
+        index = self.selected_index()
+        if index in indices:
+            return indices[(indices.index(index) + step) % len(indices)]
+        return indices[0] if step > 0 else indices[-1]
+
+    def neighbour(self, direction: str) -> int | None:
+        """Returns the node that an arrow key leads to: `left` to the parent, `right` to a child, `up` and `down` in the
+        column; or None.
+        """
+        drawing, index = self.drawing, self.selected_index()
+        if drawing is None:
+            return None
+        if index is None or not drawing.is_drawn(index):
+            return 0
+        if direction == "left":
+            return drawing.shape.parents[index] if index else None
+        if direction == "right":
+            children = drawing.children[index]
+            return children[len(children) // 2] if children else None
+        column = drawing.columns[drawing.shape.depths[index]].nodes
+        number = column.index(index) + (1 if direction == "down" else -1)
+        return column[number] if 0 <= number < len(column) else None
+
+    def _fold_from(self, shape: Shape, depth: int) -> None:
+        deep = (p for p, children in enumerate(shape.children) if children and shape.depths[p] >= depth)
+        self._folded = {shape.id(index) for index in deep}
+
+    def _change_folds(self, folded: set[int]) -> None:
+        self._folded = folded
+        if self.drawing is not None:
+            self.drawing = Drawing(self.drawing.shape, folded)
+
+
+def _deepest_for(shape: Shape, most: int) -> int:
+    """Returns the largest depth with at most that many nodes; at least 1."""
+    counts = [0] * (max(shape.depths) + 1)
+    for depth in shape.depths:
+        counts[depth] += 1
+    total, depth = 0, 0
+    while depth < len(counts) and total + counts[depth] <= most:
+        total += counts[depth]
+        depth += 1
+    return max(1, depth - 1)
+
+
+def _in_order(shape: Shape, indices: list[int]) -> list[int]:
+    """Returns indices in pre-order; messages may have another order."""
+    if len(indices) < 2:
+        return indices
+    wanted, waiting, ordered = set(indices), [0], []
+    while waiting:
+        index = waiting.pop()
+        if index in wanted:
+            ordered.append(index)
+        waiting.extend(reversed(shape.children[index]))
+    return ordered

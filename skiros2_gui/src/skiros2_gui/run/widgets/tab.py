@@ -1,0 +1,262 @@
+"""The tab "Running"."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from python_qt_binding.QtCore import QByteArray, QEvent, Qt, QTimer
+from python_qt_binding.QtWidgets import (
+    QLabel,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.app.events import ElementSelected
+from skiros2_gui.app.window import Window
+from skiros2_gui.run.presenter import Redraw, RunPresenter
+from skiros2_gui.run.widgets.banner import TaskBanner
+from skiros2_gui.run.widgets.breakpoints import BreakpointPanel
+from skiros2_gui.run.widgets.details import NodeDetails
+from skiros2_gui.run.widgets.history_bar import HistoryBar
+from skiros2_gui.run.widgets.lists import MessageList, TimeList
+from skiros2_gui.run.widgets.tasks import TaskPanel
+from skiros2_gui.run.widgets.tool_bar import TreeBar
+from skiros2_gui.run.widgets.view import TreeView
+
+#: The delay after an event before drawing the tree, and the side tabs (ms). Events come at up to 25 Hz.
+_PERIOD, _SLOW_PERIOD = 15, 400
+
+#: The period of checks for tasks without progress (ms).
+_WATCH_PERIOD = 2000
+
+
+class RunTab(QWidget):
+    """See `app.widgets.main_widget.Tab`. Draws at most 25 times a second, and only while visible."""
+
+    title = "Running"
+    needs: tuple[str, ...] = ()
+
+    def __init__(self, window: Window, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.presenter = RunPresenter(window)
+        self.view = TreeView(self.presenter)
+        self._tasks = TaskPanel(self.presenter)
+        self._details = NodeDetails()
+        self._messages = MessageList()
+        self._times = TimeList()
+        self._breakpoints = BreakpointPanel(self.presenter)
+        self._history = HistoryBar(self.presenter)
+        self._banner = TaskBanner()
+        self._bar = TreeBar(self.presenter)
+        self._followed = -1
+        self._lay_out()
+        self._stale = Redraw.ALL
+        self._slow_stale = True
+        self._timer = _timer(self, _PERIOD, self._draw)
+        self._slow_timer = _timer(self, _SLOW_PERIOD, self._draw_side_tabs)
+        self._watch = QTimer(self)
+        self._watch.timeout.connect(lambda: self.presenter.check(time.time()))
+        self._watch.start(_WATCH_PERIOD)
+        self.presenter.on_change = self._on_change
+        self._messages.chosen.connect(self._on_message)
+        self._times.chosen.connect(lambda node: self._go_to_node(node))
+        self._details.element.connect(lambda eid: window.publish(ElementSelected(eid, self)))
+        self.view.moved.connect(lambda: self._bar.follow.setChecked(False))
+        self._bar.wanted.connect(self._go_to)
+        self._bar.fitted.connect(self._fit)
+        self._bar.follow.toggled.connect(lambda _: self._on_change(Redraw.STATES))
+        self._on_change(Redraw.ALL)
+
+    # -- Tab ----------------------------------------------------------------------------------------------------------
+
+    def settings(self) -> dict[str, Any]:
+        return {
+            "sizes": bytes(self._splitter.saveState().toBase64()).decode(),
+            "follow": self.presenter.follows,
+            "beside": self._side_tabs.currentIndex(),
+            "folder": self._tasks.folder,
+        }
+
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        if isinstance(sizes := settings.get("sizes"), str):
+            self._splitter.restoreState(QByteArray.fromBase64(sizes.encode()))
+        if isinstance(follow := settings.get("follow"), bool):
+            self._bar.follow.setChecked(follow)
+        if isinstance(beside := settings.get("beside"), int):
+            self._side_tabs.setCurrentIndex(beside)
+        if isinstance(folder := settings.get("folder"), str):
+            self._tasks.folder = folder
+
+    def find(self) -> None:
+        self._bar.focus()
+
+    def toggle(self) -> None:
+        self.presenter.toggle()
+
+    def close_tab(self) -> None:
+        self._timer.stop()
+        self._slow_timer.stop()
+        self._watch.stop()
+        self.presenter.on_change = lambda part: None
+
+    # -- drawing -----------------------------------------------------------------------------------------------------
+
+    def _on_change(self, part: Redraw) -> None:
+        self._stale |= part
+        self._slow_stale = True
+        if self.isVisible():
+            if not self._timer.isActive():
+                self._timer.start()
+            if not self._slow_timer.isActive():
+                self._slow_timer.start()
+
+    def showEvent(self, event: Any) -> None:
+        super().showEvent(event)
+        self._on_change(Redraw.ALL)
+        self._draw()
+        self._draw_side_tabs()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.PaletteChange and self.isVisible():
+            self._on_change(Redraw.ALL)
+
+    def hideEvent(self, event: Any) -> None:
+        super().hideEvent(event)
+        self._timer.stop()
+        self._slow_timer.stop()
+
+    def _draw(self) -> None:
+        """Draws the pending changes."""
+        stale, self._stale = self._stale, Redraw(0)
+        frame = self.presenter.frame
+        if stale & Redraw.TASKS:
+            self._tasks.show_tasks()
+        if stale & Redraw.BREAKPOINTS:
+            self._breakpoints.show_breakpoints()
+        if stale & Redraw.TREE or not self.view.is_up_to_date():
+            self.view.show_tree()
+            self._bar.show_tree()
+        elif stale & Redraw.STATES:
+            self.view.show_states()
+        if stale & (Redraw.STATES | Redraw.TREE):
+            self._history.show_history()
+            self._banner.show_task(frame)
+            self._follow_running()
+        if stale & Redraw.NODE:
+            self._show_node()
+        self._empty.setVisible(frame is None)
+        self.view.setVisible(frame is not None)
+
+    def _draw_side_tabs(self) -> None:
+        """Draws the current side tab, at a lower rate."""
+        if not self._slow_stale:
+            return
+        self._slow_stale = False
+        presenter = self.presenter
+        if self._side_tabs.currentWidget() is self._messages:
+            self._messages.show_log(presenter.run)
+        elif self._side_tabs.currentWidget() is self._times:
+            self._times.show_times(presenter)
+        elif self._side_tabs.currentWidget() is self._details:
+            self._show_node()
+            if presenter.is_live:
+                presenter.ask_node()
+        self._bar.show_running()
+
+    def _show_node(self) -> None:
+        frame, index = self.presenter.frame, self.presenter.selected_index()
+        if frame is None or index is None:
+            self._details.show_node(None)
+        else:
+            self._details.show_node(self.presenter.node.text(frame, index))
+
+    def _follow_running(self) -> None:
+        if not self.presenter.follows:
+            self._followed = -1
+        elif self.presenter.is_live:
+            running = self.presenter.running()
+            if running and running[-1] != self._followed:
+                self._followed = running[-1]
+                self.view.reveal(running[-1])
+
+    # -- what the user does ------------------------------------------------------------------------------------------
+
+    def _go_to_node(self, node: int) -> None:
+        frame = self.presenter.frame
+        index = frame.shape.index_by_id.get(node) if frame is not None else None
+        if index is not None:
+            self.presenter.select(index)
+            self._go_to(index)
+
+    def _on_message(self, line: Any) -> None:
+        """Goes to the node and the time of a message."""
+        self.presenter.go_to_time(line.time)
+        self._draw()
+        self._go_to_node(line.node)
+
+    def _fit(self) -> None:
+        self._draw()
+        self.view.fit()
+
+    def _go_to(self, index: int | None) -> None:
+        if index is not None:
+            self._draw()
+            self.view.reveal(index)
+
+    # -- widgets -----------------------------------------------------------------------------------------------------
+
+    def _lay_out(self) -> None:
+        self._empty = QLabel("No task has run yet.\nStart a skill, or open a recorded run.")
+        self._empty.setAlignment(Qt.AlignCenter)
+        self._empty.setEnabled(False)
+        middle = QWidget()
+        column = QVBoxLayout(middle)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self._bar)
+        column.addWidget(self._banner)
+        column.addWidget(self._empty, 1)
+        column.addWidget(self.view, 1)
+        self._side_tabs = QTabWidget()
+        self._side_tabs.setObjectName("runBeside")
+        self._side_tabs.setDocumentMode(True)
+        for widget, title in (
+            (self._details, "Node"),
+            (self._messages, "Messages"),
+            (self._times, "Times"),
+            (self._breakpoints, "Breakpoints"),
+        ):
+            self._side_tabs.addTab(widget, title)
+        self._side_tabs.currentChanged.connect(lambda _: self._on_side_tab())
+        self._splitter = QSplitter(Qt.Horizontal)
+        for widget, stretch, least in ((self._tasks, 0, 110), (middle, 1, 240), (self._side_tabs, 0, 160)):
+            widget.setMinimumWidth(least)
+            self._splitter.addWidget(widget)
+            self._splitter.setStretchFactor(self._splitter.count() - 1, stretch)
+        self._splitter.setSizes([260, 630, self._side_tabs.tabBar().sizeHint().width() + 4])
+        self._splitter.setChildrenCollapsible(True)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(self._splitter, 1)
+        whole.addWidget(self._history)
+
+    def _on_side_tab(self) -> None:
+        self._slow_stale = True
+        self._draw_side_tabs()
+        if self._side_tabs.currentWidget() is self._breakpoints:
+            self.presenter.breakpoints.ask(self.presenter.robot)
+
+
+def _timer(parent: QWidget, period: int, call: Any) -> QTimer:
+    """Returns a single-shot timer (ms)."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(period)
+    timer.timeout.connect(call)
+    return timer

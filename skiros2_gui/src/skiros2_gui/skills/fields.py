@@ -1,0 +1,284 @@
+"""One parameter of the skill that is to be started, as the user fills it in."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from skiros2_common.core.errors import SkirosError, UnknownName, WrongValue
+from skiros2_common.core.json_text import read_json
+from skiros2_common.core.names import ANY_TYPE, full_name, local_name
+from skiros2_common.core.world_element import Element
+from skiros2_skill.command_line.assignments import read_values
+from skiros2_skill.command_line.description import Parameter
+
+
+class Editor(Enum):
+    """With what a parameter is edited."""
+
+    ELEMENT = "element"
+    TEXT = "text"
+    NUMBER = "number"
+    TRUTH = "yes or no"
+    CHOICE = "one of some texts"
+    JSON = "JSON"
+
+
+class ValueMode(Enum):
+    """How a parameter gets its value."""
+
+    GIVEN = "given"
+    INFER = "infer"
+    UNSET = "unset"
+
+
+#: By the type of the values; what a library has registered is written in JSON.
+_EDITORS = {"str": Editor.TEXT, "int": Editor.NUMBER, "float": Editor.NUMBER, "bool": Editor.TRUTH}
+
+_WORDS = {
+    "str": "text",
+    "int": "whole number",
+    "float": "number",
+    "bool": "yes or no",
+    "list": "list",
+    "dict": "mapping",
+}
+
+_EXAMPLES = {"list": "[1, 2]", "dict": '{"name": 1}'}
+
+_NUMBER = r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)"
+_RANGE = re.compile(rf"{_NUMBER}\s*(?:to|\.\.\.?|–)\s*{_NUMBER}", re.IGNORECASE)
+_LEAST = re.compile(rf"\bat least\s+{_NUMBER}", re.IGNORECASE)
+_MOST = re.compile(rf"\bat most\s+{_NUMBER}", re.IGNORECASE)
+_ONE_OF = re.compile(r"\bone of:?\s+([^.;()]+)", re.IGNORECASE)
+_UNIT = re.compile(r"\(([^\s()]{1,8})\)\s*$")
+
+
+@dataclass(frozen=True)
+class ElementChoice:
+    """An element that a parameter may hold."""
+
+    id: str
+    label: str
+    type: str = ""
+
+    @property
+    def text(self) -> str:
+        return f"{self.label}  ({self.id})" if self.label else self.id
+
+
+@dataclass
+class Field:
+    """A parameter and what the user has made of it.
+
+    :param declared: what the skill says of it.
+    :param mode: one of `modes`.
+    :param text: what is written, for all editors but that of elements and of yes or no.
+    :param value: the id of the chosen element, or the truth value.
+    :param error: why this is no value, in words; "" when it is one.
+    """
+
+    declared: Parameter
+    mode: ValueMode = field(default=ValueMode.GIVEN, init=False)
+    text: str = field(default="", init=False)
+    value: Any = field(default=None, init=False)
+    error: str = field(default="", init=False)
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    # -- what is declared --------------------------------------------------------------------------------------
+
+    @property
+    def key(self) -> str:
+        return self.declared.key
+
+    @property
+    def editor(self) -> Editor:
+        if self.declared.is_element:
+            return Editor.ELEMENT
+        if len(self.declared.default) > 1:
+            return Editor.JSON  # several values are written as a list
+        found = _EDITORS.get(self.declared.wire_type, Editor.JSON)
+        return Editor.CHOICE if found is Editor.TEXT and self.options else found
+
+    @property
+    def element_class(self) -> str:
+        """The class that an element has to be of; "" for any."""
+        name = self.declared.type if self.declared.is_element else ""
+        return "" if name in (*ANY_TYPE, "element") else full_name(name)
+
+    @property
+    def type_name(self) -> str:
+        """The type, in words."""
+        if self.declared.is_element:
+            return local_name(self.element_class) or "any element"
+        return _WORDS.get(self.declared.wire_type, self.declared.wire_type)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Between which numbers a value has to be: what the description says, as `0 to 1` or `at least 0`."""
+        text = self.declared.description
+        found = _RANGE.search(text)
+        if found and float(found[1]) < float(found[2]):
+            return float(found[1]), float(found[2])
+        least, most = _LEAST.search(text), _MOST.search(text)
+        return float(least[1]) if least else -math.inf, float(most[1]) if most else math.inf
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The texts that a value may be, where the description names them, as `one of: fast, slow`."""
+        found = _ONE_OF.search(self.declared.description)
+        names = re.split(r",|\bor\b", found[1]) if found else []
+        return tuple(name.strip(" '\"`") for name in names if name.strip(" '\"`"))
+
+    @property
+    def unit(self) -> str:
+        """As the description ends with it in parentheses: `How long (s)`."""
+        found = _UNIT.search(self.declared.description) if self.editor is Editor.NUMBER else None
+        return found[1] if found else ""
+
+    @property
+    def modes(self) -> tuple[ValueMode, ...]:
+        """How it may get its value; the first is what it begins with."""
+        if self.declared.is_element:
+            empty = ValueMode.UNSET if self.declared.kind == "optional" else ValueMode.INFER
+            return (ValueMode.GIVEN, empty) if self.declared.default else (empty, ValueMode.GIVEN)
+        if self.declared.default or self.declared.has_to_be_given:
+            return (ValueMode.GIVEN,)  # a manager takes "no value" for the default
+        return (ValueMode.UNSET, ValueMode.GIVEN)
+
+    @property
+    def is_default(self) -> bool:
+        """Whether it has the value that it is declared with, which need not be sent."""
+        if self.mode is not ValueMode.GIVEN or not self.declared.default:
+            return self.mode is not ValueMode.GIVEN
+        untouched = Field(self.declared)
+        return (self.value, self.text) == (untouched.value, untouched.text)
+
+    # -- what the user does ------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """As the skill declares it."""
+        self.mode, self.text, self.value = self.modes[0], "", None
+        default = self.declared.default
+        first = default[0] if default else None
+        if self.editor is Editor.ELEMENT:
+            self.value = first["id"] if first is not None else ""
+        elif self.editor is Editor.TRUTH:
+            self.value = bool(first)
+        elif self.editor is Editor.JSON:
+            self.text = json.dumps(default if len(default) > 1 else first, ensure_ascii=False) if default else ""
+        else:
+            self.text = "" if first is None else str(first)
+        self._check()
+
+    def write(self, text: str) -> None:
+        """Takes what is typed; where a value may be missing, nothing typed is none."""
+        self.text = text
+        self.mode = ValueMode.UNSET if not text and ValueMode.UNSET in self.modes else ValueMode.GIVEN
+        self._check()
+
+    def choose(self, value: Any) -> None:
+        """Takes an element, by its id, or a truth value."""
+        self.value, self.mode = value, ValueMode.GIVEN
+        self._check()
+
+    def set_mode(self, mode: ValueMode) -> None:
+        """Takes another mode to get a value; one that it has not got changes nothing."""
+        if mode in self.modes:
+            self.mode = mode
+            self._check()
+
+    def _check(self) -> None:
+        try:
+            self.values()
+        except SkirosError as error:
+            self.error = str(error)
+        else:
+            self.error = ""
+
+    def values(self) -> list[Any]:
+        """The values to send, as JSON has them; none when the manager is to find them, or to take the default.
+
+        :raises SkirosError: this is no value.
+        """
+        if self.mode is not ValueMode.GIVEN:
+            return []
+        editor = self.editor
+        if editor is Editor.ELEMENT:
+            if not self.value:
+                raise WrongValue("choose an element")
+            return [element_value(str(self.value), self.element_class)]
+        if editor is Editor.TRUTH:
+            return [bool(self.value)]
+        if editor is Editor.CHOICE and self.text not in self.options:
+            raise WrongValue(f"expected one of {', '.join(self.options)}")
+        if editor is Editor.TEXT or editor is Editor.CHOICE:
+            if not self.text and self.declared.has_to_be_given:
+                raise WrongValue("a text is needed")
+            return [self.text]
+        if not self.text.strip():
+            raise WrongValue(f"a {self.type_name} is needed")
+        return self._number() if editor is Editor.NUMBER else self._json()
+
+    def _number(self) -> list[Any]:
+        text = self.text.strip()
+        try:
+            (value,) = read_values(self.declared, text, _no_element)
+            ok = math.isfinite(value)
+        except (SkirosError, ValueError, OverflowError):
+            ok = False
+        if not ok:
+            raise WrongValue(f"{text!r} is no {self.type_name}")
+        least, most = self.limits
+        if not least <= value <= most:
+            raise WrongValue(f"expected {_between(least, most)}")
+        return [value]
+
+    def _json(self) -> list[Any]:
+        try:
+            read_json(self.text)
+        except json.JSONDecodeError as error:
+            where = f"line {error.lineno}, column {error.colno}" if "\n" in self.text else f"column {error.colno}"
+            raise WrongValue(f"this is not JSON, {where}: {error.msg}") from None
+        except ValueError as error:
+            raise WrongValue(f"this cannot be read: {error}") from None
+        try:
+            return read_values(self.declared, self.text, _no_element)
+        except SkirosError:
+            example = _EXAMPLES.get(self.declared.wire_type, "")
+            such = f", such as {example}" if example else ""
+            what = self.type_name if not self._is_several else f"list of values, each a {self.type_name}"
+            raise WrongValue(f"a {what} is needed{such}") from None
+
+    @property
+    def _is_several(self) -> bool:
+        return self.editor is Editor.JSON and self.declared.wire_type in _EDITORS
+
+
+def element_value(eid: str, element_class: str = "") -> dict[str, Any]:
+    """An element as parameters hold it; the manager reads the rest of it in the world model."""
+    known = {"id": eid, "label": "", "type": element_class or "sumo:Object"}
+    return {**known, "last_update": 0.0, "properties": {}, "relations": []}
+
+
+def _no_element(_: Parameter, name: str) -> Any:
+    raise UnknownName(f"{name!r} is no element")
+
+
+def _between(least: float, most: float) -> str:
+    if math.isinf(most):
+        return f"at least {least:g}"
+    return f"at most {most:g}" if math.isinf(least) else f"a number from {least:g} to {most:g}"
+
+
+def element_choices(elements: Iterable[Element]) -> tuple[ElementChoice, ...]:
+    """The elements to choose from, those with a label first, by label and id."""
+    found = [ElementChoice(e.id, e.label, e.type) for e in elements if e.id]
+    return tuple(sorted(found, key=lambda c: (not c.label, c.label.lower(), len(c.id), c.id)))

@@ -1,0 +1,58 @@
+"""The parameters of a skill that is to be started, as the user fills them in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skiros2_gui.skills.catalogue import Offer
+from skiros2_gui.skills.fields import Field
+from skiros2_skill.command_line.assignments import Step
+from skiros2_task.core.actions import ROBOT_KEY
+
+#: In which order parameters are shown.
+_ORDER = ("required", "optional", "inferred")
+
+
+class Form:
+    """
+    :param offer: the skill.
+    """
+
+    def __init__(self, offer: Offer) -> None:
+        self.offer = offer
+        fields = [Field(parameter) for parameter in offer.parameters.values()]
+        # The robot comes last: it is hardly ever another one than that of the manager.
+        fields.sort(key=lambda f: (f.key == ROBOT_KEY, _ORDER.index(f.declared.kind)))
+        self.fields: dict[str, Field] = {field.key: field for field in fields}
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What is wrong, by key."""
+        return {field.key: field.error for field in self.fields.values() if field.error}
+
+    @property
+    def classes(self) -> list[str]:
+        """The classes that elements are chosen of; "" for any."""
+        return sorted({field.element_class for field in self.fields.values() if field.declared.is_element})
+
+    def given(self) -> dict[str, list[Any]]:
+        """The values that are given and are no defaults, as JSON has them, by key; those in `errors` are left out."""
+        return {key: f.values() for key, f in self.fields.items() if not (f.is_default or f.error)}
+
+    def step(self) -> Step:
+        """What is sent to the manager; for when there are no `errors`."""
+        params = [self.fields[key].declared.wire(values) for key, values in self.given().items()]
+        return Step(self.offer.type, self.offer.label, {}, params)
+
+    def reset(self) -> None:
+        """All as the skill declares it."""
+        for field in self.fields.values():
+            field.reset()
+
+    def adopt(self, other: Form) -> None:
+        """Takes over what the user has filled in before, where it still has a place."""
+        for key, field in self.fields.items():
+            old = other.fields.get(key)
+            if old is not None and old.declared == field.declared and not old.is_default:
+                field.text, field.value = old.text, old.value
+                field.set_mode(old.mode)

@@ -1,0 +1,94 @@
+"""What is said beside the button that starts a skill: what it would run with, or why it would not run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from skiros2_common.core.explanation import Explanation
+from skiros2_gui.skills.presenter import SkillsPresenter
+from skiros2_gui.skills.start_preview import StartPreview
+from skiros2_task.core.actions import ROBOT_KEY
+
+READY, REFUSED, WAITING = "ready", "refused", "waiting"
+
+
+@dataclass(frozen=True)
+class StartStatus:
+    """
+    :param status: `READY`, `REFUSED` or `WAITING`.
+    :param text: in a sentence.
+    :param details: more of it, in lines.
+    """
+
+    status: str
+    text: str
+    details: tuple[str, ...] = ()
+
+
+def start_status(skills: SkillsPresenter) -> StartStatus:
+    """What is to be said of the chosen skill."""
+    form = skills.form
+    if form is None:
+        return StartStatus(WAITING, "Choose a skill on the left.")
+    if skills.is_starting:
+        return StartStatus(WAITING, f"Starting {form.offer.name}…")
+    if skills.refused is not None:
+        why = skills.refused.explanation
+        first, *more = _without_author(skills.refused.text).strip().splitlines() or [""]
+        return StartStatus(REFUSED, f"Refused: {first}", tuple(_lines(why)) if why else tuple(more))
+    if not skills.is_offered:
+        return StartStatus(REFUSED, f"{form.offer.manager} does not offer {form.offer.name} now.")
+    if form.errors:
+        told = "; ".join(f"{key}: {error}" for key, error in form.errors.items())
+        return StartStatus(REFUSED, f"Fill in first: {told}")
+    if skills.preview is None and not skills.has_world:
+        return StartStatus(WAITING, "The world model is not there: it cannot be told whether it would start.")
+    if skills.preview is None:
+        return StartStatus(WAITING, "Looking at the scene…")
+    return _of_preview(skills.preview)
+
+
+def _of_preview(preview: StartPreview) -> StartStatus:
+    if preview.problem:
+        return StartStatus(REFUSED, f"It cannot be told whether it would start: {preview.problem}")
+    if preview.refusal is not None:
+        text = f"It would be refused: {_headline(preview.refusal)}"
+        return StartStatus(REFUSED, text, tuple(_lines(preview.refusal)))
+    found = [f"{key} = {e.label or e.id}" for key, e in sorted(preview.values.items()) if key != ROBOT_KEY]
+    text = f"Ready. The robot would take {', '.join(found)}." if found else "Ready."
+    if preview.unchecked:
+        text += f" Only the robot can check: {', '.join(preview.unchecked)}."
+    return StartStatus(READY, text)
+
+
+def _headline(refusal: Explanation) -> str:
+    """Why it would be refused, short."""
+    if refusal.candidates:
+        emptied = [c for c in refusal.candidates if c.emptied]
+        keys = " and ".join(c.key for c in emptied or refusal.candidates)
+        wanted = " together" if not emptied and len(refusal.candidates) > 1 else ""
+        return f"no element of the scene fits {keys}{wanted}."
+    if refusal.findings:
+        return f"{'; '.join(f'{f.label}: {f.found}' for f in refusal.findings)}."
+    if refusal.tried:
+        reasons = dict.fromkeys(_headline(tried) for tried in refusal.tried)
+        return " ".join(reasons)
+    return refusal.message
+
+
+def _lines(explanation: Explanation) -> Iterator[str]:
+    """An explanation beyond its message."""
+    for finding in explanation.findings:
+        yield from finding.lines()
+    yield from map(str, explanation.candidates)
+    for tried in explanation.tried:
+        yield f"{tried.label or tried.type}:"
+        below = list(_lines(tried)) or tried.message.splitlines()
+        yield from (f"  {line}" for line in below)
+
+
+def _without_author(text: str) -> str:
+    """The text of a refusal without who asked for it, which is this window."""
+    head, mark, rest = text.partition(" refused: ")
+    return rest if mark and head.startswith(("start by", "tick_once by")) else text

@@ -1,0 +1,193 @@
+"""The chosen skill: its parameters, what would come of a start, and the buttons that start it."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtCore import QEvent, Qt
+from python_qt_binding.QtWidgets import (
+    QFormLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QPlainTextEdit,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_gui.app.widgets.focus_tracker import SPACE_TOGGLES
+from skiros2_gui.app.widgets.theme import colour_label
+from skiros2_gui.skills.fields import Field, ValueMode
+from skiros2_gui.skills.presenter import SkillsPresenter
+from skiros2_gui.skills.start_status import READY, REFUSED, start_status
+from skiros2_gui.skills.widgets.editors import FieldEditor, editor_of
+
+_SIGNS = {READY: "✓", REFUSED: "✕"}
+_ROLE_COLOURS = {READY: "success", REFUSED: "failure"}
+
+
+class SkillForm(QWidget):
+    """Shows the presenter's form and start_status."""
+
+    def __init__(self, skills: SkillsPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._skills = skills
+        self._editors: dict[str, FieldEditor] = {}
+        self._errors: dict[str, QLabel] = {}
+        self.title = QLabel()
+        self.title.setTextFormat(Qt.PlainText)
+        self.reset = QToolButton()
+        self.reset.setText("Reset")
+        self.reset.setToolTip("Sets all parameters to what the skill declares")
+        self.reset.clicked.connect(skills.reset)
+        head = QHBoxLayout()
+        head.addWidget(self.title, 1)
+        head.addWidget(self.reset)
+        self.area = QScrollArea()
+        self.area.setObjectName("parameters")
+        self.area.setWidgetResizable(True)
+        self.area.setFrameShape(QFrame.NoFrame)
+        self.area.setHorizontalScrollBarPolicy(Qt.ScrollBarAlwaysOff)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addLayout(head)
+        column.addWidget(self.area, 1)
+        column.addWidget(self._why_not())
+        column.addSpacing(1)
+        column.addLayout(self._buttons())
+        self._fit_text()
+        skills.on_form = self.show_form
+        skills.on_preview = self.show_status
+        self.show_form()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._fit_text()
+
+    def _fit_text(self) -> None:
+        """Sizes that follow that of the text."""
+        font = self.font()
+        font.setBold(True)
+        font.setPointSizeF(font.pointSizeF() * 1.2)
+        self.title.setFont(font)
+        self.details.setMaximumHeight(self.fontMetrics().lineSpacing() * 9)
+
+    def _why_not(self) -> QWidget:
+        frame = QFrame()
+        frame.setFrameShape(QFrame.StyledPanel)
+        self.sign = QLabel()
+        self.why_not = QLabel()
+        self.why_not.setObjectName("whyNot")
+        self.why_not.setTextFormat(Qt.PlainText)
+        self.why_not.setWordWrap(True)
+        self.why_not.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.why_not.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)
+        self.more = QToolButton()
+        self.more.setObjectName("whyNotMore")
+        self.more.setText("Why?")
+        self.more.setCheckable(True)
+        self.more.setToolTip("Shows what the conditions found in the scene")
+        self.details = QPlainTextEdit()
+        self.details.setObjectName("whyNotDetails")
+        self.details.setReadOnly(True)
+        self.details.hide()
+        self.more.toggled.connect(lambda _: self.show_status())
+        row = QHBoxLayout()
+        row.addWidget(self.sign, 0, Qt.AlignTop)
+        row.addWidget(self.why_not, 1)
+        row.addWidget(self.more, 0, Qt.AlignTop)
+        column = QVBoxLayout(frame)
+        column.setContentsMargins(6, 4, 6, 4)
+        column.addLayout(row)
+        column.addWidget(self.details)
+        return frame
+
+    def _buttons(self) -> QHBoxLayout:
+        self.start = QPushButton("▶ Start")
+        self.start.setObjectName("startButton")
+        self.start.setToolTip("Starts the skill as a task of its own  (space; again: stops it)")
+        self.start.clicked.connect(lambda: self._skills.start())
+        self.step = QPushButton("Start paused")
+        self.step.setObjectName("startPausedButton")
+        self.step.setToolTip("Starts the skill, ticks it once and pauses it")
+        self.step.clicked.connect(lambda: self._skills.start(ticks_once=True))
+        for button in (self.start, self.step):
+            button.setProperty(SPACE_TOGGLES, True)
+        row = QHBoxLayout()
+        row.addWidget(self.start, 1)
+        row.addWidget(self.step)
+        return row
+
+    def show_form(self) -> None:
+        """Shows the parameters of the chosen skill."""
+        form = self._skills.form
+        self._editors, self._errors = {}, {}
+        inside = QWidget()
+        rows = QFormLayout(inside)
+        rows.setContentsMargins(0, 0, 6, 0)
+        rows.setFieldGrowthPolicy(QFormLayout.AllNonFixedFieldsGrow)
+        rows.setRowWrapPolicy(QFormLayout.WrapLongRows)
+        for field in form.fields.values() if form is not None else ():
+            rows.addRow(self._label(field), self._field(field))
+        if form is not None and not form.fields:
+            rows.addRow(QLabel("This skill has no parameters."))
+        self.area.setWidget(inside)
+        self.title.setText(f"{form.offer.name}  of  {form.offer.manager.lstrip('/')}" if form is not None else "")
+        self.title.setToolTip(form.offer.type if form is not None else "")
+        self.reset.setVisible(form is not None)
+        self.show_status()
+
+    def show_status(self) -> None:
+        """Shows what would come of a start, and what is wrong with the parameters."""
+        skills = self._skills
+        said = start_status(skills)
+        self.sign.setText(_SIGNS.get(said.status, "…"))
+        colour_label(self.sign, _ROLE_COLOURS.get(said.status, ""))
+        self.why_not.setText(said.text)
+        self.why_not.setToolTip("\n".join(said.details))
+        self.more.setVisible(bool(said.details))
+        self.details.setVisible(bool(said.details) and self.more.isChecked())
+        text = "\n".join(said.details)
+        if self.details.toPlainText() != text:
+            self.details.setPlainText(text)
+        for button in (self.start, self.step):  # while a start is under mode too: a disabled button loses the focus
+            button.setEnabled(skills.can_start or skills.is_starting)
+        if skills.form is None:
+            return
+        preview = skills.preview
+        for key, editor in self._editors.items():
+            field = editor.field
+            error = self._errors[key]
+            # What is missing is not told of a field that nobody has touched; the start_status names it.
+            error.setText(f"⚠ {field.error}")
+            colour_label(error, "failure")
+            error.setVisible(bool(field.error) and bool(field.text))
+            if preview is not None and field.declared.is_element:
+                found = preview.values.get(key) if field.mode is ValueMode.INFER else None
+                editor.show_inferred(found, preview.choices.get(field.element_class, ()))
+
+    def _label(self, field: Field) -> QLabel:
+        mark = " *" if field.declared.kind == "required" else ""
+        label = QLabel(f"{field.key}{mark}")
+        label.setTextFormat(Qt.PlainText)
+        of = f"{field.declared.kind}, {field.type_name}"
+        label.setToolTip(f"{field.declared.description}\n{of}".strip())
+        return label
+
+    def _field(self, field: Field) -> QWidget:
+        editor = editor_of(field, self._skills)
+        error = QLabel()
+        error.setTextFormat(Qt.PlainText)
+        error.setWordWrap(True)
+        error.hide()
+        self._editors[field.key], self._errors[field.key] = editor, error
+        holder = QWidget()
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(1)
+        column.addWidget(editor)
+        column.addWidget(error)
+        return holder

@@ -1,0 +1,123 @@
+"""The tab "Skills": what the robots can do, starting it, what runs, and goals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from python_qt_binding.QtCore import QByteArray, Qt, QTimer
+from python_qt_binding.QtWidgets import QSplitter, QTabWidget, QVBoxLayout, QWidget
+
+from skiros2_gui.app.events import TaskStarted
+from skiros2_gui.app.system import MANAGER
+from skiros2_gui.app.window import Window
+from skiros2_gui.goal.presenter import GoalPresenter
+from skiros2_gui.goal.widgets.panel import GoalBar, GoalView
+from skiros2_gui.skills.presenter import SkillsPresenter
+from skiros2_gui.skills.widgets.form import SkillForm
+from skiros2_gui.skills.widgets.tasks import TaskList
+from skiros2_gui.skills.widgets.tree import SkillTree
+
+#: How often it is looked anew what would come of a start, where the scene changes (ms).
+_REFRESH_PERIOD = 500
+
+
+class SkillsTab(QWidget):
+    """The tab; see `qt.tab.Tab`."""
+
+    title = "Skills"
+    needs = (MANAGER,)
+
+    def __init__(self, window: Window, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.skills = SkillsPresenter(window)
+        self.tree = SkillTree(self.skills)
+        self.form = SkillForm(self.skills)
+        self.tasks = TaskList(self.skills.tasks)
+        self.across = QSplitter(Qt.Horizontal)
+        self.across.addWidget(self.tree)
+        self.across.addWidget(self.form)
+        self.across.setStretchFactor(0, 1)
+        self.across.setStretchFactor(1, 2)
+        self.across.setSizes([300, 600])
+        self.goals = GoalPresenter(window)
+        self.goal_bar = GoalBar(self.goals)
+        self.goal_view = GoalView(self.goals)
+        self.goals.on_goal = self._show_goal
+        self.below = QTabWidget()
+        self.below.setDocumentMode(True)
+        self.below.addTab(self.tasks, "Tasks")
+        self.below.addTab(self.goal_view, "Plan")
+        self.down = QSplitter(Qt.Vertical)
+        self.down.addWidget(self.across)
+        self.down.addWidget(self._with_goal_bar(self.below))
+        self.down.setStretchFactor(0, 3)
+        self.down.setStretchFactor(1, 2)
+        for splitter in (self.across, self.down):
+            splitter.setChildrenCollapsible(False)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self.down)
+        self._was_busy = False
+        window.subscribe(TaskStarted, lambda _: self.below.setCurrentWidget(self.tasks))
+        self._show_goal()
+        self._refresh_timer = QTimer(self)
+        self._refresh_timer.setInterval(_REFRESH_PERIOD)
+        self._refresh_timer.timeout.connect(self._refresh)
+        self._refresh_timer.start()
+
+    def _with_goal_bar(self, below: QWidget) -> QWidget:
+        holder = QWidget()
+        column = QVBoxLayout(holder)
+        column.setContentsMargins(0, 4, 0, 0)
+        column.addWidget(self.goal_bar)
+        column.addWidget(below, 1)
+        return holder
+
+    def _show_goal(self) -> None:
+        was_busy, self._was_busy = self._was_busy, self.goals.is_busy
+        self.goal_bar.show_goal()
+        self.goal_view.show_goal()
+        if self._was_busy and not was_busy:
+            self.below.setCurrentWidget(self.goal_view)
+
+    def settings(self) -> dict[str, Any]:
+        return {
+            **self.skills.settings(),
+            **self.goals.settings(),
+            "across": _text(self.across.saveState()),
+            "down": _text(self.down.saveState()),
+        }
+
+    def restore(self, settings: Mapping[str, Any]) -> None:
+        self.skills.restore(settings)
+        self.goals.restore(settings)
+        for splitter, name in ((self.across, "across"), (self.down, "down")):
+            state = settings.get(name)
+            if isinstance(state, str):
+                splitter.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
+
+    def find(self) -> None:
+        self.tree.search.setFocus(Qt.ShortcutFocusReason)
+        self.tree.search.selectAll()
+
+    def toggle(self) -> None:
+        if self.tasks.list.hasFocus():
+            self.tasks.toggle()
+        else:
+            self.skills.toggle()
+
+    def close_tab(self) -> None:
+        self._refresh_timer.stop()
+        self.goals.close()
+        self.tasks.close_timers()
+
+    def _refresh(self) -> None:
+        if self.isVisible():
+            self.skills.refresh_if_ready()
+            if self.goal_bar.line.hasFocus():
+                self.goals.refresh_if_ready()
+
+
+def _text(state: QByteArray) -> str:
+    return bytes(state.toBase64()).decode("ascii")

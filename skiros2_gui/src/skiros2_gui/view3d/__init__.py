@@ -1,0 +1,1 @@
+"""The elements of the scene as markers for rviz."""

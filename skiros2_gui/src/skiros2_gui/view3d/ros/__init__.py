@@ -1,0 +1,1 @@
+"""Publishes the markers and follows the interactive marker."""

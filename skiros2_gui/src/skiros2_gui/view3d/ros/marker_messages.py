@@ -1,0 +1,205 @@
+"""Markers as messages of visualization_msgs."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Pose as PoseMsg
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MarkerArray
+
+from skiros2_gui.view3d.markers import AXES, BOX, TEXT_HEIGHT, ElementMarker, Visual
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
+
+#: The suffix of the namespace of text markers.
+TEXTS = " (names)"
+
+_AXIS_LENGTH = 0.15  # m
+_AXIS_WIDTH = 0.01
+_AXES = (
+    ((1.0, 0.0, 0.0), (0.9, 0.2, 0.2, 1.0)),
+    ((0.0, 1.0, 0.0), (0.2, 0.8, 0.2, 1.0)),
+    ((0.0, 0.0, 1.0), (0.25, 0.4, 1.0, 1.0)),
+)
+_SMALLEST_HANDLES = 0.4  # m; smaller handles are hard to grab
+_TEXT_COLOUR = (1.0, 1.0, 1.0, 1.0)
+_POSE = struct.Struct("<7d")
+
+
+def pose_message(pose: Pose) -> Any:
+    """Converts a pose to a `geometry_msgs/Pose`."""
+    message = PoseMsg()
+    message.position = Point(*pose.position)
+    q = message.orientation
+    q.x, q.y, q.z, q.w = pose.orientation
+    return message
+
+
+def shape_marker(visual: Visual) -> Any:
+    """Returns the marker of the shape, with the identity pose and no frame."""
+    marker = Marker(ns=visual.group, id=visual.number, action=Marker.ADD, frame_locked=True)
+    marker.pose = pose_message(IDENTITY)
+    marker.color = ColorRGBA(*visual.colour)
+    if visual.shape == AXES:
+        marker.type = Marker.LINE_LIST
+        marker.scale.x = _AXIS_WIDTH
+        for (x, y, z), colour in _AXES:
+            end = Point(x * _AXIS_LENGTH, y * _AXIS_LENGTH, z * _AXIS_LENGTH)
+            marker.points += [Point(), end]
+            marker.colors += [ColorRGBA(*colour)] * 2
+    elif visual.shape == BOX:
+        marker.type = Marker.CUBE
+        marker.scale = Vector3(*visual.size)
+    else:
+        marker.type = Marker.MESH_RESOURCE
+        marker.mesh_resource = visual.mesh
+        marker.scale = Vector3(1.0, 1.0, 1.0)
+        marker.mesh_use_embedded_materials = visual.mesh.lower().endswith(".dae")
+        if marker.mesh_use_embedded_materials:
+            marker.color = ColorRGBA()  # any colour would tint the material
+    return marker
+
+
+def text_marker(visual: Visual) -> Any:
+    """Returns the marker of the text; see `shape_marker`."""
+    marker = Marker(ns=visual.group + TEXTS, id=visual.number, action=Marker.ADD, frame_locked=True)
+    marker.type = Marker.TEXT_VIEW_FACING
+    marker.pose = pose_message(IDENTITY)
+    marker.color = ColorRGBA(*_TEXT_COLOUR)
+    marker.scale.z = TEXT_HEIGHT
+    marker.text = visual.text
+    return marker
+
+
+def interactive_marker(name: str, marker: ElementMarker) -> Any:
+    """Returns the interactive marker of an element: its shape, and controls for six degrees of freedom.
+
+    The marker of an element that follows a tf frame has no controls.
+
+    :param name: of the marker, unique in its topic.
+    """
+    visual = marker.visual
+    message = InteractiveMarker(name=name, description=visual.text, scale=max(1.5 * visual.reach, _SMALLEST_HANDLES))
+    message.header.frame_id = marker.frame
+    message.pose = pose_message(marker.pose)
+    shape = shape_marker(visual)
+    shape.ns, shape.frame_locked = "", False
+    # Slightly larger than the element's own marker, which it covers.
+    shape.scale = Vector3(*(edge * 1.02 for edge in (shape.scale.x, shape.scale.y, shape.scale.z)))
+    if visual.shape == BOX:
+        shape.color = ColorRGBA(1.0, 0.9, 0.2, 0.6)
+    body = InteractiveMarkerControl(name="body", always_visible=True, markers=[shape])
+    body.interaction_mode = InteractiveMarkerControl.NONE
+    message.controls = [body]
+    if visual.follows:
+        message.description = f"{visual.text} (follows {visual.follows})"
+        return message
+    body.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
+    body.orientation = _turned_to((0.0, 1.0, 0.0))  # the plane of x and y
+    for axis, direction in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 0.0, 1.0)), ("z", (0.0, 1.0, 0.0))):
+        for what, mode in (
+            ("move", InteractiveMarkerControl.MOVE_AXIS),
+            ("rotate", InteractiveMarkerControl.ROTATE_AXIS),
+        ):
+            control = InteractiveMarkerControl(name=f"{what}_{axis}", interaction_mode=mode)
+            control.orientation = _turned_to(direction)
+            message.controls.append(control)
+    return message
+
+
+def _turned_to(direction: Vector) -> Any:
+    """Returns the orientation of a control along a direction."""
+    half = 0.5**0.5
+    return pose_message(Pose((0.0, 0.0, 0.0), (*(half * c for c in direction), half))).orientation  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """The two serialised markers of an element, split before and after the pose."""
+
+    frame: str
+    visual: Visual
+    shape: tuple[bytes, bytes]
+    text: tuple[bytes, bytes]
+
+    def at(self, marker: ElementMarker) -> tuple[bytes, ...]:
+        (before, after), (text_before, text_after) = self.shape, self.text
+        turned = marker.pose.orientation
+        return (
+            before,
+            _POSE.pack(*marker.pose.position, *turned),
+            after,
+            text_before,
+            _POSE.pack(*marker.text_position, *IDENTITY.orientation),
+            text_after,
+        )
+
+
+class PackedMarkers:
+    """Serialises the markers of elements. Used by one thread.
+
+    Building a thousand messages takes longer than one frame of a view. A marker is serialised when its visual changes;
+    otherwise only its pose is replaced.
+    """
+
+    def __init__(self) -> None:
+        self._packed: dict[str, _Packed] = {}
+
+    def message(self, changed: Sequence[ElementMarker], removed: Sequence[ElementMarker] = ()) -> PackedMarkerArray:
+        """Returns a message that adds or changes some markers and deletes others."""
+        parts: list[bytes] = [struct.pack("<I", 2 * (len(changed) + len(removed)))]
+        for marker in removed:
+            parts += _delete_markers(marker.visual)
+        self.forget(removed)
+        for marker in changed:
+            packed = self._packed.get(marker.id)
+            if packed is None or packed.frame != marker.frame or packed.visual != marker.visual:
+                packed = self._packed[marker.id] = _Packed(
+                    marker.frame,
+                    marker.visual,
+                    _halves(shape_marker(marker.visual), marker.frame),
+                    _halves(text_marker(marker.visual), marker.frame),
+                )
+            parts += packed.at(marker)
+        return PackedMarkerArray(b"".join(parts))
+
+    def forget(self, removed: Iterable[ElementMarker]) -> None:
+        """Drops the cache of removed elements."""
+        for marker in removed:
+            self._packed.pop(marker.id, None)
+
+
+class PackedMarkerArray(MarkerArray):
+    """A `MarkerArray` that is serialised already; for publishing only."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__()
+        self.content = content
+
+    def serialize(self, buff: Any) -> None:
+        buff.write(self.content)
+
+
+def _delete_markers(visual: Visual) -> Iterable[bytes]:
+    for group in (visual.group, visual.group + TEXTS):
+        yield _bytes(Marker(ns=group, id=visual.number, action=Marker.DELETE))
+
+
+def _halves(marker: Any, frame: str) -> tuple[bytes, bytes]:
+    """Returns the bytes of a marker before and after its pose."""
+    marker.header.frame_id = frame
+    content = _bytes(marker)
+    # header: number and time, frame; then namespace; then id, type and action
+    at = 12 + 4 + len(frame.encode()) + 4 + len(marker.ns.encode()) + 12
+    return content[:at], content[at + _POSE.size :]
+
+
+def _bytes(marker: Any) -> bytes:
+    buffer = io.BytesIO()
+    marker.serialize(buffer)
+    return buffer.getvalue()

@@ -1,0 +1,231 @@
+"""Publishes the elements of the scene as markers for rviz; as a node, or as a part of the window."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rosgraph
+import rospy
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from skiros2_common.core.errors import SkirosError
+from skiros2_common.core.world_element import Element
+from skiros2_common.ros.shutdown import spin
+from skiros2_gui.app.events import ProblemReported
+from skiros2_gui.app.problems import error_text
+from skiros2_gui.view3d.marker_set import ChangedElements, MarkerSet, MarkerUpdate
+from skiros2_gui.view3d.markers import ElementMarker, MarkerFactory
+from skiros2_gui.view3d.ros.marker_messages import PackedMarkers
+from skiros2_gui.view3d.ros.selected_marker import OnProblem, SelectedMarker
+from skiros2_world_model.ros.world_model_interface import WorldModelInterface
+
+log = logging.getLogger(__name__)
+
+#: Relative to the node's namespace.
+TOPIC = "skiros/markers"
+
+#: The highest rate (Hz), and the largest share of a core.
+RATE = 25.0
+_SHARE = 0.1
+
+#: The delay before reading the scene again after a failure (s).
+_RETRY_DELAY = 1.0
+
+
+class Markers:
+    """Publishes the markers of all elements with a pose, and the interactive marker of the selected one.
+
+    A new subscriber gets all markers, then changes only. Idle while there is no subscriber and no selected element.
+    Works in its own threads; `select` does not block and may be called by any thread.
+
+    :param world: has a replica of the scene; used in other threads than the caller's.
+    :param folders: searched for meshes with relative names.
+    :param on_problem: `on_problem(activity, error)` is called, in another thread, when moving an element failed.
+    """
+
+    def __init__(
+        self, world: WorldModelInterface, folders: Sequence[str | Path] = (), on_problem: OnProblem | None = None
+    ) -> None:
+        self._world = world
+        self._changed = ChangedElements()
+        self._factory = MarkerFactory(world.is_subclass, folders)
+        self._markers = MarkerSet(self._factory.make)
+        self._packed = PackedMarkers()
+        self._send_lock = threading.Lock()  # guards the marker set and what was sent of it
+        self._ending = threading.Event()
+        self._wanted = threading.Event()
+        self._selected = SelectedMarker(world, on_problem)
+        self._publisher = rospy.Publisher(TOPIC, MarkerArray, subscriber_listener=_NewSubscriber(self), queue_size=100)
+        world.add_listener(self._changed.add)
+        self._thread = threading.Thread(target=self._run, name="markers", daemon=True)
+        self._thread.start()
+
+    def select(self, eid: str) -> None:
+        """Gives the interactive marker to this element; "" removes it."""
+        self._selected.select(eid)
+        self._changed.add_ids([eid] if eid else [])
+        self._wanted.set()
+
+    def close(self) -> None:
+        """Deletes the markers, unless another node publishes them too. May be called twice."""
+        if self._ending.is_set():
+            return
+        self._ending.set()
+        self._changed.waiting.set()
+        self._wanted.set()
+        self._world.remove_listener(self._changed.add)
+        self._thread.join()
+        self._selected.close()
+        with self._send_lock:
+            if not _has_others(self._publisher.resolved_name):
+                self._send(MarkerUpdate(removed=list(self._markers.all)))
+        self._publisher.unregister()
+
+    # -- in the thread of the markers ---------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        last_error = ""
+        while True:
+            if not self._publisher.get_num_connections() and not self._selected.chosen:
+                self._wanted.wait()
+            self._wanted.clear()
+            self._changed.waiting.wait()
+            if self._ending.is_set():
+                return
+            begin, spent = time.monotonic(), time.thread_time()
+            ids = self._changed.take()
+            pause = 1.0 / RATE
+            try:
+                self._update(ids)
+                last_error = ""
+            except (SkirosError, rospy.ROSException) as error:
+                self._changed.restore(ids)
+                pause = _RETRY_DELAY
+                if str(error) != last_error:  # logged once, not each second
+                    log.warning("reading the scene failed; the markers are out of date: %s", error)
+                last_error = str(error)
+            pause = max(pause, (time.thread_time() - spent) / _SHARE)
+            self._ending.wait(max(0.0, begin + pause - time.monotonic()))
+
+    def _update(self, ids: set[str] | None) -> None:
+        """Publishes the changes of these elements; None: of all.
+
+        :raises SkirosError: the world model does not answer.
+        """
+        if ids is None:
+            self._factory.forget()
+            elements = self._world.resolve_elements(Element())
+            with self._send_lock:
+                self._send(self._markers.replace_all(elements))
+        else:
+            found = {eid: self._world.find_element(eid) for eid in ids}
+            with self._send_lock:
+                self._send(self._markers.replace(found))
+        chosen = self._selected.chosen
+        if chosen and (ids is None or chosen in ids):
+            self._selected.show(self._markers.get(chosen))
+
+    def _send(self, update: MarkerUpdate) -> None:
+        if update and self._publisher.get_num_connections():
+            self._publisher.publish(self._packed.message(update.changed, update.removed))
+        else:
+            self._packed.forget(update.removed)
+
+    # -- in the thread of a new subscriber -----------------------------------------------------------------------
+
+    def publish_all(self, publish: Any) -> None:
+        """Sends all markers to a new subscriber."""
+        with self._send_lock:
+            everything: list[ElementMarker] = list(self._markers.all)
+            if everything:
+                publish(self._packed.message(everything))
+        self._wanted.set()
+
+
+class _NewSubscriber(rospy.SubscribeListener):  # type: ignore[misc]
+    def __init__(self, markers: Markers) -> None:
+        super().__init__()
+        self._markers = markers
+
+    def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
+        self._markers.publish_all(peer_publish)
+
+
+def _has_others(topic: str) -> bool:
+    """Returns whether another node publishes a topic; True also if the master does not answer."""
+    try:
+        publishers, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+    except (OSError, rosgraph.MasterException):
+        return True
+    return any(node != rospy.get_name() for name, nodes in publishers if name == topic for node in nodes)
+
+
+def mesh_folders() -> list[str]:
+    """Returns the folders searched for meshes: the workspace of the world model."""
+    try:
+        folder = rospy.get_param("wm/workspace_dir", "")
+    except (OSError, rospy.ROSException):
+        return []  # without a master only absolute paths are found
+    return [folder] if isinstance(folder, str) and folder else []
+
+
+class MarkerConnection:
+    """Publishes markers once the world model is up.
+
+    :param on_event: called, in any thread, when moving an element in rviz failed.
+    """
+
+    def __init__(self, on_event: Callable[[ProblemReported], None]) -> None:
+        self._on_event = on_event
+        self._lock = threading.Lock()
+        self._markers: Markers | None = None
+        self._movable = ""
+        self._is_closed = False
+
+    def set_movable(self, eid: str) -> None:
+        """Makes this element movable in rviz; "" for none. Any thread; does not block."""
+        with self._lock:
+            self._movable = eid
+            if self._markers is not None:
+                self._markers.select(eid)
+
+    def check(self, world: WorldModelInterface | None) -> None:
+        """Starts publishing when the world model is up. May call the master. Called by one thread."""
+        if world is None or self._markers is not None or self._is_closed:
+            return
+        markers = Markers(world, mesh_folders(), self._on_problem)
+        with self._lock:
+            self._markers = markers
+            markers.select(self._movable)
+        if self._is_closed:
+            markers.close()
+
+    def close(self) -> None:
+        """Deletes the markers. May call the master."""
+        self._is_closed = True
+        if self._markers is not None:
+            self._markers.close()
+
+    def _on_problem(self, activity: str, error: Exception) -> None:
+        self._on_event(ProblemReported(activity, error_text(error)))
+
+
+def main() -> None:
+    """Runs the node until shutdown.
+
+    The parameter `~selected` and the topic `~selected` name the element that gets the interactive marker.
+    """
+    world = WorldModelInterface(rospy.get_name(), make_cache=True)
+    markers = Markers(world, mesh_folders())
+    chosen = rospy.get_param("~selected", "")
+    if chosen:
+        markers.select(str(chosen))
+    rospy.Subscriber("~selected", String, lambda message: markers.select(message.data))
+    rospy.on_shutdown(markers.close)
+    spin()

@@ -1,0 +1,1 @@
+"""The tab "3D", which shows rviz."""

@@ -1,0 +1,97 @@
+"""What can be chosen in the dialogs of the scene tab: classes and templates as a tree, elements and relations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from skiros2_common.core.names import id_order, local_name
+from skiros2_gui.world.details import shown_name
+from skiros2_gui.world.scene import SceneHierarchy
+from skiros2_gui.world.vocabulary import Predicate, Vocabulary
+
+CLASS, TEMPLATE = "class", "template"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Something that can be chosen, with what is under it.
+
+    :param kind: `CLASS` or `TEMPLATE`.
+    :param text: as it is shown.
+    """
+
+    name: str
+    kind: str
+    text: str
+    description: str = ""
+    children: tuple[Choice, ...] = ()
+
+    def matches(self, words: Sequence[str]) -> bool:
+        """Whether it has all of some words, in lower case, in its name or description."""
+        text = f"{self.name} {self.description}".lower()
+        return all(word in text for word in words)
+
+
+def class_choices(vocabulary: Vocabulary, with_templates: bool = True) -> tuple[Choice, ...]:
+    """The classes as a tree, each with its templates before the classes under it.
+
+    A class that is under several others is shown under each.
+    """
+    return tuple(_class_choice(vocabulary, name, with_templates, frozenset()) for name in vocabulary.top_classes())
+
+
+def _class_choice(vocabulary: Vocabulary, name: str, with_templates: bool, above: frozenset[str]) -> Choice:
+    above = above | {name}
+    templates = vocabulary.templates(name) if with_templates else []
+    # An individual is listed with each class that it is declared of; here with the most specific one.
+    own = [t for t in templates if vocabulary.type_of(t) == name]
+    below = [c for c in vocabulary.subclasses(name) if c not in above]
+    return Choice(
+        name,
+        CLASS,
+        local_name(name),
+        vocabulary.description(name),
+        (
+            *(Choice(t, TEMPLATE, local_name(t), vocabulary.description(t)) for t in own),
+            *(_class_choice(vocabulary, c, with_templates, above) for c in below),
+        ),
+    )
+
+
+def flat(choices: Sequence[Choice]) -> Iterator[Choice]:
+    """All choices of a tree, each before what is under it."""
+    for choice in choices:
+        yield choice
+        yield from flat(choice.children)
+
+
+def element_choices(
+    hierarchy: SceneHierarchy,
+    vocabulary: Vocabulary,
+    types: Sequence[str] = (),
+    text: str = "",
+    without: str = "",
+    most: int = 200,
+) -> list[tuple[str, str]]:
+    """The elements that a text finds ("": all), as ids and names; then the templates that it finds.
+
+    :param types: those of these classes, or under them, come first.
+    :param without: this one is left out.
+    :param most: so many elements at most.
+    """
+    words = text.lower().split()
+    all_ids = (node.id for node in hierarchy.scene)
+    found = hierarchy.find(text, len(hierarchy)) if words else sorted(all_ids, key=id_order)
+    wanted = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
+    if wanted:
+        found.sort(key=lambda eid: (node := hierarchy.scene.record(eid)) is None or node.type not in wanted)
+    chosen = [(eid, shown_name(hierarchy, eid)) for eid in found if eid != without][:most]
+    templates = [name for name in vocabulary.templates() if words and all(word in name.lower() for word in words)]
+    return chosen + [(name, f"{local_name(name)}  (template)") for name in templates]
+
+
+def predicate_choices(vocabulary: Vocabulary, subject_type: str) -> list[tuple[Predicate, bool]]:
+    """The relations, those that are meant for a subject of a class first; and whether each is."""
+    found = [(p, not vocabulary.mismatch(subject_type, p.name, "")) for p in vocabulary.predicates()]
+    return sorted(found, key=lambda pair: not pair[1])

@@ -1,0 +1,219 @@
+"""An element as the window shows it: its properties with types and units, and its relations both ways."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from skiros2_common.core.names import id_order, local_name
+from skiros2_common.core.property import Property
+from skiros2_gui.world.scene import UNPLACED, SceneHierarchy
+from skiros2_gui.world.vocabulary import Vocabulary
+from skiros2_std_reasoners.core.geometry import to_euler
+from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
+from skiros2_world_model.core.formatting import format_values
+from skiros2_world_model.core.scene import ROOT
+
+#: Shown among the properties of what has an orientation, in the place of which people read and write them.
+ANGLES = ("Roll", "Pitch", "Yaw")
+_ANGLE_TIPS = (
+    "The turn about x. Roll, pitch and yaw are what the orientation (a quaternion) comes to.",
+    "The turn about y, after the roll.",
+    "The turn about z, after roll and pitch.",
+)
+_TYPE_WORDS = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
+#: The order in which properties are shown; those that fit none come before the last ones.
+_ORDER = tuple(
+    re.compile(pattern)
+    for pattern in (
+        r"skiros:Position[XYZ]",
+        r"Roll|Pitch|Yaw",
+        r"skiros:Orientation[XYZW]",
+        r"skiros:Size[XYZ]",
+        r"(?!skiros:((Base|LinkedTo|PushTo)?FrameId|PublishTf|TfTimeStamp|DiscreteReasoner|Template)$).*",
+        r".*",
+    )
+)
+
+
+@dataclass(frozen=True)
+class PropertyRow:
+    """A property of an element.
+
+    :param values: what it has; texts, numbers and bools, or lists and dicts.
+    :param kind: the Python type of its values.
+    :param unit: of the numbers; "" none.
+    :param description: what the ontologies say of it; "" nothing.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    kind: type
+    unit: str = ""
+    description: str = ""
+
+    @property
+    def name(self) -> str:
+        """As it is shown."""
+        return local_name(self.key)
+
+    @property
+    def text(self) -> str:
+        """The values as they are shown, without the unit."""
+        return format_values(self.values)
+
+    @property
+    def kind_text(self) -> str:
+        """The type of the values in a word."""
+        return _TYPE_WORDS.get(self.kind, self.kind.__name__)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its values are no lists or tables, which are written as JSON."""
+        return self.kind in (float, int, bool, str)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The values as they are written, whole."""
+        if not self.is_plain:
+            return tuple(json.dumps(value, default=str) for value in self.values)
+        return tuple(repr(value) if isinstance(value, float) else str(value) for value in self.values)
+
+
+@dataclass(frozen=True)
+class RelationRow:
+    """A relation of an element.
+
+    :param other: what it leads to, or comes from: an element, or a template.
+    :param is_element: whether that is an element of the scene.
+    :param outgoing: whether the element is its subject.
+    """
+
+    predicate: str
+    other: str
+    other_text: str
+    is_element: bool
+    outgoing: bool
+    description: str = ""
+
+    @property
+    def name(self) -> str:
+        """The relation as it is shown, read from the element."""
+        return local_name(self.predicate)
+
+
+@dataclass(frozen=True)
+class ShownPose:
+    """Where an element is.
+
+    :param position: x, y, z (m).
+    :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
+    :param frame: the name of the frame that this is given in; "" not known.
+    """
+
+    position: tuple[float, float, float]
+    angles: tuple[float, float, float]
+    frame: str
+
+    @property
+    def text(self) -> str:
+        """All of it in one line."""
+        place = ", ".join(f"{number:.4g}" for number in self.position)
+        turn = ", ".join(f"{_plain(number):.4g}°" for number in self.angles)
+        return f"At ({place}) m, turned by ({turn})" + (f" in {self.frame}" if self.frame else "")
+
+
+@dataclass(frozen=True)
+class Details:
+    """All that is shown of an element.
+
+    :param pose: where it is; None when it is nowhere in space.
+    :param author, stamp: who changed it last, and when (s since the epoch; 0.0: not known).
+    """
+
+    id: str
+    type: str
+    label: str
+    type_description: str
+    author: str
+    stamp: float
+    properties: tuple[PropertyRow, ...]
+    relations: tuple[RelationRow, ...]
+    pose: ShownPose | None = None
+
+
+def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> Details | None:
+    """What is shown of an element; None when there is no such element."""
+    node = hierarchy.scene.record(eid)
+    if node is None:
+        return None
+    pose = _pose(hierarchy, eid)
+    rows = [property_row(vocabulary, node.type, key, prop) for key, prop in node.properties.items()]
+    if pose is not None:
+        turns = zip(ANGLES, pose.angles, _ANGLE_TIPS, strict=True)
+        rows += [PropertyRow(name, (_plain(angle),), float, "°", tip) for name, angle, tip in turns]
+    outgoing = [(pred, dst, True) for _, pred, dst in hierarchy.scene.relations(eid)]
+    incoming = [(pred, src, False) for src, pred, _ in hierarchy.scene.relations(dst=eid)]
+    relations = [
+        RelationRow(
+            pred, other, shown_name(hierarchy, other), other in hierarchy.scene, is_out, vocabulary.description(pred)
+        )
+        for pred, other, is_out in sorted(
+            [*outgoing, *incoming], key=lambda r: (r[2], r[0] not in hierarchy.spatial, r[0], id_order(r[1]))
+        )
+    ]
+    return Details(
+        eid,
+        node.type,
+        node.label,
+        vocabulary.description(node.type),
+        node.provenance.author,
+        node.provenance.stamp,
+        tuple(sorted(rows, key=_property_order)),
+        tuple(relations),
+        pose,
+    )
+
+
+def property_row(vocabulary: Vocabulary, etype: str, key: str, prop: Property) -> PropertyRow:
+    """A property as it is shown."""
+    kind = vocabulary.value_type(etype, key, prop.dataType())
+    return PropertyRow(key, tuple(prop.values), kind, vocabulary.unit(key), vocabulary.description(key))
+
+
+def shown_name(hierarchy: SceneHierarchy, eid: str) -> str:
+    """An element in the tree and in lists: its label, if it has one, and its id without prefix."""
+    if eid == UNPLACED:
+        return "Not placed"
+    node = hierarchy.scene.record(eid)
+    short = local_name(eid)
+    if node is None:
+        return short
+    if eid == ROOT:
+        return "Scene"
+    label = local_name(node.label)
+    return f"{label}  ({short})" if label else short
+
+
+def _pose(hierarchy: SceneHierarchy, eid: str) -> ShownPose | None:
+    element = hierarchy.scene.element(eid)
+    pose = pose_of(element) if element is not None else None
+    if element is None or pose is None:
+        return None
+    roll, pitch, yaw = map(math.degrees, to_euler(pose.orientation))
+    frame = text(element, BASE_FRAME)
+    frame_name = shown_name(hierarchy, frame) if frame in hierarchy.scene else frame
+    return ShownPose(pose.position, (roll, pitch, yaw), frame_name)
+
+
+def _plain(number: float) -> float:
+    """A number without the noise of its computation."""
+    return round(number, 6) + 0.0
+
+
+def _property_order(row: PropertyRow) -> tuple[int, str]:
+    rank = next(i for i, pattern in enumerate(_ORDER) if pattern.fullmatch(row.key))
+    return rank, f"{ANGLES.index(row.key)}" if row.key in ANGLES else "~W" if row.name == "OrientationW" else row.name

@@ -1,0 +1,221 @@
+"""What the scene tab asks the world model beside the scene itself: queries, validation, the past, files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol, cast
+
+from skiros2_gui.app.window import Window
+from skiros2_world_model.core.changes import ONTOLOGY, SCENE
+from skiros2_world_model.core.history_entry import HistoryEntry, changed_lines
+from skiros2_world_model.core.query_table import query_table
+from skiros2_world_model.core.report import Report
+
+#: What a query may be asked of: everything, the scene alone, the ontologies alone.
+CONTEXTS = ("", SCENE, ONTOLOGY)
+#: So many entries of an element's history are fetched, the last ones.
+MAX_ENTRIES = 200
+#: So many queries are remembered.
+_MAX_QUERIES = 20
+#: Longer lists of what a query could go on with help nobody.
+_MAX_EXPECTED = 120
+
+_MISTAKE = re.compile(r"error at (\d+):(\d+): (.*?)(?:; the query was: .*)?$", re.DOTALL)
+_LINE = re.compile(r"SPARQL query cannot be answered: (.*?)(?:; the query was: .*)?$", re.DOTALL)
+
+
+class _Store(Protocol):
+    """What a world model has beside its shared interface."""
+
+    def load(self, filename: str = "", context: str = SCENE) -> None: ...
+    def save(self, filename: str = "", context: str = SCENE) -> None: ...
+    def validate(self, context_id: str = SCENE) -> Report: ...
+    def history(self, eid: str = "", *, limit: int = 0) -> list[HistoryEntry]: ...
+    def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Why a query was not answered.
+
+    :param line, column: where it goes wrong, from 1; 0 when that is not known.
+    """
+
+    text: str
+    line: int = 0
+    column: int = 0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The rows that a query gave.
+
+    :param names: of the columns.
+    """
+
+    names: tuple[str, ...] = ()
+    rows: tuple[tuple[Any, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class HistoryRow:
+    """A change of an element, as it is shown.
+
+    :param stamp: when (s since the epoch).
+    :param lines: what became other, a line each.
+    """
+
+    number: int
+    stamp: float
+    author: str
+    lines: tuple[str, ...]
+
+
+@dataclass
+class ElementHistory:
+    """The history of an element.
+
+    :param entries: the newest first; None while it is being fetched.
+    :param text: why there is none; "" when there is.
+    """
+
+    eid: str = ""
+    entries: tuple[HistoryRow, ...] | None = ()
+    text: str = ""
+
+
+@dataclass
+class _Hooks:
+    """Who wants to know of new answers."""
+
+    answer: list[Callable[[], None]] = field(default_factory=list)
+    report: list[Callable[[], None]] = field(default_factory=list)
+    history: list[Callable[[], None]] = field(default_factory=list)
+
+
+class WorldQueries:
+    """Asks, and keeps the last answer of each kind. Used by the Qt thread alone; what takes time is done by jobs."""
+
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self.answer: Answer | None = None
+        self.diagnostic: Diagnostic | None = None
+        self.queries: list[str] = []  #: those asked, the newest first
+        self.report: Report | None = None
+        self.history = ElementHistory()
+        self.hooks = _Hooks()
+
+    # -- queries -----------------------------------------------------------------------------------------------
+
+    def ask(self, query: str, context: str = "") -> None:
+        """Asks a SPARQL query of a context; "" asks all."""
+        store = self._store("asking the query")
+        if store is None:
+            return
+        self.queries = [query, *(q for q in self.queries if q != query)][:_MAX_QUERIES]
+        self.window.jobs.run(
+            lambda: query_table(store, query, context),
+            self._answered,
+            self._not_answered,
+            activity="asking the query",
+            queue="query",
+        )
+
+    def _answered(self, found: tuple[list[str], list[list[Any]]]) -> None:
+        names, rows = found
+        if not names and rows:
+            names = [f"{i + 1}" for i in range(len(rows[0]))]
+        self.answer, self.diagnostic = Answer(tuple(names), tuple(map(tuple, rows))), None
+        _call(self.hooks.answer)
+
+    def _not_answered(self, error: Exception) -> None:
+        self.answer, self.diagnostic = None, diagnostic_of(str(error))
+        _call(self.hooks.answer)
+
+    # -- validation --------------------------------------------------------------------------------------------
+
+    def validate(self) -> None:
+        """Asks what is not as the ontologies and shapes want it in the scene."""
+        store = self._store("validating the scene")
+        if store is not None:
+            self.window.jobs.run(store.validate, self._validated, activity="validating the scene", queue="validation")
+
+    def _validated(self, report: Report) -> None:
+        self.report = report
+        _call(self.hooks.report)
+
+    # -- the past ----------------------------------------------------------------------------------------------
+
+    def fetch_history(self, eid: str) -> None:
+        """Fetches the history of an element; "" none."""
+        self.history = ElementHistory(eid, None if eid else ())
+        store = self._store("") if eid else None
+        if store is not None:
+            self.window.jobs.run(
+                lambda: [history_row(entry) for entry in reversed(store.history(eid, limit=MAX_ENTRIES))],
+                lambda entries: self._history_fetched(ElementHistory(eid, tuple(entries))),
+                lambda error: self._history_fetched(ElementHistory(eid, (), str(error))),
+                queue="history",
+            )
+        _call(self.hooks.history)
+
+    def _history_fetched(self, past: ElementHistory) -> None:
+        if past.eid == self.history.eid:  # else another one was asked for since
+            self.history = past
+            _call(self.hooks.history)
+
+    # -- files -------------------------------------------------------------------------------------------------
+
+    def load(self, filename: str) -> None:
+        """Replaces the scene with what a file says.
+
+        :param filename: in the workspace of the world model; "" the one that was loaded or saved last.
+        """
+        self._with_file("loading", filename, lambda store: store.load(filename))
+
+    def save(self, filename: str) -> None:
+        """Writes the scene to a file; as for `load`."""
+        self._with_file("saving", filename, lambda store: store.save(filename))
+
+    def _with_file(self, doing: str, filename: str, call: Callable[[_Store], None]) -> None:
+        what = f"{doing} the scene ({filename})" if filename else f"{doing} the scene"
+        store = self._store(what)
+        if store is not None:
+            self.window.jobs.run(lambda: call(store), activity=what, queue="world")
+
+    def _store(self, what: str) -> _Store | None:
+        world = self.window.system.world
+        if world is None and what:
+            self.window.problems.report(what, "there is no world model")
+        return cast("_Store | None", world)
+
+
+def diagnostic_of(text: str) -> Diagnostic:
+    """What a refusal of a query says, short enough to be read."""
+    found = _MISTAKE.search(text)
+    if found is None:
+        whole = _LINE.search(text)
+        return Diagnostic(whole[1] if whole else text)
+    line, column, what = int(found[1]), int(found[2]), " ".join(found[3].split())
+    if "Prefix not found" in what:
+        what = "this prefix is not known; declare it with PREFIX name: <...>"
+    elif len(what) > _MAX_EXPECTED or "[_]" in what:
+        what = "the query cannot go on like this"
+    return Diagnostic(what, line, column)
+
+
+def history_row(entry: HistoryEntry) -> HistoryRow:
+    """A change as it is shown."""
+    lines = changed_lines(entry)
+    if entry.action != "change":
+        lines = [entry.action, *lines]
+    return HistoryRow(entry.number, entry.stamp, entry.author, tuple(lines))
+
+
+
+
+def _call(hooks: list[Callable[[], None]]) -> None:
+    for hook in list(hooks):
+        hook()

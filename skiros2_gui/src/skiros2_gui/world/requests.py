@@ -1,0 +1,242 @@
+"""What the user wants of the scene, checked and made into operations of one request."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+
+from skiros2_common.core.errors import UnknownName, WrongValue
+from skiros2_common.core.names import full_name, local_name
+from skiros2_common.core.property import Property
+from skiros2_common.core.world_element import REASONER_PROPERTY, Element, ElementChanges
+from skiros2_gui.world.details import ANGLES
+from skiros2_gui.world.scene import SceneHierarchy
+from skiros2_gui.world.vocabulary import Vocabulary
+from skiros2_std_reasoners.core.geometry import Pose, from_euler, to_euler
+from skiros2_std_reasoners.core.spatial_data import ORIENTATION, POSITION, pose_of, set_pose
+from skiros2_world_model.core.changes import Add, Instantiate, Operation, Patch, Remove, relation_dict
+from skiros2_world_model.core.queries import cascade_ids
+from skiros2_world_model.core.scene import ROOT, ElementRecord
+
+CONTAINS = "skiros:contain"
+#: What gives things in space their frame and pose.
+_SPACE_REASONER = "AauSpatialReasoner"
+_IN_SPACE = "sumo:Object"
+
+
+class Requests:
+    """Makes operations of what the user wants. Everything that can be checked here is, before anything is sent.
+
+    Each raises `UnknownName` for what is not there, and `WrongValue` for what makes no sense.
+    """
+
+    def __init__(self, hierarchy: SceneHierarchy, vocabulary: Vocabulary) -> None:
+        self._hierarchy = hierarchy
+        self._vocabulary = vocabulary
+
+    # -- properties --------------------------------------------------------------------------------------------
+
+    def set_values(self, eid: str, key: str, texts: Sequence[str]) -> list[Operation]:
+        """Gives a property the values that texts write, lists and tables as JSON; none leaves it without a value."""
+        node = self._node(eid)
+        key = full_name(key.strip())
+        if key in ("rdfs:label", "rdf:type") or not key.rpartition(":")[2]:
+            raise WrongValue(f"{key!r} cannot be the name of a property")
+        if self._vocabulary.ontology.has_relation(key) and not self._vocabulary.is_declared(key):
+            raise WrongValue(f"{key} is a relation, not a property: add it as a relation")
+        known = node.properties.get(key)
+        present = known.dataType() if known is not None else None
+        if present in (list, dict):
+            prop = Property(key, present)
+            prop.assign([_from_json(key, text, present) for text in texts])
+        else:
+            prop = Property(key, self._vocabulary.value_type(node.type, key, present))
+            prop.assign([self._vocabulary.parsed(node.type, key, text, present) for text in texts])
+        if known is not None and known.values == prop.values:
+            return []
+        return [Patch(eid, ElementChanges({key: prop}))]
+
+    def remove_property(self, eid: str, key: str) -> list[Operation]:
+        """Takes a property away."""
+        if key in ANGLES:
+            raise WrongValue(f"{key} is told by the orientation, and goes with it")
+        if key not in self._node(eid).properties:
+            raise UnknownName(f"{eid} has no property {key}")
+        return [Patch(eid, ElementChanges(removed_properties=[key]))]
+
+    def set_label(self, eid: str, label: str) -> list[Operation]:
+        """Gives an element another label."""
+        if label == self._node(eid).label:
+            return []
+        return [Patch(eid, ElementChanges(label=label))]
+
+    def set_type(self, eid: str, etype: str) -> list[Operation]:
+        """Makes an element one of another class; its id stays."""
+        self._check_class(etype)
+        if etype == self._node(eid).type:
+            return []
+        return [Patch(eid, ElementChanges(type=etype))]
+
+    def set_pose(self, eid: str, position: Sequence[float], angles: Sequence[float]) -> list[Operation]:
+        """Puts an element somewhere, in the frame that its pose is given in.
+
+        :param position: x, y, z (m).
+        :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
+        """
+        node = self._node(eid)
+        if not all(math.isfinite(number) for number in (*position, *angles)):
+            raise WrongValue(f"{eid}: a pose is six finite numbers")
+        x, y, z = position
+        pose = Pose((x, y, z), from_euler(*map(math.radians, angles)))
+        moved = Element(node.type, node.label, eid)
+        for key in pose_keys(node.properties):
+            moved._put(key, node.properties[key].clone())
+        set_pose(moved, pose)
+        before = node.properties
+        changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
+        return [Patch(eid, ElementChanges(changed))] if changed else []
+
+    def set_angle(self, eid: str, name: str, text: str) -> list[Operation]:
+        """Turns an element so that one of its angles is that, and the other two stay.
+
+        :param name: one of `ANGLES`.
+        :param text: degrees.
+        """
+        element = self._hierarchy.scene.element(self._node(eid).id)
+        pose = pose_of(element) if element is not None else None
+        if pose is None:
+            raise WrongValue(f"{eid} has no pose that could be turned; give it one first")
+        try:
+            angle = float(text.strip().removesuffix("°"))
+        except ValueError:
+            raise WrongValue(f"{name}: expected a number (in °), got {text!r}") from None
+        angles = [math.degrees(part) for part in to_euler(pose.orientation)]
+        angles[ANGLES.index(name)] = angle
+        return self.set_pose(eid, pose.position, angles)
+
+    # -- elements ----------------------------------------------------------------------------------------------
+
+    def add(
+        self, etype: str, label: str = "", parent: str = ROOT, predicate: str = CONTAINS, in_space: bool = True
+    ) -> list[Operation]:
+        """Adds an element of a class under another one.
+
+        :param parent: "" adds it under none.
+        :param in_space: whether it has a frame and a pose, if things of its class can have one: at first the origin of
+            what it is in.
+        """
+        self._check_class(etype)
+        element = Element(etype, label)
+        if in_space and self._vocabulary.ontology.is_subclass(etype, _IN_SPACE):
+            element.setProperty(REASONER_PROPERTY, _SPACE_REASONER)
+            set_pose(element, Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        element._rels = self._placed(parent, predicate)
+        return [Add(element)]
+
+    def add_template(self, template: str, parent: str = ROOT, predicate: str = CONTAINS) -> list[Operation]:
+        """Adds a copy of a template, and of the templates that it has or contains, under an element."""
+        if self._vocabulary.ontology.individual(template) is None:
+            raise UnknownName(f"the ontologies have no template {template!r}")
+        return [Instantiate(template, True, self._placed(parent, predicate))]
+
+    def removed_with(self, eid: str) -> list[str]:
+        """What goes when an element is removed: it, and what is under it and is held by nothing else."""
+        self._node(eid)
+        return cascade_ids(self._hierarchy.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
+
+    def remove(self, ids: Sequence[str]) -> list[Operation]:
+        """Removes elements with what is under them."""
+        gone: set[str] = set()
+        operations: list[Operation] = []
+        for eid in ids:
+            if eid == ROOT:
+                raise WrongValue("the scene itself cannot be removed")
+            if eid not in gone:
+                under = self.removed_with(eid)
+                operations = [o for o in operations if not (isinstance(o, Remove) and o.id in under)]
+                gone.update(under)
+                operations.append(Remove(eid))
+        return operations
+
+    def move(self, eid: str, parent: str, predicate: str = CONTAINS) -> list[Operation]:
+        """Places an element in another one, and takes it out of those that it is in."""
+        self._node(eid)
+        self._node(parent)
+        if eid == parent or eid in self._hierarchy.path(parent):
+            raise WrongValue(f"{eid} cannot be moved into {parent}, which is in it")
+        if eid == ROOT:
+            raise WrongValue("the scene itself cannot be moved")
+        operations: list[Operation] = []
+        for pred, holder in self._hierarchy.holders(eid):
+            if (pred, holder) != (predicate, parent):
+                operations.append(Patch(holder, ElementChanges(removed_relations=[relation_dict("-1", pred, eid)])))
+        if not self._hierarchy.scene.related(parent, predicate, eid):
+            added = ElementChanges(added_relations=[relation_dict("-1", predicate, eid)])
+            operations.append(Patch(parent, added))
+        return operations
+
+    # -- relations ---------------------------------------------------------------------------------------------
+
+    def relate(self, src: str, predicate: str, dst: str) -> list[Operation]:
+        """Adds a relation, to an element or to a template."""
+        node = self._node(src)
+        if not self._vocabulary.ontology.has_relation(predicate):
+            raise UnknownName(f"the ontologies know no relation {predicate!r}")
+        if dst not in self._hierarchy.scene and not self._vocabulary.ontology.knows(dst):
+            raise UnknownName(f"there is no element or template {dst!r}")
+        if self._hierarchy.scene.related(src, predicate, dst):
+            return []
+        added = ElementChanges(added_relations=[relation_dict("-1", predicate, dst)])
+        return [Patch(node.id, added)]
+
+    def unrelate(self, src: str, predicate: str, dst: str) -> list[Operation]:
+        """Takes a relation away."""
+        if not self._hierarchy.scene.related(src, predicate, dst):
+            raise UnknownName(f"there is no relation {src} {local_name(predicate)} {dst}")
+        return [Patch(src, ElementChanges(removed_relations=[relation_dict("-1", predicate, dst)]))]
+
+    def mismatch(self, src: str, predicate: str, dst: str) -> str:
+        """Why a relation is not meant for these two; "" when it is. The world model takes it all the same."""
+        return self._vocabulary.mismatch(self._type_of(src), predicate, self._type_of(dst))
+
+    # -- shared ------------------------------------------------------------------------------------------------
+
+    def _placed(self, parent: str, predicate: str) -> list[dict[str, object]]:
+        if not parent:
+            return []
+        self._node(parent)
+        if predicate not in self._hierarchy.spatial:
+            raise WrongValue(f"{predicate} does not place one element in another")
+        return [relation_dict(parent, predicate, "-1")]
+
+    def _type_of(self, eid: str) -> str:
+        node = self._hierarchy.scene.record(eid)
+        return node.type if node is not None else self._vocabulary.type_of(eid)
+
+    def _check_class(self, etype: str) -> None:
+        if not self._vocabulary.ontology.has_class(etype):
+            raise UnknownName(f"the ontologies have no class {etype!r}")
+
+    def _node(self, eid: str) -> ElementRecord:
+        node = self._hierarchy.scene.record(eid)
+        if node is None:
+            raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
+        return node
+
+
+def _from_json(key: str, text: str, kind: type) -> object:
+    """A list or dict that a text writes."""
+    what = "a list, such as [1, 2]" if kind is list else 'a table, such as {"key": 1}'
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise WrongValue(f"{local_name(key)}: expected {what}; {error}") from None
+    if not isinstance(value, kind):
+        raise WrongValue(f"{local_name(key)}: expected {what}, got {text!r}")
+    return value
+
+
+def pose_keys(properties: Mapping[str, Property]) -> list[str]:
+    """The properties of an element that its pose is made of."""
+    return [key for key in (*POSITION, *ORIENTATION) if key in properties]

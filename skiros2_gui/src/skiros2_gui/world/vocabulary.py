@@ -1,0 +1,231 @@
+"""What the ontologies offer whoever undo_stack a scene: classes, templates, relations and properties, with texts and
+units.
+
+Read once in a worker thread; never changed, so any thread may ask it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.names import local_name
+from skiros2_common.core.property import from_text
+from skiros2_world_model.core.changes import ONTOLOGY, SPATIAL
+from skiros2_world_model.core.datatypes import PYTHON_TYPES, as_datatype
+from skiros2_world_model.core.ontology import STRUCTURE_QUERY, Ontology
+from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
+
+_COMMENT_QUERY = "SELECT ?s ?c WHERE { ?s rdfs:comment ?c . FILTER(!isBlank(?s)) }"
+_META = ("rdf:", "rdfs:", "owl:", "xsd:", "_:")
+#: The words of the ontologies' comments for units ("Position along x, in metres."), the longer ones first.
+_UNITS = {
+    "metres per second": "m/s",
+    "radians per second": "rad/s",
+    "newton metres": "Nm",
+    "newtons per metre": "N/m",
+    "metres": "m",
+    "newtons": "N",
+    "kilograms": "kg",
+    "radians": "rad",
+    "degrees": "°",
+    "seconds": "s",
+    "kelvin": "K",
+    "volts": "V",
+    "amperes": "A",
+    "watts": "W",
+}
+_IN_UNIT = re.compile(rf"\bin ({'|'.join(_UNITS)})\b", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
+_WITH_UNIT = re.compile(rf"({_NUMBER.pattern})\s*([^\d\s.,]\S*)")
+_SKILL_RELATION = "skiros:skillProperty"
+_VALUE_RELATION = "skiros:hasValue"
+_UNIT_QUATERNION = "skiros:Orientation"
+
+
+@dataclass(frozen=True)
+class Predicate:
+    """A relation that the ontologies know.
+
+    :param domain: the classes its subject should be of; () any.
+    :param range: the classes its object should be of; () any.
+    """
+
+    name: str
+    description: str
+    domain: tuple[str, ...] = ()
+    range: tuple[str, ...] = ()
+
+
+class Vocabulary:
+    """The classes, relations, properties and templates of the ontologies.
+
+    :param triples: what they say beside texts and values, as names.
+    :param comments: their comments, by name.
+    """
+
+    def __init__(self, triples: Iterable[tuple[str, str, str]], comments: dict[str, str]) -> None:
+        triples = list(triples)
+        self.ontology = Ontology(triples)
+        self._comments = comments
+        self._domains: dict[str, list[str]] = {}
+        self._ranges: dict[str, list[str]] = {}
+        for subject, predicate, obj in triples:
+            if not obj.startswith("_:"):
+                if predicate == "rdfs:domain":
+                    self._domains.setdefault(subject, []).append(obj)
+                elif predicate == "rdfs:range":
+                    self._ranges.setdefault(subject, []).append(obj)
+        #: The relations that place their object in their subject.
+        self.spatial = self.ontology.subproperties(SPATIAL)
+        #: The relations that lead from a skill to what describes it.
+        self.parts = self.ontology.subproperties(_SKILL_RELATION) - self.ontology.subproperties(_VALUE_RELATION)
+
+    # -- classes and templates ---------------------------------------------------------------------------------
+
+    def classes(self) -> list[str]:
+        """All classes, sorted."""
+        return sorted(name for name in self.ontology.classes() if not name.startswith(_META))
+
+    def top_classes(self) -> list[str]:
+        """The classes that are under no other one."""
+        return [name for name in self.classes() if not self._above(name)]
+
+    def subclasses(self, name: str) -> list[str]:
+        """The classes directly under one, sorted."""
+        return sorted({c for c in self.ontology.direct_subclasses(name) if not c.startswith(_META)} - {name})
+
+    def templates(self, etype: str = "", below: bool = False) -> list[str]:
+        """The templates of a class, and with `below` of those under it; "" all."""
+        if not etype:
+            return sorted({name for cls in self.classes() for name in self.ontology.individuals(cls, False)})
+        return self.ontology.individuals(etype, below)
+
+    def type_of(self, template: str) -> str:
+        """The class of a template; "" when there is no such template."""
+        found = self.ontology.individual(template)
+        return found.type if found is not None else ""
+
+    def description(self, name: str) -> str:
+        """What the ontologies say a name means; "" when nothing."""
+        return self._comments.get(name, "")
+
+    def _above(self, name: str) -> list[str]:
+        return [c for c in self.ontology.direct_superclasses(name) if not c.startswith(_META) and c != name]
+
+    # -- relations ---------------------------------------------------------------------------------------------
+
+    def predicates(self) -> list[Predicate]:
+        """The relations, sorted by name; those that place things first."""
+        names = [name for name in self.ontology.relations() if not name.startswith(_META)]
+        names.sort(key=lambda name: (name not in self.spatial, name))
+        return [self.predicate(name) for name in names]
+
+    def predicate(self, name: str) -> Predicate:
+        """What is known of a relation; a relation under another one has its domain and range where it has none."""
+        return Predicate(
+            name, self.description(name), self._inherited(self._domains, name), self._inherited(self._ranges, name)
+        )
+
+    def mismatch(self, subject_type: str, predicate: str, object_type: str) -> str:
+        """Why a relation is not meant for two classes; "" when it is. A hint: the world model does not refuse it."""
+        known = self.predicate(predicate)
+        for what, etype, wanted in (
+            ("a subject", subject_type, known.domain),
+            ("an object", object_type, known.range),
+        ):
+            if wanted and etype and not any(self.ontology.is_subclass(etype, c) for c in wanted):
+                expected = " or ".join(map(local_name, wanted))
+                return f"{local_name(predicate)} is meant for {what} of class {expected}, not {local_name(etype)}"
+        return ""
+
+    def _inherited(self, known: dict[str, list[str]], name: str) -> tuple[str, ...]:
+        waiting, seen = [name], {name}
+        for one in waiting:
+            if known.get(one):
+                return tuple(known[one])
+            above = [p for p in self.ontology.superproperties(one) if p not in seen]
+            seen.update(above)
+            waiting += sorted(above)
+        return ()
+
+    # -- properties --------------------------------------------------------------------------------------------
+
+    def data_properties(self) -> list[str]:
+        """All properties, sorted."""
+        return [name for name in self.ontology.data_properties() if not name.startswith(_META)]
+
+    def unit(self, key: str) -> str:
+        """The unit of a property's values, as the ontologies' comments tell it; "" when none."""
+        found = _IN_UNIT.search(self.description(key))
+        return _UNITS[found[1].lower()] if found else ""
+
+    def value_type(self, etype: str, key: str, present: type | None = None) -> type:
+        """The Python type that the values of a property have.
+
+        :param etype: the class of the element.
+        :param present: the type of the values it has now, which counts where the ontologies say nothing.
+        """
+        datatype, _ = self.ontology.value_limits(etype, key)
+        if datatype in PYTHON_TYPES:
+            return PYTHON_TYPES[datatype]
+        if present is not None:
+            return present
+        return float if self.unit(key) else str
+
+    def is_declared(self, key: str) -> bool:
+        """Whether the ontologies know the property."""
+        return self.ontology.has_data_property(key)
+
+    def parsed(self, etype: str, key: str, text: str, present: type | None = None) -> object:
+        """The value that a user's text writes; a unit behind the number may be the property's own.
+
+        :raises WrongValue: the text is no such value, or has another unit.
+        """
+        kind, unit = self.value_type(etype, key, present), self.unit(key)
+        datatype, _ = self.ontology.value_limits(etype, key)
+        if kind in (int, float):
+            text = self._without_unit(key, text.strip(), unit)
+        try:
+            value = from_text(text, kind)
+            if datatype:
+                value = as_datatype(value, datatype)
+        except (WrongType, WrongValue):
+            what = {int: "a whole number", float: "a number", bool: "True or False"}.get(kind, kind.__name__)
+            told = f" (in {unit})" if unit else ""
+            raise WrongValue(f"{local_name(key)}: expected {what}{told}, got {text!r}") from None
+        if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+            raise WrongValue(f"{local_name(key)}: expected a finite number, got {text!r}")
+        if isinstance(value, float) and self._is_quaternion(key) and abs(value) > 1.0:
+            raise WrongValue(f"{local_name(key)}: a part of a unit quaternion is from -1 to 1, got {text!r}")
+        if isinstance(value, (int, float)) and value < 0 and self._is_never_negative(key):
+            raise WrongValue(f"{local_name(key)}: cannot be negative, got {text!r}")
+        return value
+
+    def _without_unit(self, key: str, text: str, unit: str) -> str:
+        match = _WITH_UNIT.fullmatch(text)
+        if match is None or _NUMBER.fullmatch(text):
+            return text
+        if match[2] != unit:
+            expected = f"expected {unit}" if unit else "it has no unit"
+            raise WrongValue(f"{local_name(key)}: {match[2]!r} is another unit, {expected}")
+        return match[1]
+
+    def _is_quaternion(self, key: str) -> bool:
+        return self.ontology.is_subproperty(key, _UNIT_QUATERNION)
+
+    def _is_never_negative(self, key: str) -> bool:
+        return key == "skiros:Weight" or self.ontology.is_subproperty(key, "skiros:Size")
+
+
+def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
+    """What the ontologies of a world model say now. Blocks for two calls of it.
+
+    :raises WmException: it does not answer.
+    """
+    rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
+    triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
+    told = (row.partition(" ") for row in world.query_ontology(_COMMENT_QUERY, True, ONTOLOGY))
+    return Vocabulary(triples, {name: text.removesuffix(" ") for name, _, text in told})

@@ -1,0 +1,395 @@
+"""The dialogs of the scene tab: adding, begin_remove, relations, properties, files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from python_qt_binding.QtCore import Qt, Signal
+from python_qt_binding.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QCompleter,
+    QDialog,
+    QDialogButtonBox,
+    QDoubleSpinBox,
+    QFormLayout,
+    QLabel,
+    QLineEdit,
+    QPlainTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import full_name, local_name
+from skiros2_gui.world.choices import CLASS, class_choices, predicate_choices
+from skiros2_gui.world.details import Details, PropertyRow, ShownPose, shown_name
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.requests import CONTAINS
+from skiros2_gui.world.vocabulary import Vocabulary
+from skiros2_gui.world.widgets.choice import ClassChoice, ElementChoice
+
+#: So many elements are named before one is removed with them.
+_MAX_NAMED = 12
+
+
+class _Dialog(QDialog):
+    """A dialog with OK and Cancel below its content, and a line that says what is wrong or noteworthy."""
+
+    def __init__(self, title: str, ok: str, parent: QWidget | None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle(title)
+        self.content = QVBoxLayout()
+        self.note = QLabel()
+        self.note.setObjectName("note")
+        self.note.setWordWrap(True)
+        self.buttons = QDialogButtonBox(QDialogButtonBox.Ok | QDialogButtonBox.Cancel)
+        self.ok = self.buttons.button(QDialogButtonBox.Ok)
+        self.ok.setText(ok)
+        self.buttons.accepted.connect(self.accept)
+        self.buttons.rejected.connect(self.reject)
+        column = QVBoxLayout(self)
+        column.addLayout(self.content, 1)
+        column.addWidget(self.note)
+        column.addWidget(self.buttons)
+
+    def size_to(self, width: float, height: float) -> None:
+        """The size in heights of a line."""
+        em = self.fontMetrics().height()
+        self.resize(int(width * em), int(height * em))
+
+
+class AddDialog(_Dialog):
+    """Adds an element from a class, or from a template with its parts.
+
+    :param parent_id: the element that it is proposed to be added under.
+    """
+
+    def __init__(self, presenter: WorldPresenter, parent_id: str, parent: QWidget | None = None) -> None:
+        super().__init__("Add an element", "Add", parent)
+        self._presenter = presenter
+        hierarchy, vocabulary = presenter.hierarchy, presenter.vocabulary
+        assert hierarchy is not None and vocabulary is not None
+        self._vocabulary = vocabulary
+        self._parent_id = parent_id
+        self.choice = ClassChoice(class_choices(vocabulary))
+        self.label = QLineEdit()
+        self.label.setObjectName("newLabel")
+        self.label.setPlaceholderText("none")
+        self.relation = QComboBox()
+        self.relation.setObjectName("newRelation")
+        for name in sorted(vocabulary.spatial, key=lambda name: (name != CONTAINS, name)):
+            self.relation.addItem(local_name(name), name)
+            self.relation.setItemData(self.relation.count() - 1, vocabulary.description(name), Qt.ToolTipRole)
+        self.in_space = QCheckBox("It has a place in space")
+        self.in_space.setChecked(True)
+        self.in_space.setToolTip("Gives it a frame and a pose, which the world model keeps and publishes")
+        form = QFormLayout()
+        form.addRow("Under", QLabel(shown_name(hierarchy, parent_id)))
+        form.addRow("which does", self.relation)
+        form.addRow("Label", self.label)
+        form.addRow("", self.in_space)
+        self.content.addWidget(self.choice, 1)
+        self.content.addLayout(form)
+        self.choice.changed.connect(self._show)
+        self.choice.taken.connect(self._take)
+        self.choice.setFocus()
+        self.size_to(28, 34)
+        self._show()
+
+    def accept(self) -> None:
+        choice = self.choice.chosen()
+        if choice is None:
+            return
+        under, relation = self._parent_id, self.relation.currentData()
+        label, in_space = self.label.text().strip(), self.in_space.isChecked()
+        if choice.kind == CLASS:
+            self._presenter.add(f"add {choice.text}", lambda r: r.add(choice.name, label, under, relation, in_space))
+        else:
+            self._presenter.add(f"add {choice.text}", lambda r: r.add_template(choice.name, under, relation))
+        super().accept()
+
+    def _take(self) -> None:
+        choice = self.choice.chosen()
+        if choice is not None and not choice.children:
+            self.accept()
+
+    def _show(self) -> None:
+        choice = self.choice.chosen()
+        self.ok.setEnabled(choice is not None)
+        is_class = choice is not None and choice.kind == CLASS
+        self.label.setEnabled(is_class)
+        self.in_space.setEnabled(is_class)
+        self.note.setText("" if choice is None else choice.description or choice.name)
+
+
+class ClassDialog(_Dialog):
+    """Makes an element one of another class."""
+
+    chosen = Signal(str)
+
+    def __init__(self, vocabulary: Vocabulary, etype: str, parent: QWidget | None = None) -> None:
+        super().__init__("Change the class", "Change", parent)
+        self.choice = ClassChoice(class_choices(vocabulary, with_templates=False))
+        self.content.addWidget(self.choice)
+        self.choice.changed.connect(self._show)
+        self.choice.choose(etype)
+        self.size_to(28, 30)
+        self._show()
+
+    def accept(self) -> None:
+        choice = self.choice.chosen()
+        if choice is not None:
+            self.chosen.emit(choice.name)
+            super().accept()
+
+    def _show(self) -> None:
+        choice = self.choice.chosen()
+        self.ok.setEnabled(choice is not None)
+        self.note.setText("" if choice is None else choice.description or choice.name)
+
+
+class RemoveDialog(_Dialog):
+    """Asks whether elements are to be removed, with what goes with them."""
+
+    def __init__(self, presenter: WorldPresenter, ids: Sequence[str], gone: Sequence[str], parent: QWidget) -> None:
+        super().__init__("Remove", "Remove", parent)
+        hierarchy = presenter.hierarchy
+        assert hierarchy is not None
+        others = [eid for eid in gone if eid not in ids]
+        text = f"Remove {', '.join(shown_name(hierarchy, eid) for eid in ids[:3])}"
+        text += f" and {len(ids) - 3} more" if len(ids) > 3 else ""
+        self.text = QLabel(f"{text}?")
+        self.text.setWordWrap(True)
+        self.content.addWidget(self.text)
+        if others:
+            names = [shown_name(hierarchy, eid) for eid in others[:_MAX_NAMED]]
+            more = [f"and {len(others) - _MAX_NAMED} more"] if len(others) > _MAX_NAMED else []
+            self.note.setText(f"With it {_counted(len(others))} under it:\n" + "\n".join([*names, *more]))
+        else:
+            self.note.setText("Nothing else goes with it.")
+        self.content.addStretch(1)
+        self.setMinimumWidth(24 * self.fontMetrics().height())
+
+
+class RelationDialog(_Dialog):
+    """Relates an element to another one.
+
+    :param eid: the element.
+    """
+
+    def __init__(self, presenter: WorldPresenter, eid: str, parent: QWidget | None = None) -> None:
+        super().__init__("Add a relation", "Add", parent)
+        self._presenter = presenter
+        self._eid = eid
+        hierarchy, vocabulary = presenter.hierarchy, presenter.vocabulary
+        assert hierarchy is not None and vocabulary is not None
+        self._vocabulary = vocabulary
+        node = hierarchy.scene.record(eid)
+        self.predicate = QComboBox()
+        self.predicate.setObjectName("relationChoice")
+        for predicate, fits in predicate_choices(vocabulary, node.type if node is not None else ""):
+            text = local_name(predicate.name)
+            self.predicate.addItem(text if fits else f"{text}  (not meant for it)", predicate.name)
+            told = "\n".join(line for line in (predicate.name, predicate.description) if line)
+            self.predicate.setItemData(self.predicate.count() - 1, told, Qt.ToolTipRole)
+        self.predicate.setEditable(True)
+        self.predicate.setInsertPolicy(QComboBox.NoInsert)
+        self.predicate.completer().setCompletionMode(QCompleter.PopupCompletion)
+        self.predicate.completer().setFilterMode(Qt.MatchContains)
+        self.direction = QComboBox()
+        self.direction.setObjectName("relationDirection")
+        name = shown_name(hierarchy, eid)
+        self.direction.addItems((f"from {name}", f"to {name}"))
+        self.other = ElementChoice(presenter, eid)
+        form = QFormLayout()
+        form.addRow("Relation", self.predicate)
+        form.addRow("Direction", self.direction)
+        self.content.addLayout(form)
+        self.content.addWidget(self.other, 1)
+        self.predicate.currentIndexChanged.connect(lambda _: self._show())
+        self.direction.currentIndexChanged.connect(lambda _: self._show())
+        self.other.changed.connect(self._show)
+        self.other.taken.connect(self.accept)
+        self.size_to(28, 30)
+        self._show()
+
+    @property
+    def relation(self) -> tuple[str, str, str]:
+        """Subject, relation and object, as they are chosen."""
+        predicate, other = str(self.predicate.currentData() or ""), self.other.chosen()
+        return (self._eid, predicate, other) if self.direction.currentIndex() == 0 else (other, predicate, self._eid)
+
+    def accept(self) -> None:
+        if not self.ok.isEnabled():
+            return
+        relation = self.relation
+        self._presenter.change(f"add {local_name(relation[1])}", lambda r: r.relate(*relation))
+        super().accept()
+
+    def _show(self) -> None:
+        src, predicate, dst = self.relation
+        known = self._vocabulary.predicate(predicate)
+        self.other.prefer(known.range if self.direction.currentIndex() == 0 else known.domain)
+        requests = self._presenter.requests
+        mismatch = requests.mismatch(src, predicate, dst) if requests is not None and src and dst else ""
+        self.ok.setEnabled(bool(src and predicate and dst))
+        self.note.setText(f"⚠ {mismatch}" if mismatch else known.description or predicate)
+
+
+class PropertyDialog(_Dialog):
+    """Gives an element another property."""
+
+    #: The property and its values as texts.
+    chosen = Signal(str, list)
+
+    def __init__(self, vocabulary: Vocabulary, details: Details, parent: QWidget | None = None) -> None:
+        super().__init__("Add a property", "Add", parent)
+        self._vocabulary = vocabulary
+        self._details = details
+        had = {row.key for row in details.properties}
+        self.key = QComboBox()
+        self.key.setObjectName("newProperty")
+        self.key.setEditable(True)
+        self.key.setInsertPolicy(QComboBox.NoInsert)
+        for key in vocabulary.data_properties():
+            if key not in had:
+                self.key.addItem(local_name(key) if key.startswith("skiros:") else key, key)
+                self.key.setItemData(self.key.count() - 1, vocabulary.description(key), Qt.ToolTipRole)
+        self.key.completer().setCompletionMode(QCompleter.PopupCompletion)
+        self.key.completer().setFilterMode(Qt.MatchContains)
+        self.key.setCurrentIndex(-1)
+        self.key.lineEdit().setPlaceholderText("its name")
+        self.value = QLineEdit()
+        self.value.setObjectName("newValue")
+        form = QFormLayout()
+        form.addRow("Property", self.key)
+        form.addRow("Value", self.value)
+        self.content.addLayout(form)
+        self.content.addStretch(1)
+        self.key.editTextChanged.connect(lambda _: self._show())
+        self.value.textChanged.connect(lambda _: self._show())
+        self.size_to(28, 12)
+        self._show()
+
+    @property
+    def name(self) -> str:
+        """The property in full, as it is chosen."""
+        text = self.key.currentText().strip()
+        return full_name(text) if text else ""
+
+    def accept(self) -> None:
+        if self.ok.isEnabled():
+            self.chosen.emit(self.name, [self.value.text()] if self.value.text() else [])
+            super().accept()
+
+    def _show(self) -> None:
+        key = self.name
+        wrong = ""
+        if key and self.value.text():
+            try:
+                self._vocabulary.parsed(self._details.type, key, self.value.text())
+            except WrongValue as error:
+                wrong = str(error)
+        unit = self._vocabulary.unit(key)
+        self.value.setPlaceholderText(f"in {unit}" if unit else "")
+        self.ok.setEnabled(bool(key) and not wrong)
+        told = self._vocabulary.description(key)
+        if key and not told and not self._vocabulary.is_declared(key):
+            told = "The ontologies do not know this property."
+        self.note.setText(f"⚠ {wrong}" if wrong else told)
+
+
+class ValuesDialog(_Dialog):
+    """The values of a property, one on a line; of a single text, all its lines."""
+
+    chosen = Signal(list)
+
+    def __init__(self, row: PropertyRow, parent: QWidget | None = None) -> None:
+        super().__init__(row.name, "Write", parent)
+        self._is_one_text = row.kind is str and len(row.values) == 1
+        self.box = QPlainTextEdit()
+        self.box.setPlainText("\n".join(row.texts))
+        self.content.addWidget(self.box)
+        unit = f" in {row.unit}" if row.unit else ""
+        form = "" if row.is_plain else ", as JSON"
+        self.note.setText("One text" if self._is_one_text else f"One {row.kind_text}{unit} on each line{form}")
+        self.size_to(24, 16)
+
+    def accept(self) -> None:
+        text = self.box.toPlainText()
+        self.chosen.emit([text] if self._is_one_text else [line for line in text.splitlines() if line.strip()])
+        super().accept()
+
+
+class PoseDialog(_Dialog):
+    """Puts an element somewhere else, or turns it."""
+
+    #: Position (m) and angles (degrees), three numbers each.
+    chosen = Signal(list, list)
+
+    def __init__(self, details: Details, parent: QWidget | None = None) -> None:
+        super().__init__(f"Pose of {local_name(details.id)}", "Write", parent)
+        self._pose = pose = details.pose or ShownPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+        self.position = [_spin_box(number, " m", 1000.0, 0.01, 4) for number in pose.position]
+        self.angles = [_spin_box(number, " °", 360.0, 5.0, 3) for number in pose.angles]
+        form = QFormLayout()
+        for name, box in zip(("x", "y", "z"), self.position, strict=True):
+            form.addRow(name, box)
+        for name, tip, box in zip(
+            ("Roll", "Pitch", "Yaw"), ("about x", "then about y", "then about z"), self.angles, strict=True
+        ):
+            box.setToolTip(f"The turn {tip}")
+            form.addRow(name, box)
+        self.content.addLayout(form)
+        self.content.addStretch(1)
+        frame = f"In the frame of {pose.frame}" if pose.frame else "In the frame of what it is in"
+        self.note.setText(frame if details.pose is not None else "It has no pose yet.")
+        self.size_to(20, 16)
+
+    def accept(self) -> None:
+        self.chosen.emit(_numbers(self.position, self._pose.position), _numbers(self.angles, self._pose.angles))
+        super().accept()
+
+
+class FileDialog(_Dialog):
+    """Asks for a file in the workspace of the world model, which may be on another computer."""
+
+    chosen = Signal(str)
+
+    def __init__(self, title: str, ok: str, note: str, last: str, parent: QWidget | None = None) -> None:
+        super().__init__(title, ok, parent)
+        self.name = QLineEdit(last)
+        self.name.setObjectName("sceneFile")
+        self.name.setPlaceholderText("the file that was loaded or saved last")
+        form = QFormLayout()
+        form.addRow("File", self.name)
+        self.content.addLayout(form)
+        self.content.addStretch(1)
+        self.note.setText(note)
+        self.size_to(30, 8)
+
+    def accept(self) -> None:
+        self.chosen.emit(self.name.text().strip())
+        super().accept()
+
+
+def _spin_box(number: float, unit: str, most: float, step: float, decimals: int) -> QDoubleSpinBox:
+    box = QDoubleSpinBox()
+    box.setDecimals(decimals)
+    box.setRange(min(-most, number), max(most, number))
+    box.setSingleStep(step)
+    box.setSuffix(unit)
+    box.setValue(number)
+    box.setAccelerated(True)
+    return box
+
+
+def _numbers(boxes: Sequence[QDoubleSpinBox], before: Sequence[float]) -> list[float]:
+    """What the boxes say; a number that was not changed is not rounded either."""
+    pairs = zip(boxes, before, strict=True)
+    return [was if box.value() == round(was, box.decimals()) else box.value() for box, was in pairs]
+
+
+def _counted(number: int) -> str:
+    return "goes one element" if number == 1 else f"go {number} elements"

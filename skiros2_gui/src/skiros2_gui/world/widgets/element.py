@@ -1,0 +1,317 @@
+"""The selected element: what it is, its properties and its relations, to be looked at and changed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from python_qt_binding.QtCore import QEvent, Qt
+from python_qt_binding.QtGui import QKeySequence
+from python_qt_binding.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QShortcut,
+    QSplitter,
+    QStyledItemDelegate,
+    QVBoxLayout,
+    QWidget,
+)
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.world.details import ANGLES, Details, PropertyRow, RelationRow
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.widgets.dialogs import PoseDialog, PropertyDialog, RelationDialog, ValuesDialog
+from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
+from skiros2_world_model.core.formatting import format_time
+
+_VALUE = 1
+
+
+class ElementPanel(QWidget):
+    """Shows the presenter's selected element."""
+
+    def __init__(self, presenter: WorldPresenter, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._shown: Details | None = None
+        self.heading = QLabel()
+        self.heading.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self._set_fonts()
+        self.about = QLabel()
+        self.about.setWordWrap(True)
+        self.about.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.label_edit = QLineEdit()
+        self.label_edit.setObjectName("elementLabel")
+        self.label_edit.setPlaceholderText("no label")
+        self.label_edit.setToolTip("The label: the template it was made from, or a free name. Enter writes it")
+        self.label_edit.editingFinished.connect(self._write_label)
+        self.properties = RowsView(
+            RowsModel(("Property", "Value", "Unit"), _VALUE, self._write_value, lambda row: _in_place(row)), _VALUE
+        )
+        self.properties.setObjectName("elementTable")
+        self.properties.setItemDelegateForColumn(_VALUE, _ValueDelegate(self.properties))
+        self.properties.doubleClicked.connect(self._edit_whole)
+        self.relations = RowsView(RowsModel(("Relation", "", "Element")), 2)
+        self.relations.setObjectName("relationTable")
+        self.relations.doubleClicked.connect(lambda _: self.follow_relation())
+        self.relations.setToolTip("Enter or a double click goes to the element")
+        self._lay_out()
+        for view, key, call in (
+            (self.properties, Qt.Key_Delete, self.remove_property),
+            (self.relations, Qt.Key_Delete, self.remove_relation),
+            (self.relations, Qt.Key_Return, self.follow_relation),
+            (self.relations, Qt.Key_Enter, self.follow_relation),
+        ):
+            QShortcut(QKeySequence(key), view, call, context=Qt.WidgetShortcut)
+        self.show_details()
+
+    def _lay_out(self) -> None:
+        self.add_property_button = _button("Add property…", "Gives the element another property", self.add_property)
+        self.remove_property_button = _button(
+            "Remove property", "Takes the selected property away (Delete)", self.remove_property
+        )
+        tip = "Puts the element somewhere else, or turns it, in metres and degrees"
+        self.pose_button = _button("Pose…", tip, self.edit_pose)
+        self.pose_button.setObjectName("poseButton")
+        self.add_relation_button = _button("Add relation…", "Relates the element to another one", self.add_relation)
+        self.remove_relation_button = _button(
+            "Remove relation", "Takes the selected relation away (Delete)", self.remove_relation
+        )
+        self.add_property_button.setObjectName("addPropertyButton")
+        self.add_relation_button.setObjectName("addRelationButton")
+        top = QVBoxLayout()
+        top.addWidget(self.heading)
+        top.addWidget(self.about)
+        row = QHBoxLayout()
+        row.addWidget(QLabel("Label"))
+        row.addWidget(self.label_edit, 1)
+        top.addLayout(row)
+        splitter = QSplitter(Qt.Vertical)
+        buttons = self.pose_button, self.add_property_button, self.remove_property_button
+        splitter.addWidget(_with_buttons(self.properties, *buttons))
+        splitter.addWidget(_with_buttons(self.relations, self.add_relation_button, self.remove_relation_button))
+        splitter.setStretchFactor(0, 5)
+        splitter.setStretchFactor(1, 2)
+        splitter.setSizes([500, 200])
+        splitter.setChildrenCollapsible(False)
+        column = QVBoxLayout(self)
+        column.addLayout(top)
+        column.addWidget(splitter, 1)
+
+    def changeEvent(self, event: Any) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._set_fonts()
+
+    def _set_fonts(self) -> None:
+        font = self.font()
+        font.setPointSizeF(font.pointSizeF() * 1.25)
+        font.setBold(True)
+        self.heading.setFont(font)
+
+    def showEvent(self, event: Any) -> None:
+        super().showEvent(event)
+        self.show_details()
+
+    # -- showing -----------------------------------------------------------------------------------------------
+
+    def show_details(self) -> None:
+        """Shows the selected element as it is now, once it is visible. What is being edited stays."""
+        if not self.isVisible():
+            return  # `showEvent` does it
+        details = self._presenter.details()
+        before, self._shown = self._shown, details
+        for widget in (
+            self.label_edit,
+            self.properties,
+            self.relations,
+            self.pose_button,
+            self.add_property_button,
+            self.remove_property_button,
+            self.add_relation_button,
+            self.remove_relation_button,
+        ):
+            widget.setEnabled(details is not None)
+        if details is None:
+            self.heading.setText("No element is selected")
+            self.about.setText("Choose one in the tree on the left.")
+            self.label_edit.clear()
+            self.properties.rows.show_rows(())
+            self.relations.rows.show_rows(())
+            return
+        is_other = before is None or before.id != details.id
+        self.heading.setText(local_name(details.id))
+        self.about.setText(_about(details, self._presenter.author()))
+        self.about.setToolTip(details.type_description)
+        if is_other or not self.label_edit.isModified():  # else somebody is writing
+            self.label_edit.setText(details.label)
+        if is_other:  # nothing of the other element is to be kept
+            self.properties.rows.show_rows(())
+            self.relations.rows.show_rows(())
+        self.properties.rows.show_rows([_property_cells(row) for row in details.properties])
+        self.relations.rows.show_rows([_relation_cells(row) for row in details.relations])
+
+    # -- changing ----------------------------------------------------------------------------------------------
+
+    def _write_label(self) -> None:
+        details, label = self._shown, self.label_edit.text().strip()
+        if not self.label_edit.isModified():
+            return
+        self.label_edit.setModified(False)
+        if details is not None and label != details.label:
+            name = local_name(details.id)
+            self._presenter.change(f"label of {name}", lambda r: r.set_label(details.id, label))
+
+    def _write_value(self, row: PropertyRow, text: str) -> None:
+        self._write_values(row.key, [text] if text or row.kind is str else [])
+
+    def _write_values(self, key: str, texts: list[str]) -> None:
+        details = self._shown
+        if details is None:
+            return
+        what = f"{local_name(key)} of {local_name(details.id)}"
+        if key in ANGLES:
+            self._presenter.change(what, lambda r: r.set_angle(details.id, key, "".join(texts)))
+        else:
+            self._presenter.change(what, lambda r: r.set_values(details.id, key, texts))
+
+    def _edit_whole(self, index: Any) -> None:
+        row = self.properties.rows.rows[index.row()].item
+        if index.column() == _VALUE and not _in_place(row):
+            dialog = ValuesDialog(row, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.chosen.connect(lambda texts: self._write_values(row.key, texts))
+            dialog.open()
+
+    def add_property(self) -> None:
+        """Opens the dialog for another property."""
+        vocabulary, details = self._presenter.vocabulary, self._shown
+        if vocabulary is not None and details is not None:
+            dialog = PropertyDialog(vocabulary, details, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.chosen.connect(self._write_values)
+            dialog.open()
+
+    def remove_property(self) -> None:
+        """Takes the selected properties away."""
+        details, rows = self._shown, self.properties.chosen()
+        if details is not None and rows:
+            what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: [o for row in rows for o in r.remove_property(details.id, row.key)])
+
+    def edit_pose(self) -> None:
+        """Opens the dialog for the pose."""
+        details = self._shown
+        if details is None:
+            return
+
+        def chosen(position: list[float], angles: list[float]) -> None:
+            what = f"pose of {local_name(details.id)}"
+            self._presenter.change(what, lambda r: r.set_pose(details.id, position, angles))
+
+        dialog = PoseDialog(details, self)
+        dialog.setAttribute(Qt.WA_DeleteOnClose)
+        dialog.chosen.connect(chosen)
+        dialog.open()
+
+    def add_relation(self) -> None:
+        """Opens the dialog for another relation."""
+        if self._shown is not None and self._presenter.hierarchy is not None:
+            dialog = RelationDialog(self._presenter, self._shown.id, self)
+            dialog.setAttribute(Qt.WA_DeleteOnClose)
+            dialog.open()
+
+    def remove_relation(self) -> None:
+        """Takes the selected relations away."""
+        details, rows = self._shown, self.relations.chosen()
+        if details is None or not rows:
+            return
+        ends = [(details.id, r.predicate, r.other) if r.outgoing else (r.other, r.predicate, details.id) for r in rows]
+        what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
+        self._presenter.change(what, lambda r: [o for relation in ends for o in r.unrelate(*relation)])
+
+    def follow_relation(self) -> None:
+        """Goes to the element of the selected relation."""
+        rows = [row for row in self.relations.chosen() if row.is_element]
+        if rows:
+            self._presenter.select(rows[0].other)
+
+
+class _ValueDelegate(QStyledItemDelegate):
+    """The editor of one value: a choice for yes or no, a line for all else."""
+
+    def createEditor(self, parent: QWidget, option: Any, index: Any) -> QWidget:
+        row = index.model().rows[index.row()].item
+        if row.kind is bool:
+            box = QComboBox(parent)
+            box.addItems(("True", "False"))
+            return box
+        line = QLineEdit(parent)
+        line.setFrame(False)
+        line.setPlaceholderText(f"{row.kind_text}{f' in {row.unit}' if row.unit else ''}")
+        return line
+
+    def setEditorData(self, editor: QWidget, index: Any) -> None:
+        row = index.model().rows[index.row()].item
+        text = row.texts[0] if row.values else ""
+        if isinstance(editor, QComboBox):
+            editor.setCurrentText(text)
+        else:
+            editor.setText(text)
+
+    def setModelData(self, editor: QWidget, model: Any, index: Any) -> None:
+        text = editor.currentText() if isinstance(editor, QComboBox) else editor.text()
+        row = model.rows[index.row()].item
+        if text != (row.texts[0] if row.values else ""):
+            model.setData(index, text)
+
+
+def _in_place(row: PropertyRow) -> bool:
+    """Whether a value can be written in the table itself."""
+    is_one_line = all("\n" not in value for value in row.values if isinstance(value, str))
+    return row.is_plain and len(row.values) <= 1 and is_one_line
+
+
+def _property_cells(row: PropertyRow) -> Row:
+    text = row.text if row.is_plain else ", ".join(row.texts)
+    told = [row.key, row.description, f"Type: {row.kind_text}"]
+    if not _in_place(row):
+        told.append("A double click opens it")
+    shown = " ".join(text.split())
+    return Row((row.name, shown, row.unit), "\n".join(line for line in told if line), row)
+
+
+def _relation_cells(row: RelationRow) -> Row:
+    direction = "to" if row.outgoing else "from"
+    told = [row.predicate, row.description, row.other if row.is_element else f"{row.other}, a template"]
+    return Row((row.name, direction, row.other_text), "\n".join(line for line in told if line), row)
+
+
+def _about(details: Details, own: str) -> str:
+    words = f"{details.type}"
+    if details.author:
+        who = "this window" if details.author == own else details.author.strip("/")
+        words += f"  ·  last changed by {who}, {format_time(details.stamp)}"
+    return f"{words}\n{details.pose.text}" if details.pose is not None else words
+
+
+def _button(text: str, tip: str, clicked: Any) -> QPushButton:
+    button = QPushButton(text)
+    button.setToolTip(tip)
+    button.clicked.connect(lambda: clicked())
+    return button
+
+
+def _with_buttons(view: QWidget, *buttons: QPushButton) -> QWidget:
+    box = QWidget()
+    column = QVBoxLayout(box)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.addWidget(view, 1)
+    row = QHBoxLayout()
+    for button in buttons:
+        row.addWidget(button)
+    row.addStretch(1)
+    column.addLayout(row)
+    return box

@@ -1,0 +1,77 @@
+"""The search above the tree of the scene."""
+
+from __future__ import annotations
+
+from python_qt_binding.QtCore import QTimer
+from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QWidget
+
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.widgets.scene_model import SceneModel
+
+#: How long it waits for the next letter (ms).
+_DELAY = 150
+
+
+class ElementFinder(QWidget):
+    """Finds elements while one writes, and goes from one to the next."""
+
+    def __init__(self, presenter: WorldPresenter, model: SceneModel, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._model = model
+        self._found: list[str] = []
+        self.line = QLineEdit()
+        self.line.setObjectName("worldSearch")
+        self.line.setPlaceholderText("Find an element (Ctrl+F)")
+        self.line.setToolTip("Words of an id, a label or a value; Enter and F3 go to the next one, Shift+F3 back")
+        self.line.setClearButtonEnabled(True)
+        self.line.returnPressed.connect(lambda: self.go_to_next())
+        self.said = QLabel()
+        self._timer = QTimer(self)
+        self._timer.setInterval(_DELAY)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self.search)
+        self.line.textChanged.connect(lambda _: self._timer.start())
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.line, 1)
+        row.addWidget(self.said)
+        self.setFocusProxy(self.line)
+
+    def close_finder(self) -> None:
+        """The window closes."""
+        self._timer.stop()
+
+    def search(self) -> None:
+        """Finds anew: what is written, or the scene, is another one."""
+        self._timer.stop()
+        self._found = self._presenter.find(self.line.text())
+        self._model.show_found(self._found)
+        self._say()
+
+    def go_to_next(self, step: int = 1) -> None:
+        """Goes to the next element that was found.
+
+        :param step: -1 goes back.
+        """
+        if self._timer.isActive():
+            self.search()
+        if not self._found:
+            return
+        selected = self._presenter.selected
+        if selected in self._found:
+            at = (self._found.index(selected) + step) % len(self._found)
+        else:
+            at = 0 if step > 0 else -1
+        self._presenter.select(self._found[at])
+        self._say()
+
+    def _say(self) -> None:
+        count, selected = len(self._found), self._presenter.selected
+        if not self.line.text().strip():
+            self.said.setText("")
+        elif not count:
+            self.said.setText("none")
+        else:
+            place = f"{self._found.index(selected) + 1} of {count}" if selected in self._found else f"{count} found"
+            self.said.setText(place)

@@ -1,0 +1,127 @@
+"""What a validation found, and the history of the selected element."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.queries import WorldQueries
+from skiros2_gui.world.widgets.tables import Row, RowsModel, RowsView
+from skiros2_world_model.core.formatting import format_time
+from skiros2_world_model.core.report import VIOLATION, WARNING
+
+_COLOURS = {VIOLATION: "failure", WARNING: "paused"}
+
+
+class ReportPanel(QWidget):
+    """What is not as the ontologies and shapes want it; a click goes to the element."""
+
+    def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._queries = queries
+        self.said = QLabel("Not validated yet.")
+        self.said.setObjectName("validationSaid")
+        self.said.setWordWrap(True)
+        self.again = QPushButton("Validate")
+        self.again.setObjectName("validateButton")
+        self.again.setToolTip("Looks for what is not as the ontologies and shapes want it in the scene")
+        self.again.clicked.connect(lambda: queries.validate())
+        self.table = RowsView(RowsModel(("", "Element", "Property", "What")))
+        self.table.setObjectName("validationTable")
+        self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())
+        row = QHBoxLayout()
+        row.addWidget(self.said, 1)
+        row.addWidget(self.again)
+        column = QVBoxLayout(self)
+        column.addLayout(row)
+        column.addWidget(self.table, 1)
+        queries.hooks.report.append(self._show)
+
+    def _show(self) -> None:
+        report = self._queries.report
+        if report is None:
+            return
+        self.said.setText(f"{format_time(report.stamp)}: {report.summary}")
+        self.table.rows.show_rows(
+            [
+                Row(
+                    (f.severity, local_name(f.element), local_name(f.property), f.text),
+                    str(f),
+                    f,
+                    _COLOURS.get(f.severity, ""),
+                )
+                for f in report.findings
+            ]
+        )
+        self.table.resizeColumnsToContents()
+        self.table.horizontalHeader().setStretchLastSection(True)
+
+    def _go_to(self) -> None:
+        hierarchy = self._presenter.hierarchy
+        for finding in self.table.chosen():
+            if hierarchy is not None and finding.element in hierarchy.scene:
+                self._presenter.select(finding.element)
+
+
+class HistoryPanel(QWidget):
+    """Who has changed the selected element, when, and what. Fetched while it is visible."""
+
+    def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presenter = presenter
+        self._queries = queries
+        self.said = QLabel()
+        self.said.setObjectName("historySaid")
+        self.said.setWordWrap(True)
+        self.again = QPushButton("Refresh")
+        self.again.setToolTip("Fetches the history anew")
+        self.again.clicked.connect(lambda: self.show_element(anew=True))
+        self.table = RowsView(RowsModel(("When", "Who", "What")))
+        self.table.setObjectName("historyTable")
+        row = QHBoxLayout()
+        row.addWidget(self.said, 1)
+        row.addWidget(self.again)
+        column = QVBoxLayout(self)
+        column.addLayout(row)
+        column.addWidget(self.table, 1)
+        queries.hooks.history.append(self._show)
+
+    def showEvent(self, event: Any) -> None:
+        super().showEvent(event)
+        self.show_element(anew=True)
+
+    def show_element(self, anew: bool = False) -> None:
+        """Another element may be selected.
+
+        :param anew: or the same one has changed.
+        """
+        if self.isVisible() and (anew or self._queries.history.eid != self._presenter.selected):
+            self._queries.fetch_history(self._presenter.selected)
+
+    def _show(self) -> None:
+        past = self._queries.history
+        name = local_name(past.eid)
+        if not past.eid:
+            self.said.setText("No element is selected.")
+        elif past.entries is None:
+            self.said.setText(f"{name}: asking…")
+            return
+        elif past.text:
+            self.said.setText(past.text[:1].upper() + past.text[1:])
+        else:
+            self.said.setText(f"{name}: {len(past.entries)} changes, the newest first")
+        rows = []
+        for entry in past.entries or ():
+            own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
+            who = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
+            tip = "\n".join([f"{format_time(entry.stamp)}, {entry.author}", *own])
+            rows.append(Row((format_time(entry.stamp), who, "   ".join(own)), tip, entry.number))
+        self.table.rows.show_rows(rows)
+        self.table.resizeColumnsToContents()
+        most = self.table.fontMetrics().averageCharWidth() * 24
+        self.table.setColumnWidth(1, min(self.table.columnWidth(1), most))
+        self.table.horizontalHeader().setStretchLastSection(True)

@@ -1,0 +1,220 @@
+"""The tree of the scene for Qt's views."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+from python_qt_binding.QtCore import QAbstractItemModel, QMimeData, QModelIndex, Qt, Signal
+from python_qt_binding.QtGui import QColor, QFont
+
+from skiros2_common.core.names import local_name
+from skiros2_gui.app.widgets import theme
+from skiros2_gui.world.details import shown_name
+from skiros2_gui.world.presenter import WorldPresenter
+from skiros2_gui.world.scene import TOP, UNPLACED
+from skiros2_world_model.core.scene import ROOT
+
+HEADERS = ("Element", "Class", "Changed by")
+#: The index that rows of the top have as their parent.
+_NOWHERE = QModelIndex()
+#: Of other roles there is nothing to say; views ask for many.
+_ROLES = frozenset(
+    (Qt.DisplayRole, Qt.AccessibleTextRole, Qt.ToolTipRole, Qt.ForegroundRole, Qt.BackgroundRole, Qt.FontRole)
+)
+_MIME = "application/x-skiros-elements"
+
+
+class SceneModel(QAbstractItemModel):
+    """The presenter's tree: nothing of it is kept here but a number for each element that a view has asked for."""
+
+    #: Elements were dropped on another one: their ids, and its id.
+    dropped = Signal(list, str)
+    #: Something is drawn in another way.
+    redrawn = Signal()
+
+    def __init__(self, presenter: WorldPresenter) -> None:
+        super().__init__()
+        self._presenter = presenter
+        self._numbers: dict[str, int] = {}
+        self._ids: list[str] = []
+        self._found: frozenset[str] = frozenset()
+        self._changed: dict[str, None] = {}
+        self._end_rows: Any = None
+
+    # -- what the presenter tells ------------------------------------------------------------------------------
+
+    def show_scene(self) -> None:
+        """The scene is another one."""
+        self.beginResetModel()
+        self._numbers.clear()
+        self._ids.clear()
+        if self._presenter.hierarchy is not None:
+            self._presenter.hierarchy.view = self
+        self.endResetModel()
+
+    def begin_insert(self, parent: str, row: int) -> None:
+        self.beginInsertRows(self.index_of(parent), row, row)
+        self._end_rows = self.endInsertRows
+
+    def begin_remove(self, parent: str, row: int) -> None:
+        self.beginRemoveRows(self.index_of(parent), row, row)
+        self._end_rows = self.endRemoveRows
+
+    def begin_reset(self) -> None:
+        self.beginResetModel()
+        self._end_rows = self.endResetModel
+
+    def end(self) -> None:
+        self._end_rows()
+
+    def element_changed(self, eid: str) -> None:
+        self._changed[eid] = None
+
+    def changes_ended(self) -> None:
+        rows: dict[str, list[int]] = {}
+        hierarchy, element_changed = self._presenter.hierarchy, self._changed
+        self._changed = {}
+        for eid in element_changed:
+            if hierarchy is not None and eid in self._numbers and hierarchy.is_shown(eid):
+                rows.setdefault(hierarchy.parent(eid), []).append(hierarchy.row(eid))
+        for parent, some in rows.items():
+            above = self.index_of(parent)
+            first, last = self.index(min(some), 0, above), self.index(max(some), len(HEADERS) - 1, above)
+            if first.isValid() and last.isValid():
+                self.dataChanged.emit(first, last)
+
+    def show_found(self, ids: Iterable[str]) -> None:
+        """These are written in bold."""
+        self._found = frozenset(ids)
+        self.redrawn.emit()
+
+    # -- elements and indexes ----------------------------------------------------------------------------------
+
+    def index_of(self, eid: str) -> QModelIndex:
+        """Where an element is shown; an invalid index when it is not."""
+        hierarchy = self._presenter.hierarchy
+        if hierarchy is None or eid == TOP or not hierarchy.is_shown(eid):
+            return QModelIndex()
+        row = hierarchy.row(eid)
+        return self.createIndex(row, 0, self._number(eid)) if row >= 0 else QModelIndex()
+
+    def element(self, index: QModelIndex) -> str:
+        """The element of an index; `TOP` of an invalid one."""
+        return self._ids[index.internalId()] if index.isValid() else TOP
+
+    def _number(self, eid: str) -> int:
+        number = self._numbers.get(eid)
+        if number is None:
+            number = self._numbers[eid] = len(self._ids)
+            self._ids.append(eid)
+        return number
+
+    # -- what Qt asks ------------------------------------------------------------------------------------------
+
+    def index(self, row: int, column: int, parent: QModelIndex = _NOWHERE) -> QModelIndex:
+        hierarchy = self._presenter.hierarchy
+        above = self.element(parent)
+        if hierarchy is None or not 0 <= row < hierarchy.count(above) or not 0 <= column < len(HEADERS):
+            return QModelIndex()
+        return self.createIndex(row, column, self._number(hierarchy.child(above, row)))
+
+    def parent(self, index: QModelIndex) -> QModelIndex:
+        hierarchy = self._presenter.hierarchy
+        if hierarchy is None or not index.isValid():
+            return QModelIndex()
+        return self.index_of(hierarchy.parent(self.element(index)))
+
+    def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
+        hierarchy = self._presenter.hierarchy
+        return 0 if hierarchy is None or parent.column() > 0 else hierarchy.count(self.element(parent))
+
+    def hasChildren(self, parent: QModelIndex = _NOWHERE) -> bool:
+        hierarchy = self._presenter.hierarchy
+        return hierarchy is not None and parent.column() <= 0 and hierarchy.has_children(self.element(parent))
+
+    def columnCount(self, parent: QModelIndex = _NOWHERE) -> int:
+        return len(HEADERS)
+
+    def headerData(self, section: int, orientation: int, role: int = Qt.DisplayRole) -> Any:
+        return HEADERS[section] if role == Qt.DisplayRole and orientation == Qt.Horizontal else None
+
+    def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
+        hierarchy = self._presenter.hierarchy
+        if role not in _ROLES or hierarchy is None or not index.isValid():
+            return None
+        eid = self._ids[index.internalId()]
+        if role in (Qt.DisplayRole, Qt.AccessibleTextRole):
+            return self._text(eid, index.column())
+        if role == Qt.ToolTipRole:
+            return self._tip(eid)
+        mark = self._presenter.highlights.get(eid)
+        if role == Qt.ForegroundRole:
+            if mark is not None:
+                return theme.role_colour("changed")
+            if eid == UNPLACED:
+                return theme.role_colour("idle")
+        if role == Qt.BackgroundRole and mark is not None:
+            colour = QColor(theme.role_colour("changed"))
+            colour.setAlpha(40)
+            return colour
+        if role == Qt.FontRole and (eid in self._found or eid == UNPLACED):
+            font = QFont()
+            font.setBold(eid in self._found)
+            font.setItalic(eid == UNPLACED)
+            return font
+        return None
+
+    def _text(self, eid: str, column: int) -> str:
+        hierarchy = self._presenter.hierarchy
+        assert hierarchy is not None
+        if column == 0:
+            name = shown_name(hierarchy, eid)
+            return f"{name} ({hierarchy.count(UNPLACED)})" if eid == UNPLACED else name
+        node = hierarchy.scene.record(eid)
+        if column == 1:
+            return local_name(node.type) if node is not None else ""
+        mark = self._presenter.highlights.get(eid)
+        return f"● {mark.author.strip('/')}" if mark is not None else ""
+
+    def _tip(self, eid: str) -> str:
+        hierarchy, vocabulary = self._presenter.hierarchy, self._presenter.vocabulary
+        assert hierarchy is not None
+        if eid == UNPLACED:
+            return "Elements that no other one contains or has: skills, parameters, and what was never placed"
+        node = hierarchy.scene.record(eid)
+        if node is None:
+            return eid
+        lines = [eid, vocabulary.description(node.type) if vocabulary is not None else ""]
+        if node.provenance.author:
+            when = time.strftime("%H:%M:%S", time.localtime(node.provenance.stamp))
+            lines.append(f"Last changed by {node.provenance.author.strip('/')} at {when}")
+        return "\n".join(line for line in lines if line)
+
+    # -- drag and drop -----------------------------------------------------------------------------------------
+
+    def flags(self, index: QModelIndex) -> Any:
+        flags = super().flags(index)
+        eid = self.element(index)
+        if eid in (TOP, UNPLACED):
+            return flags
+        return flags | Qt.ItemIsDropEnabled | (Qt.ItemIsDragEnabled if eid != ROOT else Qt.NoItemFlags)
+
+    def supportedDropActions(self) -> Any:
+        return Qt.MoveAction
+
+    def mimeTypes(self) -> list[str]:
+        return [_MIME]
+
+    def mimeData(self, indexes: list[QModelIndex]) -> QMimeData:
+        data = QMimeData()
+        ids = dict.fromkeys(self.element(index) for index in indexes)
+        data.setData(_MIME, "\n".join(ids).encode())
+        return data
+
+    def dropMimeData(self, data: QMimeData, action: int, row: int, column: int, parent: QModelIndex) -> bool:
+        target = self.element(parent)
+        if data.hasFormat(_MIME) and target not in (TOP, UNPLACED):
+            self.dropped.emit(bytes(data.data(_MIME)).decode().splitlines(), target)
+        return False  # the tree changes when the scene has

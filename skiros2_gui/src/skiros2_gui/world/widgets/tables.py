@@ -1,0 +1,152 @@
+"""Tables of the scene tab: rows of texts that stay where they are while they are brought up to date."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from python_qt_binding.QtCore import QAbstractTableModel, QEvent, QModelIndex, Qt
+from python_qt_binding.QtGui import QFont, QFontDatabase, QGuiApplication, QKeySequence
+from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QShortcut, QTableView, QWidget
+
+from skiros2_gui.app.widgets import theme
+
+#: The index that all rows of a table have as their parent.
+_NOWHERE = QModelIndex()
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table.
+
+    :param cells: texts.
+    :param tip: the tooltip of all cells.
+    :param item: what the row stands for.
+    :param colour: of the texts: the name of a signal colour; "" the usual.
+    """
+
+    cells: tuple[str, ...]
+    tip: str = ""
+    item: Any = None
+    colour: str = ""
+
+
+class RowsModel(QAbstractTableModel):
+    """Rows of texts.
+
+    :param write: called with a row's item and a text that the user has written in its `editable` column; None:
+        nothing can be written.
+    """
+
+    def __init__(
+        self,
+        headers: Sequence[str],
+        editable: int = -1,
+        write: Callable[[Any, str], None] | None = None,
+        can_write: Callable[[Any], bool] | None = None,
+    ) -> None:
+        super().__init__()
+        self.headers = tuple(headers)
+        self.rows: tuple[Row, ...] = ()
+        self._editable = editable
+        self._write = write
+        self._can_write = can_write
+
+    def show_rows(self, rows: Sequence[Row], headers: Sequence[str] | None = None) -> None:
+        """Shows other rows. Of as many as before, those that are other are drawn anew, and the selection stays."""
+        rows, headers = tuple(rows), self.headers if headers is None else tuple(headers)
+        if headers != self.headers or [r.cells[:1] for r in rows] != [r.cells[:1] for r in self.rows]:
+            self.beginResetModel()
+            self.rows, self.headers = rows, headers
+            self.endResetModel()
+            return
+        before, self.rows = self.rows, rows
+        for i, (was, now) in enumerate(zip(before, rows, strict=True)):
+            if was != now:
+                self.dataChanged.emit(self.index(i, 0), self.index(i, len(self.headers) - 1))
+
+    def rowCount(self, parent: QModelIndex = _NOWHERE) -> int:
+        return 0 if parent.isValid() else len(self.rows)
+
+    def columnCount(self, parent: QModelIndex = _NOWHERE) -> int:
+        return 0 if parent.isValid() else len(self.headers)
+
+    def headerData(self, section: int, orientation: int, role: int = Qt.DisplayRole) -> Any:
+        if role == Qt.DisplayRole and orientation == Qt.Horizontal and section < len(self.headers):
+            return self.headers[section]
+        if role == Qt.TextAlignmentRole and orientation == Qt.Horizontal:
+            return int(Qt.AlignLeft | Qt.AlignVCenter)
+        return None
+
+    def data(self, index: QModelIndex, role: int = Qt.DisplayRole) -> Any:
+        row = self.rows[index.row()]
+        if role in (Qt.DisplayRole, Qt.EditRole):
+            return row.cells[index.column()] if index.column() < len(row.cells) else ""
+        if role == Qt.ToolTipRole:
+            return row.tip or None
+        if role == Qt.ForegroundRole and row.colour:
+            return theme.role_colour(row.colour)
+        return None
+
+    def setData(self, index: QModelIndex, value: Any, role: int = Qt.EditRole) -> bool:
+        if role == Qt.EditRole and self._write is not None and str(value) != self.data(index):
+            self._write(self.rows[index.row()].item, str(value))
+        return False  # it is shown when the world model has it
+
+    def flags(self, index: QModelIndex) -> Any:
+        flags = super().flags(index)
+        item = self.rows[index.row()].item
+        if index.column() == self._editable and (self._can_write is None or self._can_write(item)):
+            flags |= Qt.ItemIsEditable
+        return flags
+
+
+class RowsView(QTableView):
+    """A table of rows: one is selected as a whole; Ctrl+C copies what is selected."""
+
+    def __init__(self, model: RowsModel, stretched: int = -1, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setModel(model)
+        self.rows = model
+        self.setSelectionBehavior(QAbstractItemView.SelectRows)
+        self.setAlternatingRowColors(True)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.setTextElideMode(Qt.ElideRight)
+        self.verticalHeader().hide()
+        self._set_height()
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        if stretched >= 0:
+            header.setResizeContentsPrecision(0)  # by what is in sight
+            header.setSectionResizeMode(QHeaderView.ResizeToContents)
+            header.setSectionResizeMode(stretched, QHeaderView.Stretch)
+        else:
+            header.setStretchLastSection(True)
+        QShortcut(QKeySequence(QKeySequence.Copy), self, self.copy, context=Qt.WidgetShortcut)
+
+    def changeEvent(self, event: Any) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.FontChange:
+            self._set_height()
+
+    def _set_height(self) -> None:
+        self.verticalHeader().setMinimumSectionSize(1)
+        self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.35))
+
+    def chosen(self) -> list[Any]:
+        """What the selected rows stand for."""
+        return [self.rows.rows[index.row()].item for index in self.selectionModel().selectedRows()]
+
+    def copy(self) -> None:
+        """Puts the selected rows on the clipboard, their cells parted by tabs."""
+        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
+        QGuiApplication.clipboard().setText("\n".join("\t".join(self.rows.rows[row].cells) for row in rows))
+
+
+def fixed_font() -> QFont:
+    """A font whose letters are equally wide. It says nothing of the size, which stays that of other text."""
+    font = QFont()
+    font.setFamily(QFontDatabase.systemFont(QFontDatabase.FixedFont).family())
+    return font

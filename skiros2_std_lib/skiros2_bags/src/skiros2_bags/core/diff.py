@@ -1,0 +1,272 @@
+"""Differences between two runs: goals, tasks, node states, changes of the world model, final scene.
+
+Runs are matched by order: the n-th task of a robot with the n-th task of that robot, the n-th change by an author with
+the n-th change by that author. The order between robots is not compared. A sequence is compared up to its first
+difference, since one missing entry shifts the rest. Pose updates are not compared one by one, only the final poses.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from skiros2_bags.core.message import MONITOR, PROGRESS
+from skiros2_bags.core.run import Run
+from skiros2_bags.core.task_run import FAILURE, STATES, SUCCESS, NodeRun, NodeState, TaskRun
+from skiros2_bags.core.tolerance import NARROW, Tolerance, diff_changes, diff_elements, same_text, summary
+from skiros2_bags.core.world_history import TimedChange
+from skiros2_common.core.names import id_order
+from skiros2_common.core.world_element import Element
+from skiros2_world_model.core.apply_change import apply_change
+from skiros2_world_model.core.changes import UPDATE, Change
+from skiros2_world_model.core.scene import Scene
+
+_NOTHING = "nothing more"
+
+
+class Kind(StrEnum):
+    """The subject of a difference."""
+
+    GOAL = "goal"
+    TASK = "task"
+    NODE = "node"
+    CHANGE = "change"
+    SCENE = "scene at the end"
+
+
+#: Order of differences at the same time: the most specific subject first.
+_ORDER = {kind: number for number, kind in enumerate((Kind.NODE, Kind.CHANGE, Kind.TASK, Kind.GOAL, Kind.SCENE))}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One difference.
+
+    :param time: when it first occurred, in the earlier of the two runs (s since the start of that run).
+    :param where: the goal, task, node, author or element.
+    :param expected: the value in the first run.
+    :param got: the value in the second run.
+    """
+
+    kind: Kind
+    time: float
+    where: str
+    expected: str
+    got: str
+
+
+def diff_runs(run: Run, other: Run, tolerance: Tolerance = NARROW) -> list[Difference]:
+    """Returns the differences of two runs, the first divergence first.
+
+    :param run: the expected run.
+    :param tolerance: of measured numbers.
+    :raises BagError: a bag cannot be read, or lacks changes of the world model.
+    """
+    found = [*_goals(run, other), *_tasks(run, other), *_changes(run, other, tolerance)]
+    return sorted(found, key=lambda d: (d.time, _ORDER[d.kind])) + list(_scene(run, other, tolerance))
+
+
+# -- goals ------------------------------------------------------------------------------------------------------------
+
+
+def _goals(run: Run, other: Run) -> Iterator[Difference]:
+    """Yields the first different goal; else the first different outcome."""
+    for texts_of in (_goal_texts, _outcomes):
+        expected, got = texts_of(run), texts_of(other)
+        found = _first_difference([text for _, text in expected], [text for _, text in got])
+        if found is not None:
+            yield _difference(Kind.GOAL, f"goal {found + 1}", found, expected, got)
+            return
+
+
+def _goal_texts(run: Run) -> list[tuple[float, str]]:
+    return [(goal.time - run.start, goal.goals) for goal in run.goals()]
+
+
+def _outcomes(run: Run) -> list[tuple[float, str]]:
+    ends = [(goal, run.end if goal.end is None else goal.end) for goal in run.goals()]
+    return [(end - run.start, f"{goal.goals}: {goal.state or 'no answer'}") for goal, end in ends]
+
+
+# -- tasks ------------------------------------------------------------------------------------------------------------
+
+
+def _tasks(run: Run, other: Run) -> Iterator[Difference]:
+    expected, got = (_by_robot(r) for r in (run, other))
+    for robot in sorted({*expected, *got}):
+        tasks = [[(t.start - r.start, _task_text(t)) for t in found[robot]] for r, found in
+                 ((run, expected), (other, got))]  # fmt: skip
+        first = _first_difference([text for _, text in tasks[0]], [text for _, text in tasks[1]])
+        for number, (one, two) in enumerate(zip(expected[robot][:first], got[robot][:first], strict=False), 1):
+            yield from _nodes(f"{robot}, task {number}", one, two, run.start, other.start)
+        if first is not None:
+            yield _difference(Kind.TASK, f"{robot}, task {first + 1}", first, *tasks)
+
+
+def _by_robot(run: Run) -> dict[str, list[TaskRun]]:
+    tasks = defaultdict(list)
+    for task in run.tasks() if PROGRESS in run.topics.values() else []:
+        tasks[task.robot].append(task)
+    return tasks
+
+
+def _task_text(task: TaskRun) -> str:
+    return ", ".join(node.name for node in task.nodes.values() if node.depth == 1) or "an empty task"
+
+
+def _nodes(where: str, one: TaskRun, two: TaskRun, start: float, other_start: float) -> Iterator[Difference]:
+    """Yields the first node, by time, whose states differ; of several at that time, the deepest."""
+    expected, got = _nodes_by_path(one), _nodes_by_path(two)
+    found = []
+    for path in dict.fromkeys([*expected, *got]):
+        sides = [
+            [(s.time - begin, _state_text(s)) for s in _ends(nodes.get(path))]
+            for nodes, begin in ((expected, start), (got, other_start))
+        ]
+        number = _first_different_end(_ends(expected.get(path)), _ends(got.get(path)))
+        if number is not None:
+            name = " / ".join(path)
+            found.append((len(path), _difference(Kind.NODE, f"{where}: {name}", number, *sides)))
+    if found:
+        yield min(found, key=lambda entry: (round(entry[1].time, 3), -entry[0]))[1]
+
+
+def _nodes_by_path(task: TaskRun) -> dict[tuple[str, ...], NodeRun]:
+    """Returns the nodes by the names from the root to them; siblings with the same name are numbered."""
+    paths: dict[int, tuple[str, ...]] = {}
+    found: dict[tuple[str, ...], NodeRun] = {}
+    for node in task.nodes.values():
+        parent = paths.get(node.parent_id, ()) if node.depth else ()
+        path, number = (*parent, node.name), 1
+        while path in found:
+            number += 1
+            path = (*parent, f"{node.name} ({number})")
+        paths[node.id] = path
+        found[path] = node
+    return found
+
+
+def _ends(node: NodeRun | None) -> list[NodeState]:
+    """Returns the end states of a node and its last state; when it was seen running depends on timing."""
+    if node is None:
+        return []
+    states = node.state_changes()
+    return [s for s in states if s.state in (SUCCESS, FAILURE) or s is states[-1]]
+
+
+def _first_different_end(expected: Sequence[NodeState], got: Sequence[NodeState]) -> int | None:
+    for number, (one, two) in enumerate(zip(expected, got, strict=False)):
+        if one.state != two.state or (one.state == FAILURE and not same_text(one.message, two.message, NARROW)):
+            return number
+    return None if len(expected) == len(got) else min(len(expected), len(got))
+
+
+def _state_text(state: NodeState) -> str:
+    text = STATES.get(state.state, str(state.state))
+    return f"{text}: {state.message}" if state.message else text
+
+
+# -- the world --------------------------------------------------------------------------------------------------------
+
+
+def _changes(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]:
+    expected, got = (_by_author(r) for r in (run, other))
+    for author in sorted({*expected, *got}):
+        one, two = expected[author], got[author]
+        for number in range(max(len(one), len(two))):
+            both = number < len(one) and number < len(two)
+            lines = diff_changes(one[number].change, two[number].change, tolerance) if both else []
+            if both and not lines:
+                continue
+            sides = [[(t.time - r.start, summary(t.change)) for t in side] for r, side in ((run, one), (other, two))]
+            difference = _difference(Kind.CHANGE, f"change {number + 1} by {author}", number, *sides)
+            if lines and difference.expected == difference.got:
+                got_text = "; ".join(lines)
+                difference = Difference(
+                    difference.kind, difference.time, difference.where, difference.expected, got_text
+                )
+            yield difference
+            break
+
+
+def _by_author(run: Run) -> dict[str, list[TimedChange]]:
+    changes = defaultdict(list)
+    for timed in without_moves(run.changes()) if MONITOR in run.topics.values() else []:
+        changes[timed.change.author].append(timed)
+    return changes
+
+
+def _scene(run: Run, other: Run, tolerance: Tolerance) -> Iterator[Difference]:
+    if MONITOR not in run.topics.values() or MONITOR not in other.topics.values():
+        return
+    expected, got = run.world(), other.world()
+    for eid in sorted({node.id for scene in (expected, got) for node in scene}, key=id_order):
+        one, two = expected.element(eid), got.element(eid)
+        if one is None or two is None:
+            there = [f'there, "{e.label}"' if e is not None else "not there" for e in (one, two)]
+            yield Difference(Kind.SCENE, run.end - run.start, eid, *there)
+        else:
+            for text in diff_elements(one, two, tolerance):
+                yield Difference(Kind.SCENE, run.end - run.start, f'{eid} "{one.label}"', "", text)
+
+
+# -- sequences --------------------------------------------------------------------------------------------------------
+
+
+def _first_difference(expected: Sequence[str], got: Sequence[str]) -> int | None:
+    for number, (one, two) in enumerate(zip(expected, got, strict=False)):
+        if one != two:
+            return number
+    return None if len(expected) == len(got) else min(len(expected), len(got))
+
+
+def _difference(
+    kind: Kind, where: str, number: int, expected: Sequence[tuple[float, str]], got: Sequence[tuple[float, str]]
+) -> Difference:
+    """Returns the difference of two sequences of (time, text) at an index."""
+    one, two = (side[number] if number < len(side) else None for side in (expected, got))
+    time = min(entry[0] for entry in (one, two) if entry is not None)
+    return Difference(kind, time, where, *(entry[1] if entry is not None else _NOTHING for entry in (one, two)))
+
+
+_POSE = re.compile(r"skiros:(Position[XYZ]|Orientation[XYZW]|TfTimeStamp)")
+
+
+def without_moves(changes: Iterable[TimedChange]) -> list[TimedChange]:
+    """Returns the changes that are not pose updates.
+
+    :param changes: all changes of a run, in order.
+    """
+    scene = Scene()
+    kept = []
+    for timed in changes:
+        if not _only_moves(scene, timed.change):
+            kept.append(timed)
+        apply_change(scene, timed.change)
+    return kept
+
+
+def _only_moves(scene: Scene, change: Change) -> bool:
+    if change.action != UPDATE or change.relations or not change.elements:
+        return False
+    return all(_is_moved(scene.element(element.id), element) for element in change.elements)
+
+
+def _is_moved(before: Element | None, after: Element) -> bool:
+    """Whether two versions of an element differ in nothing but the pose."""
+    if before is None or (before.type, before.label) != (after.type, after.label) or _facts(before) != _facts(after):
+        return False
+    keys = {*before._props, *after._props}
+    return all(_POSE.fullmatch(key) for key in keys if _values(before, key) != _values(after, key))
+
+
+def _facts(element: Element) -> set[tuple[str, ...]]:
+    return {(r["src"], r["type"], r["dst"]) for r in element._rels}
+
+
+def _values(element: Element, key: str) -> list[object] | None:
+    prop = element._props.get(key)
+    return prop.values if prop is not None else None

@@ -1,0 +1,188 @@
+"""Publishes the state of the simulated world: clock, tf, joints, odometry, wrenches, contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import rospy
+from geometry_msgs.msg import Point, WrenchStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from skiros2_sim.core.faults import DelayLine
+from skiros2_sim.core.robot import Robot
+from skiros2_sim.core.robot_model import BASE_LINK
+from skiros2_sim.core.stepper import Stepper
+from skiros2_sim.core.world import RATE, World
+from skiros2_sim.ros.frames import ODOM, Frames
+from skiros2_sim.ros.messages import pose_message, twist_message, wrench_message
+from skiros2_sim_msgs.msg import Contact, Contacts
+from skiros2_std_reasoners.ros.packed_transforms import PackedTransforms
+
+#: Steps between two messages: 60, 30 and 20 Hz of simulated time.
+_CLOCK, _STATE, _CONTACTS = RATE // 60, RATE // 30, RATE // 20
+#: Contacts are published on change, and after this number of steps while there are any.
+_CONTACTS_ANYWAY = RATE
+
+
+class SimulatedClock:
+    """The ROS time of the simulated world. Not reset with the world.
+
+    :param stepper: counts the steps.
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        self._stepper = stepper
+
+    @property
+    def now(self) -> Any:
+        """The current time. Starts with the first step, as rospy treats 0 as "no time"."""
+        seconds, steps = divmod(self._stepper.count + 1, RATE)
+        return rospy.Time(seconds, steps * 1_000_000_000 // RATE)
+
+    @property
+    def seconds(self) -> float:
+        return (self._stepper.count + 1) / RATE
+
+
+class LateTopic:
+    """A sensor's topic, which a fault may delay.
+
+    :param targets: ids of the elements of the fault.
+    """
+
+    def __init__(self, name: str, kind: Any, targets: Iterable[str], queue_size: int = 10) -> None:
+        self._publisher = rospy.Publisher(name, kind, queue_size=queue_size)
+        self._targets = tuple(targets)
+        self._line: DelayLine[Any] = DelayLine()
+
+    @property
+    def has_subscribers(self) -> bool:
+        return bool(self._publisher.get_num_connections() > 0)
+
+    def put(self, world: World, message: Any) -> None:
+        """Adds a measurement with the current time."""
+        self._line.put(world.time, message)
+
+    def send(self, world: World) -> None:
+        """Publishes the measurements that are due."""
+        for message in self._line.due(world.time, max(map(world.faults.lag, self._targets), default=0.0)):
+            self._publisher.publish(message)
+
+    def clear(self) -> None:
+        """Discards unpublished measurements, after a reset of the world."""
+        self._line = DelayLine()
+
+
+class StatePublisher:
+    """Publishes the state of the world after its steps, in the stepping thread."""
+
+    def __init__(self, world: World, stepper: Stepper, clock: SimulatedClock, frames: Frames) -> None:
+        self._world = world
+        self._stepper = stepper
+        self._clock = clock
+        self._frames = frames
+        # latched for nodes that start while the world is paused
+        self._clock_topic = rospy.Publisher("/clock", Clock, queue_size=10, latch=True)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
+        self._packed = PackedTransforms()
+        self._contacts = rospy.Publisher("~contacts", Contacts, queue_size=10, latch=True)
+        self._pairs: list[tuple[str, str]] = []
+        self._contacts_count = 0
+        self._state_count = -1
+        self._sensors: list[tuple[LateTopic, Callable[[], Any]]] = []
+        for robot in world.robots.values():
+            self._add_sensors(robot)
+
+    def after_step(self) -> None:
+        """Publishes what is due."""
+        count = self._stepper.count
+        if count % _CLOCK == 0:
+            self._clock_topic.publish(self._clock.now)
+        if count % _STATE == 0:
+            self._publish_state()
+        if count % _CONTACTS == 0:
+            self._publish_contacts()
+
+    def publish_all(self) -> None:
+        """Publishes everything now: after a change of the world, or before a pause."""
+        self._clock_topic.publish(self._clock.now)
+        self._publish_state()
+        self._publish_contacts()
+
+    def clear(self) -> None:
+        """Discards delayed measurements, after a reset of the world."""
+        for topic, _ in self._sensors:
+            topic.clear()
+
+    def _add_sensors(self, robot: Robot) -> None:
+        base = robot.spec.base
+        late = [robot.id, *([base.id] if base is not None else [])]
+        self._add(LateTopic(f"/{robot.name}/joint_states", JointState, (robot.id, *robot.arms)), self._joints, robot.id)
+        if robot.mobile:
+            self._add(LateTopic(f"/{robot.name}/odom", Odometry, late), self._odometry, robot.id)
+        for arm in robot.spec.arms:
+            if arm.id in robot.arms:
+                self._add(LateTopic(arm.wrench_topic, WrenchStamped, (robot.id, arm.id)), self._wrench, arm.id)
+
+    def _add(self, topic: LateTopic, message: Callable[[str], Any], eid: str) -> None:
+        self._sensors.append((topic, lambda: message(eid)))
+
+    def _publish_state(self) -> None:
+        if self._state_count == self._stepper.count:
+            return  # tf accepts one transform per time
+        self._state_count = self._stepper.count
+        now = self._clock.now
+        for parent, name, pose in self._frames.moved(self._world):
+            self._packed.put(name, parent, name, pose)
+        self._tf.publish(self._packed.message(now, 0.0))
+        for topic, message in self._sensors:
+            if topic.has_subscribers:
+                topic.put(self._world, message())
+            topic.send(self._world)
+
+    def _joints(self, eid: str) -> Any:
+        robot = self._world.robots[eid]
+        joints = list(robot.joints.values())
+        states = self._world.bullet.getJointStates(robot.body, [joint.index for joint in joints]) if joints else ()
+        return JointState(
+            header=Header(stamp=self._clock.now),
+            name=[joint.name for joint in joints],
+            position=[state[0] for state in states],
+            velocity=[state[1] for state in states],
+            effort=[state[3] for state in states],
+        )
+
+    def _odometry(self, eid: str) -> Any:
+        robot = self._world.robots[eid]
+        message = Odometry()
+        message.header = Header(stamp=self._clock.now, frame_id=f"{robot.name}/{ODOM}")
+        message.child_frame_id = f"{robot.name}/{BASE_LINK}"
+        message.pose.pose = pose_message(robot.pose())
+        vx, vy, turn = robot.velocity()
+        message.twist.twist = twist_message((vx, vy, 0.0), (0.0, 0.0, turn))
+        return message
+
+    def _wrench(self, eid: str) -> Any:
+        arm = self._world.arms[eid]
+        robot = next(robot for robot in self._world.robots.values() if eid in robot.arms)
+        header = Header(stamp=self._clock.now, frame_id=f"{robot.name}/{arm.name}/tool")
+        return WrenchStamped(header, wrench_message(arm.wrench()))
+
+    def _publish_contacts(self) -> None:
+        contacts = self._world.contacts()
+        pairs = [(contact.first, contact.second) for contact in contacts]
+        count = self._stepper.count
+        if pairs == self._pairs and not (pairs and count - self._contacts_count >= _CONTACTS_ANYWAY):
+            return
+        self._pairs, self._contacts_count = pairs, count
+        self._contacts.publish(
+            Contacts(
+                Header(stamp=self._clock.now, frame_id=self._frames.map),
+                [Contact(c.first, c.second, Point(*c.position), c.force) for c in contacts],
+            )
+        )

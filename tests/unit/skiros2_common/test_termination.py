@@ -1,0 +1,67 @@
+"""Programs that are told to end, and the processes that they end."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+from skiros2_common.core.processes import descendants, end_processes
+from skiros2_common.core.termination import TERMINATION_SIGNALS, Terminated, TerminationSignals, exit_status
+from support.programs import ProcessId
+from support.ros import wait_until
+
+
+@pytest.fixture
+def before() -> Iterator[list[object]]:
+    """The handlers of the process; those that a test has left behind go."""
+    handlers = [signal.getsignal(number) for number in TERMINATION_SIGNALS]
+    yield list(handlers)
+    for number, handler in zip(TERMINATION_SIGNALS, handlers, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", TERMINATION_SIGNALS)
+def test_a_signal_to_end_is_an_exception(number: signal.Signals, before: list[object]) -> None:
+    with pytest.raises(Terminated, match=number.name) as ended, TerminationSignals():
+        signal.raise_signal(number)
+    assert exit_status(ended.value) == 128 + number
+    assert [signal.getsignal(n) for n in TERMINATION_SIGNALS] == before
+
+
+def test_only_the_first_signal_disturbs(before: list[object]) -> None:
+    with pytest.raises(Terminated) as ended, TerminationSignals():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+    assert ended.value.number == signal.SIGTERM
+
+
+def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) -> None:
+    done = []
+    with pytest.raises(Terminated), TerminationSignals() as signals:
+        with signals.deferred():
+            signal.raise_signal(signal.SIGTERM)
+            done.append("what was held")
+        done.append("what follows")
+    assert done == ["what was held"]
+
+
+def test_a_signal_that_is_ignored_stays_so(before: list[object]) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with TerminationSignals():
+        signal.raise_signal(signal.SIGHUP)
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+
+def test_processes_end_with_what_they_have_started() -> None:
+    deaf = subprocess.Popen(["bash", "-c", "trap '' INT; sleep 1000; true"], start_new_session=True)
+    meek = subprocess.Popen(["sleep", "1000"], start_new_session=True)
+    wait_until(lambda: descendants(deaf.pid))
+    family = [ProcessId(pid) for pid in descendants(deaf.pid)]
+    end_processes([deaf, meek], 0.01)
+    assert (deaf.returncode, meek.returncode) == (-signal.SIGKILL, -signal.SIGINT)
+    wait_until(lambda: not any(process.running for process in family))

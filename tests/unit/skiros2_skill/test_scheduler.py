@@ -1,0 +1,264 @@
+"""The ticking thread: several tasks, commands from other threads, and what must not end it."""
+
+import queue
+import threading
+import time
+
+import pytest
+
+from skiros2_common.core.abstract_skill import State
+from skiros2_common.core.errors import Refused, UnknownName
+from skiros2_skill.core.runtime.scheduler import Scheduler
+from skiros2_skill.core.skill import Skill
+from unit.skiros2_skill.skills import Work, primitive, running_for
+
+
+@pytest.fixture
+def scheduler():
+    made = []
+
+    def make(**options):
+        made.append(Scheduler(rate=200, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.stop()
+
+
+def started(scheduler, bench, *nodes, ticks=0):
+    task = scheduler.new_task(bench.wmi, "test")
+    task.root(*nodes)
+    scheduler.start(task.id, ticks)
+    return task
+
+
+@pytest.fixture
+def skills(bench):
+    return bench.load(
+        primitive(Work, "work", execute=running_for(3)),
+        primitive(Work, "endless", execute=lambda self: self.step()),
+    )
+
+
+def test_tasks_run_side_by_side_to_their_ends(scheduler, skills):
+    one = scheduler()
+    tasks = [started(one, skills, skills.node("work")) for _ in range(20)]
+    assert all(task.ended.wait(5) for task in tasks)
+    assert {task.state for task in tasks} == {State.Success}
+    assert one.tasks() == []
+
+
+def test_all_tasks_are_paused_and_preempted_by_one_command(scheduler, skills):
+    one = scheduler()
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
+    one.pause_all()
+    assert all(task.paused for task in tasks)
+    one.preempt_all()
+    assert all(task.ended.wait(5) for task in tasks)
+    one.preempt_all()
+    assert one.tasks() == []
+
+
+def test_the_last_progress_of_a_task_has_its_end(scheduler, skills):
+    told, ended = [], threading.Event()
+
+    def on_progress(task):
+        told.append((task.state, task.root.progress_code))
+        if task.ended.is_set():
+            ended.set()
+
+    started(scheduler(on_progress=on_progress), skills, skills.node("work"))
+    assert ended.wait(5)
+    assert told[-1] == (State.Success, 1)
+    assert [code for _, code in told[:-1]] == [0] * (len(told) - 1)
+
+
+def test_progress_is_told_again_while_nothing_changes(scheduler, skills):
+    told = threading.Semaphore(0)
+    one = scheduler(on_progress=lambda task: told.release(), keep_alive=0.02)
+    skills.load(primitive(Work, "still", execute=State.Running))
+    started(one, skills, skills.node("still"))
+    assert all(told.acquire(timeout=5) for _ in range(5))
+
+
+def test_preempting_one_task_leaves_the_others_alone(scheduler, skills):
+    one = scheduler()
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
+    one.preempt(tasks[2].id)
+    assert tasks[2].ended.wait(5)
+    assert sorted(t.id for t in one.tasks()) == sorted(t.id for t in tasks if t is not tasks[2])
+
+
+def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(scheduler, skills):
+    count = []
+    skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
+    ticks = threading.Semaphore(0)
+    one = scheduler(on_tick=ticks.release)
+    task = started(one, skills, skills.node("count"))
+    other = started(one, skills, skills.node("endless"))
+    while len(count) < 3:
+        assert ticks.acquire(timeout=5)
+    one.pause(task.id)
+    for _ in range(3):  # the round under way may still tick it
+        assert ticks.acquire(timeout=5)
+    held = len(count)
+    for _ in range(10):
+        assert ticks.acquire(timeout=5)
+    assert len(count) <= held + 1
+    with pytest.raises(Refused):
+        one.start(other.id)
+    held = len(count)
+    one.start(task.id)
+    while len(count) == held:
+        assert ticks.acquire(timeout=5)
+
+
+def test_tick_once_ticks_once_and_pauses(scheduler, skills):
+    count = []
+    skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
+    one = scheduler()
+    task = started(one, skills, skills.node("count"), ticks=1)
+    deadline = time.monotonic() + 5
+    while not task.paused and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert len(count) == 1
+    one.preempt(task.id)
+    assert task.ended.wait(5)
+
+
+def test_a_task_that_is_paused_says_so_until_it_goes_on(scheduler, skills):
+    messages = queue.SimpleQueue()
+    one = scheduler(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
+    task = started(one, skills, skills.node("endless"))
+    assert messages.get(timeout=5) == ""
+    one.pause(task.id)
+    while messages.get(timeout=5) != "paused":
+        pass
+    one.start(task.id)
+    while messages.get(timeout=5) != "":
+        pass
+
+
+def test_a_paused_task_can_be_preempted(scheduler, skills):
+    one = scheduler()
+    task = started(one, skills, skills.node("endless"), ticks=1)
+    one.pause(task.id)
+    one.preempt(task.id)
+    assert task.ended.wait(5)
+
+
+def test_commands_to_an_unknown_task_name_it(scheduler, skills):
+    one = scheduler()
+    for command in (one.start, one.preempt, one.pause):
+        with pytest.raises(UnknownName, match="no task 77 is here; there are: none"):
+            command(77)
+
+
+def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(scheduler, skills):
+    class Broken(Skill):
+        def visit(self, visitor):
+            raise RuntimeError("broken node")
+
+    one = scheduler()
+    bad = started(one, skills, Broken("broken"))
+    good = started(one, skills, skills.node("work"))
+    assert bad.ended.wait(5)
+    assert good.ended.wait(5)
+    assert bad.state is State.Failure
+    assert "broken node" in bad.root.progress_msg
+    assert good.state is State.Success
+
+
+def test_what_a_callback_raises_does_not_end_the_thread(scheduler, skills):
+    def raises(*_):
+        raise RuntimeError("callback")
+
+    one = scheduler(on_tick=raises, on_progress=raises)
+    assert started(one, skills, skills.node("work")).ended.wait(5)
+    assert started(one, skills, skills.node("work")).ended.wait(5)
+
+
+def test_ids_of_running_tasks_differ_and_stay_within_int16(scheduler, skills):
+    one = scheduler()
+    one._next_id = 32767
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
+    assert [t.id for t in tasks] == [32767, 0, 1]
+
+
+def test_stopping_ends_all_tasks_and_the_thread(skills):
+    one = Scheduler(rate=200)
+    tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
+    before = set(threading.enumerate())
+    one.stop()
+    assert all(t.ended.is_set() for t in tasks)
+    assert not any(thread.is_alive() and thread.name.startswith("scheduler") for thread in before)
+
+
+def test_a_skill_may_give_commands_from_its_own_hooks(scheduler, skills):
+    one = scheduler()
+    skills.load(primitive(Work, "ender", execute=lambda self: one.preempt(other.id) or self.success()))
+    other = started(one, skills, skills.node("endless"))
+    started(one, skills, skills.node("ender"))
+    assert other.ended.wait(5)
+
+
+# -- an answer comes when what it promises is so -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def gate(skills):
+    """A skill that is in `execute` when `entered` is released, and leaves it when `open` is."""
+
+    class Gate:
+        entered, open = threading.Semaphore(0), threading.Semaphore(0)
+        ticks = 0
+
+        def __call__(self, skill):
+            self.ticks += 1
+            self.entered.release()
+            assert self.open.acquire(timeout=30)
+            return skill.step("")
+
+    gate = Gate()
+    skills.load(primitive(Work, "gate", execute=gate))
+    return gate
+
+
+def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(scheduler, skills, gate):
+    one = scheduler()
+    task = started(one, skills, skills.node("gate"), ticks=1)
+    assert gate.entered.acquire(timeout=5)
+    assert not one.wait_until_idle([task.id], 0.05)
+    gate.open.release()
+    assert one.wait_until_idle([task.id], 10)
+    assert task.paused
+    one.start(task.id)  # is not refused
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    assert not one.wait_until_idle([task.id], 0.05)
+    gate.open.release()
+    assert one.wait_until_idle([task.id], 10)
+
+
+def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(scheduler, skills, gate):
+    one = scheduler()
+    task = started(one, skills, skills.node("gate"))
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    one.start(task.id, ticks=1)
+    gate.open.release(2)
+    assert one.wait_until_idle([task.id], 10)
+    assert gate.ticks == 2
+
+
+def test_a_task_that_was_preempted_is_not_resumed(scheduler, skills, gate):
+    one = scheduler()
+    task = started(one, skills, skills.node("gate"))
+    assert gate.entered.acquire(timeout=5)
+    one.pause(task.id)
+    one.preempt(task.id)
+    with pytest.raises(Refused, match="was preempted"):
+        one.start(task.id)
+    gate.open.release()
+    assert task.ended.wait(5)

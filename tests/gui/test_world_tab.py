@@ -222,7 +222,7 @@ def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
     desk.select(box)
     desk.qtbot.keyClick(desk.tab.tree, Qt.Key_Delete)
     dialog = desk.dialog(RemoveDialog)
-    assert "goes one element under it:\nscrew" in dialog.note.text()
+    assert "Also removes one element below it:\nscrew" in dialog.note.text()
     desk.press(dialog)
     assert desk.wm.find_element(part) is None
     desk.tab.undo_button.click()

@@ -177,8 +177,8 @@ def test_a_query_gives_names_and_values(queries: WorldQueries) -> None:
 @pytest.mark.parametrize(
     ("query", "line", "words"),
     [
-        ("SELECT ?x WHERE {\n ?x a\n}", 3, "cannot go on"),
-        ("SELECT ?x WHERE { ?x a foo:Bar }", 1, "prefix is not known"),
+        ("SELECT ?x WHERE {\n ?x a\n}", 3, "unexpected token"),
+        ("SELECT ?x WHERE { ?x a foo:Bar }", 1, "unknown prefix"),
         ("DROP ALL", 1, ""),
     ],
 )

@@ -1,4 +1,4 @@
-"""The words that goals are made of, and which of them may come next where the user types."""
+"""Completion of goals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skiros2_task.core.world import WorldView
 
 RELATION, PROPERTY, VALUE, CLASS, ELEMENT, WORD = "relation", "property", "value", "class", "element", "word"
 
-#: So many are suggested at most.
+#: The most completions.
 MAX_COMPLETIONS = 60
 
 _QUANTIFIERS = ("forall", "exists")
@@ -28,12 +28,10 @@ _CHILD = "()"
 
 @dataclass(frozen=True)
 class Completion:
-    """A word that a goal may have.
-
-    :param text: as it is written.
-    :param label: as it is label: of an element its label.
-    :param kind: one of those above.
-    :param rank: the lower, the earlier it is suggested.
+    """:param text: as written in the goal.
+    :param label: as displayed; for an element its label.
+    :param kind: one of the constants above.
+    :param rank: lower ranks come first.
     """
 
     text: str
@@ -43,13 +41,13 @@ class Completion:
 
     @cached_property
     def names(self) -> str:
-        """What may be typed for it, each after a line break, in small letters."""
+        """The lower-case texts it is found by, each after a newline."""
         return f"\n{self.label}\n{self.text}\n{local_name(self.text)}".lower().replace('"', "")
 
     def match(self, typed: str) -> int | None:
-        """How well it fits what is typed, 0 best; None: not at all.
+        """Returns how well it matches typed text, 0 best; None if it does not.
 
-        :param typed: in small letters, without quotes.
+        :param typed: lower case, without quotes.
         """
         if f"\n{typed}" in self.names:
             return 0
@@ -58,7 +56,7 @@ class Completion:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The words of the world as it is."""
+    """The names that goals may use."""
 
     predicates: tuple[Completion, ...] = ()
     properties: tuple[Completion, ...] = ()
@@ -69,9 +67,9 @@ class Vocabulary:
 
 @dataclass(frozen=True)
 class Completions:
-    """What may be written.
+    """The completions at a cursor.
 
-    :param start: where the word that is typed begins in the text; up to the cursor it is replaced.
+    :param start: the start of the typed word, which is replaced up to the cursor.
     """
 
     start: int
@@ -79,8 +77,9 @@ class Completions:
 
 
 def read_vocabulary(world: WorldView) -> Vocabulary:
-    """The words of the world: what skills can bring about first, then what they ask for, then what the scene has, then
-    all that the ontologies know."""
+    """Reads the names of a world. Predicates are ranked: effects of skills, conditions of skills, relations in the
+    scene, all others.
+    """
     made, asked = _in_skills(world)
     written = set(world.stated_relations())
     ranks = {**dict.fromkeys(written, 2), **dict.fromkeys(asked, 1), **dict.fromkeys(made, 0)}
@@ -112,7 +111,7 @@ def _properties_in_skills(world: WorldView) -> set[str]:
 
 
 def _in_skills(world: WorldView) -> tuple[set[str], set[str]]:
-    """What skills make true, and what they ask for."""
+    """Returns the predicates in effects, and in conditions, of skills."""
     skills = [skill for robot in world.robots for skill in robot.skills]
     made = {c.name for skill in skills for c in _parts(skill.post)}
     asked = {c.name for skill in skills for c in _parts((*skill.pre, *skill.hold))}
@@ -137,13 +136,13 @@ def _quoted(text: str) -> str:
     return f'"{text}"' if re.search(r'[\s(),;]', text) or not text else text
 
 
-# -- where the user is ---------------------------------------------------------------------------------------------
+# -- completion ----------------------------------------------------------------------------------------------------
 
 
 def complete(text: str, cursor: int, vocabulary: Vocabulary) -> Completions:
-    """What may be written at a place of a text.
+    """Returns the completions at a cursor.
 
-    :param cursor: so many signs are before it.
+    :param cursor: the number of characters before it.
     """
     before = _COMMENT.sub(lambda found: " " * len(found[0]), text[:cursor])
     tokens = [(m[0], m.start()) for m in _TOKEN.finditer(before)]
@@ -160,7 +159,7 @@ def complete(text: str, cursor: int, vocabulary: Vocabulary) -> Completions:
 
 
 def _open_lists(tokens: Iterable[str]) -> tuple[list[list[str]], list[str]]:
-    """The lists that are not closed, outermost first, and the variables that were declared."""
+    """Returns the unclosed lists, outermost first, and the declared variables."""
     stack: list[list[str]] = []
     variables: list[str] = []
     for token in tokens:
@@ -179,7 +178,7 @@ def _open_lists(tokens: Iterable[str]) -> tuple[list[list[str]], list[str]]:
 
 
 def _declares(stack: list[list[str]]) -> bool:
-    """Whether the innermost list holds the variables of a quantifier."""
+    """Returns whether the innermost list declares the variables of a quantifier."""
     return len(stack) > 1 and len(stack[-2]) == 1 and stack[-2][0].lower() in _QUANTIFIERS
 
 

@@ -1,4 +1,4 @@
-"""How a goal that the robots work at goes on: its plan with the state of each step."""
+"""The state of a goal that the task manager executes."""
 
 from __future__ import annotations
 
@@ -9,19 +9,16 @@ from typing import Any
 
 from skiros2_common.core.explanation import Explanation
 
-#: Gives the name by which people know an element, by its id.
+#: Returns the displayed name of an element, by its id.
 NameOf = Callable[[str], str]
 
-#: States of a result that are no failure.
+#: The result states without failure.
 _REACHED = {"succeeded": "The goal is reached.", "nothing_to_do": "The goal holds already."}
 
 
 @dataclass(frozen=True)
 class StepRow:
-    """A step.
-
-    :param state: `waiting`, `running`, `succeeded`, `failed`, `stopped` or `dropped`.
-    """
+    """:param state: `waiting`, `running`, `succeeded`, `failed`, `stopped` or `dropped`."""
 
     number: int
     start: float
@@ -36,13 +33,12 @@ class StepRow:
 
 @dataclass(frozen=True)
 class GoalExecution:
-    """
-    :param name_of: for the elements in the rows.
+    """:param name_of: returns the displayed name of an element.
     :param phase: `planning`, `running`, `stopping`, or `ended`.
-    :param text: what has just happened, in words.
-    :param rows: the steps of all plans so far, in their order.
-    :param why: why it was not reached, in lines.
-    :param reached: at the end, whether the goal holds.
+    :param text: the last message.
+    :param rows: the steps of all plans so far.
+    :param why: why the goal was not reached, in lines.
+    :param reached: whether the goal holds at the end.
     """
 
     goal: str
@@ -59,7 +55,7 @@ class GoalExecution:
 
     @property
     def progress_text(self) -> str:
-        """How far it is, in a line."""
+        """The progress in one line."""
         running = [row for row in self.rows if row.state == "running"]
         if self.is_finished or self.phase != "running" or not running:
             return self.text
@@ -69,19 +65,19 @@ class GoalExecution:
         return f"{done} of {len(self.rows)} steps are done; now {steps}{more}"
 
     def after_feedback(self, feedback: Any) -> GoalExecution:
-        """The execution after an `AchieveFeedback`.
+        """Returns the state after an `AchieveFeedback`.
 
-        :raises ValueError: it is not as it has to be.
+        :raises ValueError: it cannot be read.
         """
         if self.is_finished:
-            return self  # overtaken by the result
+            return self  # the result came first
         rows = _with_states(_with_plan(self.rows, _read(feedback.plan), self.name_of), _read(feedback.steps))
         return replace(self, phase=feedback.phase, text=feedback.message or feedback.phase, rows=rows)
 
     def after_result(self, result: Any) -> GoalExecution:
-        """The execution at its end, from an `AchieveResult`.
+        """Returns the state after an `AchieveResult`.
 
-        :raises ValueError: it is not as it has to be.
+        :raises ValueError: it cannot be read.
         """
         done = _read(result.done)
         rows = _with_states(_with_plan(self.rows, done, self.name_of), done)
@@ -102,7 +98,7 @@ class GoalExecution:
         )
 
     def after_error(self, text: str) -> GoalExecution:
-        """The execution when it cannot be followed any more."""
+        """Returns the state after an error."""
         return replace(self, phase="ended", text=text)
 
 
@@ -116,7 +112,7 @@ def _read(text: str) -> list[dict[str, Any]]:
 def _with_plan(
     rows: Iterable[StepRow], plan: Iterable[dict[str, Any]], name_of: NameOf
 ) -> tuple[StepRow, ...]:
-    """The rows, and those of a plan that are new."""
+    """Returns the rows with the steps of a plan added or updated."""
     known = {row.number: row for row in rows}
     for step in plan:
         try:

@@ -1,4 +1,4 @@
-"""What the goal line finds out in worker threads: whether a goal can be read, and a plan with what it would change."""
+"""Checks and plans goals in worker threads."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from skiros2_task.core.preview import preview
 from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.preview_copy import PreviewCopy
 
-#: Where what was made for each request is kept, and how long skills took.
+#: The folder of request archives and measured durations.
 FOLDER = Path("~/.skiros/planner")
 _DURATIONS = "durations.json"
 
-#: How long to look for a plan (s).
+#: The time limit of planning (s).
 SECONDS = 60.0
 
 
@@ -36,7 +36,7 @@ SECONDS = 60.0
 class Diagnostic:
     """Why a goal cannot be read.
 
-    :param line, column: the place, from 1.
+    :param line, column: the position, from 1.
     """
 
     line: int
@@ -44,13 +44,13 @@ class Diagnostic:
     reason: str
 
     def position(self, text: str) -> int:
-        """So many signs of the goal's text are before the place."""
+        """Returns the position as an offset in the text."""
         before = text.split("\n")[: self.line - 1]
         return min(sum(len(line) + 1 for line in before) + self.column - 1, len(text))
 
 
 def check_syntax(text: str) -> Diagnostic | None:
-    """What is wrong with a goal as a text; None when nothing is. Takes no time to speak of."""
+    """Returns the first syntax error of a goal, or None. Does not block."""
     try:
         parse_goals(text)
     except GoalError as error:
@@ -59,7 +59,7 @@ def check_syntax(text: str) -> Diagnostic | None:
 
 
 class GoalChecker:
-    """Reads goals against the world as it was when this was made. For one thread at a time, a worker.
+    """Checks goals against a snapshot of the world. For one worker at a time.
 
     :raises WmException: the world model does not answer.
     """
@@ -70,7 +70,7 @@ class GoalChecker:
         self._reader = GoalReader(world, condition_predicates(world.robots))
 
     def check(self, text: str) -> Diagnostic | None:
-        """What is wrong with a goal: a name that nobody knows, too. None when nothing is."""
+        """Returns the first error of a goal, unknown names included, or None."""
         try:
             self._reader.read(text)
         except GoalError as error:
@@ -80,14 +80,14 @@ class GoalChecker:
 
 @dataclass(frozen=True)
 class GoalPlan:
-    """What came of planning.
+    """The result of planning.
 
     :param verdict: the value of a `Verdict`, such as `planned`.
-    :param head: in a line.
+    :param head: one line.
     :param rows: the steps.
-    :param changes: what each step would change, in lines.
-    :param why: what each step is for; without a plan why there is none, in lines.
-    :param works: whether it works on a copy of the scene.
+    :param changes: the effects of each step, in lines.
+    :param why: the purpose of each step, or why there is no plan, in lines.
+    :param works: whether the plan works in its simulation.
     """
 
     goal: str
@@ -100,9 +100,9 @@ class GoalPlan:
 
 
 class GoalPlanner:
-    """Plans in this process, as the task manager would. `plan` blocks, and is for workers; `close` ends its processes.
+    """Plans in this process, as the task manager does. `plan` is for workers; `close` ends the engine processes.
 
-    :param folder: where it keeps what it made, and where measured durations are.
+    :param folder: for request archives and measured durations.
     """
 
     def __init__(self, folder: Path = FOLDER) -> None:
@@ -111,34 +111,34 @@ class GoalPlanner:
         self._processes: EngineProcesses | None = None
         self._is_closed = False
 
-    def plan(self, goal: str, wm: Any, cancelled: threading.Event, told: Callable[[str], None]) -> GoalPlan:
-        """The plan for a goal, tried out on a copy of the scene; or why there is none.
+    def plan(self, goal: str, wm: Any, cancelled: threading.Event, on_activity: Callable[[str], None]) -> GoalPlan:
+        """Plans a goal and simulates the plan on a copy of the scene.
 
-        :param told: called in this thread with what is being done, in words.
+        :param on_activity: called in this thread with the current activity.
         :raises WmException: the world model does not answer.
         """
         durations = Durations(self._folder / _DURATIONS)
         planner = planner_named(self._engines(), durations=durations)
         tasks = TaskPlanner(wm, planner, Limits(SECONDS), Archive(self._folder), durations)
-        result = tasks.plan(goal, cancelled, told)
+        result = tasks.plan(goal, cancelled, on_activity)
         if result.verdict is not Verdict.PLANNED or result.task is None or result.schedule is None:
             head, _, rest = result.message.partition("\n")
             notes = ["What planning could not use:", *(f"  {note}" for note in result.notes)] if result.notes else []
             return GoalPlan(goal, result.verdict.value, head, why=(*rest.splitlines(), *notes))
-        told("trying the plan out on a copy of the scene")
-        tried = preview(PreviewCopy(wm), result.task, result.steps, result.calls)
+        on_activity("simulating the plan")
+        simulation = preview(PreviewCopy(wm), result.task, result.steps, result.calls)
         return GoalPlan(
             goal,
             result.verdict.value,
             plan_head(result.schedule, result.calls),
             tuple(plan_rows(result.schedule, result.calls)),
-            tuple(tried.lines()),
+            tuple(simulation.lines()),
             tuple(explain_plan(result.task, result.schedule.order, result.calls).lines()),
-            tried.works,
+            simulation.works,
         )
 
     def close(self) -> None:
-        """Ends the processes. A plan that is being made comes to nothing."""
+        """Ends the engine processes and aborts planning."""
         with self._lock:
             self._is_closed = True
             processes, self._processes = self._processes, None

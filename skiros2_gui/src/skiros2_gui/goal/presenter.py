@@ -1,4 +1,4 @@
-"""The goal line without its widgets: completion, mistakes, planning, and having the goal achieved."""
+"""The presenter of goals: completion, diagnostics, planning, execution."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from skiros2_gui.goal.completion import Completions, Vocabulary, complete
 from skiros2_gui.goal.execution import GoalExecution
 from skiros2_gui.goal.plan import Diagnostic, GoalChecker, GoalPlan, GoalPlanner, check_syntax
 
-_QUEUE = "goal: look"
+_QUEUE = "goal: check"
 
-#: So many goals are remembered.
+#: The most goals kept.
 MAX_HISTORY = 50
 
 _CANCELLING = "Cancelling…"
-_COULD_NOT_BE_READ = "the task manager told something that cannot be read"
+_UNREADABLE = "the response of the task manager cannot be read"
 
 
 class GoalPresenter:
-    """In the window's thread. `on_goal` is called when there is something to show anew, `on_vocabulary` when other
-    words may be suggested.
+    """Used in the window's thread. The view sets `on_goal`, called when the state has changed, and `on_vocabulary`,
+    called when the completions have.
 
-    :param planner: makes the plans; closed by `close`.
+    :param planner: closed by `close`.
     """
 
     def __init__(self, window: Window, planner: GoalPlanner | None = None) -> None:
@@ -39,14 +39,14 @@ class GoalPresenter:
         self.diagnostic: Diagnostic | None = None
         self.plan: GoalPlan | None = None
         self.execution: GoalExecution | None = None
-        #: What is being done, in words; "" when nothing is.
+        #: The running activity; "" for none.
         self.activity = ""
-        #: The goals that were planned or achieved, the last one first.
+        #: The goals planned or executed, the last one first.
         self.history: list[str] = []
         self._checker: GoalChecker | None = None
         self._vocabulary = Vocabulary()
-        self._is_stale = True  # the words may be other by now
-        self._is_unchecked = False  # the text has changed since it was looked at
+        self._is_stale = True  # the vocabulary may be out of date
+        self._is_unchecked = False  # the text has not been checked
         self._is_refreshing = False
         self._throttle = Throttle()
         self._cancelled: threading.Event | None = None
@@ -54,10 +54,10 @@ class GoalPresenter:
         window.subscribe(ConnectionChanged, lambda _: self._connection_changed())
         window.subscribe(GoalFeedback, self._on_feedback)
 
-    # -- writing -----------------------------------------------------------------------------------------------
+    # -- editing -----------------------------------------------------------------------------------------------
 
     def write(self, text: str) -> None:
-        """Takes the goal as it is typed."""
+        """Sets the text of the goal."""
         if text == self.text:
             return
         self.text = text
@@ -68,11 +68,11 @@ class GoalPresenter:
 
     @property
     def is_complete(self) -> bool:
-        """Whether there is a goal and no diagnostic is known in it."""
+        """Whether there is a goal without known error."""
         return bool(self.text.strip()) and self.diagnostic is None
 
     def completions(self, cursor: int) -> Completions:
-        """What may be written at the cursor: so many signs are before it."""
+        """Returns the completions at a cursor (an offset)."""
         return complete(self.text, cursor, self._vocabulary)
 
     def _invalidate(self) -> None:
@@ -83,12 +83,12 @@ class GoalPresenter:
         self.on_goal()
 
     def refresh_if_ready(self) -> None:
-        """As `look`, for the view to call now and then while the goal line is used: a large scene takes its time."""
+        """Refreshes unless the throttle is active; to be called periodically while the goal line is used."""
         if self._throttle.is_ready:
             self.refresh()
 
     def refresh(self) -> None:
-        """Finds out which words there are and whether the goal can be read, where that may be other than it was."""
+        """Reads the vocabulary and checks the goal, if they may have changed."""
         world = self._window.system.world
         if self._is_refreshing or world is None or not (self._is_stale or self._is_unchecked):
             return
@@ -101,7 +101,7 @@ class GoalPresenter:
         if is_due:
             self._throttle.begin()
         self._window.jobs.run(
-            lambda: _checked_in_worker(checker, world, text),
+            lambda: _check(checker, world, text),
             lambda found: self._refreshed(text, *found),
             self._not_refreshed,
             queue=_QUEUE,
@@ -123,37 +123,37 @@ class GoalPresenter:
         self._is_refreshing = False
         self._throttle.end()
         self._checker = None
-        self._window.problems.report("reading the words of goals", error)
+        self._window.problems.report("reading the vocabulary", error)
 
     # -- planning ----------------------------------------------------------------------------------------------
 
     @property
     def is_busy(self) -> bool:
-        """Whether a goal is being planned or achieved."""
+        """Whether a goal is being planned or executed."""
         return bool(self.activity)
 
     @property
     def is_cancelling(self) -> bool:
-        """Whether what is under way was told to end."""
+        """Whether planning or execution is being cancelled."""
         return self.activity == _CANCELLING
 
     @property
     def can_plan(self) -> bool:
-        """Whether there is a goal that can be read, and a world model to plan with."""
+        """Whether there is a valid goal and a world model."""
         return self.is_complete and not self.is_busy and self._window.system.world is not None
 
     @property
     def has_task_manager(self) -> bool:
-        """Whether there is somebody to have goals achieved by."""
+        """Whether the task manager is up."""
         return self._window.system.planner is not None
 
     @property
     def can_achieve(self) -> bool:
-        """Likewise, and a task manager."""
+        """Whether the goal can be executed."""
         return self.can_plan and self.has_task_manager
 
     def make_plan(self) -> None:
-        """Looks for a plan, and tries it out on a copy of the scene. Nothing moves."""
+        """Plans the goal and simulates the plan."""
         world = self._window.system.world
         if not self.can_plan or world is None:
             return
@@ -176,10 +176,10 @@ class GoalPresenter:
         self.plan = plan
         self.on_goal()
 
-    # -- achieving ---------------------------------------------------------------------------------------------
+    # -- execution ---------------------------------------------------------------------------------------------
 
     def achieve(self) -> None:
-        """Has the robots reach the goal."""
+        """Lets the task manager execute the goal."""
         planner = self._window.system.planner
         if not self.can_achieve or planner is None:
             return
@@ -197,13 +197,13 @@ class GoalPresenter:
         )
 
     def _name(self, eid: str) -> str:
-        """The label of an element, or its id."""
+        """Returns the label of an element, or its id."""
         scene = self._window.system.scene
         element = scene.find(eid, "scene") if scene is not None else None
         return f'"{element.label}"' if element is not None and element.label else eid
 
     def cancel(self) -> None:
-        """Ends what is being planned or achieved."""
+        """Cancels planning or execution."""
         if self._cancelled is not None:
             self._cancelled.set()
             self.activity = _CANCELLING
@@ -226,7 +226,7 @@ class GoalPresenter:
         if self.execution is not None:
             self._update(lambda execution: execution.after_result(result))
             if not self.execution.is_finished:
-                self.execution = self.execution.after_error(_COULD_NOT_BE_READ)
+                self.execution = self.execution.after_error(_UNREADABLE)
                 self.on_goal()
 
     def _not_achieved(self, error: Exception) -> None:
@@ -241,17 +241,17 @@ class GoalPresenter:
         try:
             self.execution = change(self.execution)
         except ValueError as error:
-            self._window.problems.report("following a goal", f"{_COULD_NOT_BE_READ}: {error}")
+            self._window.problems.report("following a goal", f"{_UNREADABLE}: {error}")
         self.on_goal()
 
     # -- settings ----------------------------------------------------------------------------------------------
 
     def settings(self) -> dict[str, Any]:
-        """What is to be kept, as JSON has it."""
+        """Returns the settings to store, as JSON values."""
         return {"goal": self.text, "goals": self.history}
 
     def restore(self, settings: Any) -> None:
-        """Takes what `settings` gave; what is not as expected is left out."""
+        """Restores settings; invalid values are skipped."""
         goals, text = settings.get("goals"), settings.get("goal")
         if isinstance(goals, list):
             self.history = [goal for goal in goals if isinstance(goal, str) and goal.strip()][:MAX_HISTORY]
@@ -260,7 +260,7 @@ class GoalPresenter:
         self.on_goal()
 
     def close(self) -> None:
-        """Ends the planning engines. At once, and not in a thread: the process may end next, and would leave them."""
+        """Ends the planning engines. Synchronous, as the process may exit next."""
         if self._cancelled is not None:
             self._cancelled.set()
         self._planner.close()
@@ -269,15 +269,15 @@ class GoalPresenter:
         self.history = [goal, *(known for known in self.history if known != goal)][:MAX_HISTORY]
 
 
-def _checked_in_worker(checker: GoalChecker | None, world: Any, text: str) -> tuple[GoalChecker, Diagnostic | None]:
-    """The words of the world and what is wrong with a goal; in a worker."""
+def _check(checker: GoalChecker | None, world: Any, text: str) -> tuple[GoalChecker, Diagnostic | None]:
+    """Returns the checker and the diagnostic of a goal; in a worker."""
     checker = checker or GoalChecker(world)
     return checker, checker.check(text) if text.strip() else None
 
 
 def _log(_: str) -> None:
-    """What planning is at takes too little time to be shown."""
+    """Ignores the activity, which is too short to show."""
 
 
 def _nothing() -> None:
-    """Nobody looks."""
+    """The default callback."""

@@ -1,4 +1,4 @@
-"""The skills that the robots offer, as a tree to choose from: robot, skill, implementations."""
+"""The offered skills as a tree: robot, skill, implementations."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from skiros2_skill.command_line.description import Parameter, Skill
 
 @dataclass(frozen=True)
 class Offer:
-    """A skill of a robot that may be started.
+    """A skill of a robot.
 
     :param manager: the node name of the robot's skill manager.
     :param type: the skill's class.
-    :param label: of the implementation; "" leaves the choice to the robot.
-    :param implementations: those that it may be, with what they declare.
+    :param label: of the implementation; "" lets the robot select one.
+    :param implementations: the candidates, with their declared parameters.
     """
 
     manager: str
@@ -26,22 +26,22 @@ class Offer:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What it is known by when the list is read anew."""
+        """Identifies the offer across updates."""
         return (self.manager, self.type, self.label)
 
     @property
     def name(self) -> str:
-        """For people."""
+        """The displayed name."""
         return self.label or local_name(self.type)
 
     @property
     def use(self) -> str:
-        """What its starts are counted under, whichever robot does it."""
+        """The key under which starts are counted, for all robots."""
         return f"{self.type}|{self.label}"
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """What the implementations declare, each key once; the first one that has a key says of what kind it is."""
+        """The parameters of all implementations; the first declaration of a key counts."""
         found: dict[str, Parameter] = {}
         for implementation in self.implementations:
             for key, parameter in implementation.parameters.items():
@@ -53,8 +53,8 @@ class Offer:
 class SkillRow:
     """A skill with its implementations.
 
-    :param offer: the skill; where there is one implementation, this one.
-    :param children: the implementations, where there are several.
+    :param offer: the skill, or its only implementation.
+    :param children: the implementations, if there are several.
     """
 
     offer: Offer
@@ -63,7 +63,7 @@ class SkillRow:
 
 @dataclass(frozen=True)
 class RobotRow:
-    """A robot with its skills, in the order in which they are shown."""
+    """A robot with its skills, in display order."""
 
     manager: str
     skills: tuple[SkillRow, ...]
@@ -72,16 +72,16 @@ class RobotRow:
 def rows_of(
     offered: Mapping[str, Sequence[Skill]], uses: Mapping[str, int], search: str = ""
 ) -> tuple[RobotRow, ...]:
-    """The tree, the skills that are started most first.
+    """Returns the tree, the most used skills first.
 
     :param offered: by the node names of the managers.
-    :param uses: how often each was started, by `Offer.use`.
-    :param search: words; only what has all of them in its names, or in those of its parameters, is kept.
+    :param uses: the number of starts, by `Offer.use`.
+    :param search: words that must all occur in the names of a skill or of its parameters.
     """
     words = search.lower().split()
     rows = []
     for manager in sorted(offered):
-        found = (_kept(row, words) for row in _skill_rows(manager, offered[manager]))
+        found = (_filtered(row, words) for row in _skill_rows(manager, offered[manager]))
         skills = [row for row in found if row is not None]
         skills.sort(key=lambda row: (-_count(row, uses), row.offer.name.lower(), row.offer.key))
         if skills or not words:
@@ -90,7 +90,7 @@ def rows_of(
 
 
 def offers_of(rows: Iterable[RobotRow]) -> Iterator[Offer]:
-    """All that may be started."""
+    """Yields all offers of a tree."""
     for robot in rows:
         for row in robot.skills:
             yield row.offer
@@ -111,8 +111,8 @@ def _skill_rows(manager: str, skills: Sequence[Skill]) -> list[SkillRow]:
     return rows
 
 
-def _kept(row: SkillRow, words: Sequence[str]) -> SkillRow | None:
-    """A row with those of its children that have the words; None when neither it nor they have."""
+def _filtered(row: SkillRow, words: Sequence[str]) -> SkillRow | None:
+    """Returns a row with the matching children; None if neither it nor a child matches."""
     if not words or _has(row.offer, words):
         return row
     children = tuple(offer for offer in row.children if _has(offer, words))

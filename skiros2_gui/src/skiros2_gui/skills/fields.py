@@ -1,4 +1,4 @@
-"""One parameter of the skill that is to be started, as the user fills it in."""
+"""The fields of the start form: parameters with the user's values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from skiros2_skill.command_line.description import Parameter
 
 
 class Editor(Enum):
-    """With what a parameter is edited."""
+    """The kinds of editors."""
 
     ELEMENT = "element"
     TEXT = "text"
@@ -37,10 +37,10 @@ class ValueMode(Enum):
     UNSET = "unset"
 
 
-#: By the type of the values; what a library has registered is written in JSON.
+#: By wire type; all other types are edited as JSON.
 _EDITORS = {"str": Editor.TEXT, "int": Editor.NUMBER, "float": Editor.NUMBER, "bool": Editor.TRUTH}
 
-_WORDS = {
+_TYPE_NAMES = {
     "str": "text",
     "int": "whole number",
     "float": "number",
@@ -74,13 +74,13 @@ class ElementChoice:
 
 @dataclass
 class Field:
-    """A parameter and what the user has made of it.
+    """A parameter and the user's value.
 
-    :param declared: what the skill says of it.
+    :param declared: the declaration.
     :param mode: one of `modes`.
-    :param text: what is written, for all editors but that of elements and of yes or no.
-    :param value: the id of the chosen element, or the truth value.
-    :param error: why this is no value, in words; "" when it is one.
+    :param text: the text of the editor, except for elements and booleans.
+    :param value: the element's id, or the boolean.
+    :param error: why the value is invalid; "" if it is valid.
     """
 
     declared: Parameter
@@ -92,7 +92,7 @@ class Field:
     def __post_init__(self) -> None:
         self.reset()
 
-    # -- what is declared --------------------------------------------------------------------------------------
+    # -- declaration -------------------------------------------------------------------------------------------
 
     @property
     def key(self) -> str:
@@ -103,26 +103,26 @@ class Field:
         if self.declared.is_element:
             return Editor.ELEMENT
         if len(self.declared.default) > 1:
-            return Editor.JSON  # several values are written as a list
+            return Editor.JSON  # several values are edited as a list
         found = _EDITORS.get(self.declared.wire_type, Editor.JSON)
         return Editor.CHOICE if found is Editor.TEXT and self.options else found
 
     @property
     def element_class(self) -> str:
-        """The class that an element has to be of; "" for any."""
+        """The required class of an element; "" for any."""
         name = self.declared.type if self.declared.is_element else ""
         return "" if name in (*ANY_TYPE, "element") else full_name(name)
 
     @property
     def type_name(self) -> str:
-        """The type, in words."""
+        """The displayed type."""
         if self.declared.is_element:
             return local_name(self.element_class) or "any element"
-        return _WORDS.get(self.declared.wire_type, self.declared.wire_type)
+        return _TYPE_NAMES.get(self.declared.wire_type, self.declared.wire_type)
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Between which numbers a value has to be: what the description says, as `0 to 1` or `at least 0`."""
+        """The least and the greatest value, as in the description: `0 to 1` or `at least 0`."""
         text = self.declared.description
         found = _RANGE.search(text)
         if found and float(found[1]) < float(found[2]):
@@ -132,39 +132,39 @@ class Field:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The texts that a value may be, where the description names them, as `one of: fast, slow`."""
+        """The allowed texts, as in the description: `one of: fast, slow`."""
         found = _ONE_OF.search(self.declared.description)
         names = re.split(r",|\bor\b", found[1]) if found else []
         return tuple(name.strip(" '\"`") for name in names if name.strip(" '\"`"))
 
     @property
     def unit(self) -> str:
-        """As the description ends with it in parentheses: `How long (s)`."""
+        """The unit at the end of the description: `How long (s)`."""
         found = _UNIT.search(self.declared.description) if self.editor is Editor.NUMBER else None
         return found[1] if found else ""
 
     @property
     def modes(self) -> tuple[ValueMode, ...]:
-        """How it may get its value; the first is what it begins with."""
+        """The possible modes; the first is the default."""
         if self.declared.is_element:
             empty = ValueMode.UNSET if self.declared.kind == "optional" else ValueMode.INFER
             return (ValueMode.GIVEN, empty) if self.declared.default else (empty, ValueMode.GIVEN)
-        if self.declared.default or self.declared.has_to_be_given:
-            return (ValueMode.GIVEN,)  # a manager takes "no value" for the default
+        if self.declared.default or self.declared.must_be_given:
+            return (ValueMode.GIVEN,)  # for a manager no value means the default
         return (ValueMode.UNSET, ValueMode.GIVEN)
 
     @property
     def is_default(self) -> bool:
-        """Whether it has the value that it is declared with, which need not be sent."""
+        """Whether it has the default value, which is not sent."""
         if self.mode is not ValueMode.GIVEN or not self.declared.default:
             return self.mode is not ValueMode.GIVEN
         untouched = Field(self.declared)
         return (self.value, self.text) == (untouched.value, untouched.text)
 
-    # -- what the user does ------------------------------------------------------------------------------------
+    # -- editing ----------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """As the skill declares it."""
+        """Restores the declared default."""
         self.mode, self.text, self.value = self.modes[0], "", None
         default = self.declared.default
         first = default[0] if default else None
@@ -179,18 +179,18 @@ class Field:
         self._check()
 
     def write(self, text: str) -> None:
-        """Takes what is typed; where a value may be missing, nothing typed is none."""
+        """Sets the text; an empty text unsets the value where that is possible."""
         self.text = text
         self.mode = ValueMode.UNSET if not text and ValueMode.UNSET in self.modes else ValueMode.GIVEN
         self._check()
 
     def choose(self, value: Any) -> None:
-        """Takes an element, by its id, or a truth value."""
+        """Sets an element by id, or a boolean."""
         self.value, self.mode = value, ValueMode.GIVEN
         self._check()
 
     def set_mode(self, mode: ValueMode) -> None:
-        """Takes another mode to get a value; one that it has not got changes nothing."""
+        """Sets the mode; ignored unless it is one of `modes`."""
         if mode in self.modes:
             self.mode = mode
             self._check()
@@ -204,9 +204,9 @@ class Field:
             self.error = ""
 
     def values(self) -> list[Any]:
-        """The values to send, as JSON has them; none when the manager is to find them, or to take the default.
+        """Returns the values to send, as JSON values; none to let the manager infer them or use the default.
 
-        :raises SkirosError: this is no value.
+        :raises SkirosError: the value is invalid.
         """
         if self.mode is not ValueMode.GIVEN:
             return []
@@ -220,7 +220,7 @@ class Field:
         if editor is Editor.CHOICE and self.text not in self.options:
             raise WrongValue(f"expected one of {', '.join(self.options)}")
         if editor is Editor.TEXT or editor is Editor.CHOICE:
-            if not self.text and self.declared.has_to_be_given:
+            if not self.text and self.declared.must_be_given:
                 raise WrongValue("a text is needed")
             return [self.text]
         if not self.text.strip():
@@ -263,7 +263,7 @@ class Field:
 
 
 def element_value(eid: str, element_class: str = "") -> dict[str, Any]:
-    """An element as parameters hold it; the manager reads the rest of it in the world model."""
+    """Returns an element as a parameter value; the manager reads the rest from the world model."""
     known = {"id": eid, "label": "", "type": element_class or "sumo:Object"}
     return {**known, "last_update": 0.0, "properties": {}, "relations": []}
 
@@ -279,6 +279,6 @@ def _between(least: float, most: float) -> str:
 
 
 def element_choices(elements: Iterable[Element]) -> tuple[ElementChoice, ...]:
-    """The elements to choose from, those with a label first, by label and id."""
+    """Returns the elements by label and id, those with a label first."""
     found = [ElementChoice(e.id, e.label, e.type) for e in elements if e.id]
     return tuple(sorted(found, key=lambda c: (not c.label, c.label.lower(), len(c.id), c.id)))

@@ -1,4 +1,4 @@
-"""The parameters of a skill that is to be started, as the user fills them in."""
+"""The start form of a skill."""
 
 from __future__ import annotations
 
@@ -9,48 +9,46 @@ from skiros2_gui.skills.fields import Field
 from skiros2_skill.command_line.assignments import Step
 from skiros2_task.core.actions import ROBOT_KEY
 
-#: In which order parameters are shown.
+#: The display order of parameters.
 _ORDER = ("required", "optional", "inferred")
 
 
 class Form:
-    """
-    :param offer: the skill.
-    """
+    """:param offer: the skill."""
 
     def __init__(self, offer: Offer) -> None:
         self.offer = offer
         fields = [Field(parameter) for parameter in offer.parameters.values()]
-        # The robot comes last: it is hardly ever another one than that of the manager.
+        # The robot comes last, as it is rarely changed.
         fields.sort(key=lambda f: (f.key == ROBOT_KEY, _ORDER.index(f.declared.kind)))
         self.fields: dict[str, Field] = {field.key: field for field in fields}
 
     @property
     def errors(self) -> dict[str, str]:
-        """What is wrong, by key."""
+        """The invalid fields: error by key."""
         return {field.key: field.error for field in self.fields.values() if field.error}
 
     @property
     def classes(self) -> list[str]:
-        """The classes that elements are chosen of; "" for any."""
+        """The classes of the element parameters; "" for any."""
         return sorted({field.element_class for field in self.fields.values() if field.declared.is_element})
 
     def given(self) -> dict[str, list[Any]]:
-        """The values that are given and are no defaults, as JSON has them, by key; those in `errors` are left out."""
+        """Returns the valid values that are not defaults, as JSON values by key."""
         return {key: f.values() for key, f in self.fields.items() if not (f.is_default or f.error)}
 
     def step(self) -> Step:
-        """What is sent to the manager; for when there are no `errors`."""
+        """Returns the step to send; requires that there are no `errors`."""
         params = [self.fields[key].declared.wire(values) for key, values in self.given().items()]
         return Step(self.offer.type, self.offer.label, {}, params)
 
     def reset(self) -> None:
-        """All as the skill declares it."""
+        """Restores all defaults."""
         for field in self.fields.values():
             field.reset()
 
     def adopt(self, other: Form) -> None:
-        """Takes over what the user has filled in before, where it still has a place."""
+        """Copies the values of a form for an earlier version of the skill, where the declarations are equal."""
         for key, field in self.fields.items():
             old = other.fields.get(key)
             if old is not None and old.declared == field.declared and not old.is_default:

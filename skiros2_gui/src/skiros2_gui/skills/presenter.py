@@ -1,4 +1,4 @@
-"""The tab "Skills" without its widgets: which skills there are, the chosen one and its parameters, starting it."""
+"""The presenter of the tab "Skills": the offered skills, the start form, starting."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skiros2_gui.skills.start_preview import StartPreview, preview_start
 from skiros2_gui.skills.task_presenter import TaskListPresenter
 from skiros2_skill.command_line.description import Skill
 
-#: What the jobs that look how a start would go have to themselves.
+#: The job queue of previews.
 _QUEUE = "skills: look"
 
 _MAX_USES = 1_000_000
@@ -28,10 +28,10 @@ _MAX_USES = 1_000_000
 
 @dataclass(frozen=True)
 class Refused:
-    """A start that did not come off.
+    """A refused start.
 
-    :param text: what the manager said.
-    :param explanation: why, where it tells.
+    :param text: the manager's message.
+    :param explanation: the reason, if known.
     """
 
     text: str
@@ -39,10 +39,10 @@ class Refused:
 
 
 class SkillsPresenter:
-    """Holds what the tab shows. In the window's thread.
+    """Used in the window's thread.
 
-    `on_rows`, `on_form`, `on_preview` are called when the tree of skills, the form, and what would come of a start are
-    other than before; the view sets them.
+    The view sets `on_rows`, `on_form` and `on_preview`, which are called when the tree of skills, the form, and the
+    preview of a start have changed.
     """
 
     def __init__(self, window: Window) -> None:
@@ -57,27 +57,27 @@ class SkillsPresenter:
         self.preview: StartPreview | None = None
         self.refused: Refused | None = None
         self.is_starting = False
-        self._stops = False  # what is being started is to be stopped
+        self._stop_when_started = False  # the pending start
         self._offered: dict[str, list[Skill]] = {}
         self._offers: dict[tuple[str, str, str], Offer] = {}
         self._forms: dict[tuple[str, str, str], Form] = {}
-        self._is_stale = False  # what would come of a start may be other by now
-        self._is_edited = False  # so that it has to be looked at once
+        self._is_stale = False  # the preview may be out of date
+        self._is_edited = False  # the form has changed
         self._is_refreshing = False
         self._throttle = Throttle()
         window.subscribe(ManagersChanged, lambda _: self.load())
         window.subscribe(WorldChanged, self._world_changed)
         self.load()
 
-    # -- which skills there are --------------------------------------------------------------------------------
+    # -- offered skills ---------------------------------------------------------------------------------------
 
     @property
     def rows(self) -> tuple[RobotRow, ...]:
-        """The tree, as the search leaves it."""
+        """The tree, filtered by the search."""
         return rows_of(self._offered, self.uses, self.search)
 
     def load(self) -> None:
-        """Asks all managers for their skills. Those that are gone are left out at once."""
+        """Reads the skills of all managers. Those of disconnected managers are removed at once."""
         managers = self._window.system.managers
         self._offered = {name: skills for name, skills in self._offered.items() if name in managers}
         for name, manager in managers.items():
@@ -107,7 +107,7 @@ class SkillsPresenter:
             self._invalidate()
 
     def search_for(self, text: str) -> None:
-        """Leaves in the tree what has these words."""
+        """Sets the search words."""
         if text != self.search:
             self.search = text
             self.on_rows()
@@ -116,11 +116,11 @@ class SkillsPresenter:
 
     @property
     def is_offered(self) -> bool:
-        """Whether the robot of the chosen skill is there and offers it."""
+        """Whether a running robot offers the chosen skill."""
         return self.form is not None and self._find(self.form.offer.key) is not None
 
     def choose(self, key: tuple[str, str, str] | None) -> None:
-        """Shows the parameters of a skill, with what was filled in when it was shown last."""
+        """Shows the form of a skill, with the values of its last use."""
         offer = self._find(key) if key is not None else None
         if offer is None:
             self.form = None
@@ -140,19 +140,19 @@ class SkillsPresenter:
         return self._offers.get(key)
 
     def write(self, key: str, text: str) -> None:
-        """Something was typed into an editor."""
+        """Sets the text of a field."""
         self._edit(key, lambda field: field.write(text))
 
     def choose_value(self, key: str, value: Any) -> None:
-        """An element, by its id, or yes or no was chosen."""
+        """Sets an element, by its id, or a boolean."""
         self._edit(key, lambda field: field.choose(value))
 
     def set_mode(self, key: str, mode: ValueMode) -> None:
-        """The parameter is to be inferred, or unset, or given."""
+        """Sets how a parameter gets its value."""
         self._edit(key, lambda field: field.set_mode(mode))
 
     def reset(self) -> None:
-        """All parameters as the skill declares them."""
+        """Restores all defaults."""
         if self.form is not None:
             self.form.reset()
             self.refused = None
@@ -168,22 +168,22 @@ class SkillsPresenter:
             self._invalidate()
             self.refresh()
 
-    # -- what would come of a start ----------------------------------------------------------------------------
+    # -- preview of a start -----------------------------------------------------------------------------------
 
     def _world_changed(self, _: WorldChanged) -> None:
-        self._is_stale = True  # what is shown stays until it was looked anew
+        self._is_stale = True  # the preview stays until the next refresh
 
     def _invalidate(self) -> None:
         self._is_stale = self._is_edited = True
         self.on_preview()
 
     def refresh_if_ready(self) -> None:
-        """As `look`, for the view to call now and then: a scene that always changes is not looked at each time."""
+        """Refreshes the preview unless the throttle is active; to be called periodically."""
         if self._throttle.is_ready:
             self.refresh()
 
     def refresh(self) -> None:
-        """Finds out what would come of a start, where that may be other than it was."""
+        """Refreshes the preview if the scene or the form has changed."""
         form, world = self.form, self._window.system.world
         if not self._is_stale or self._is_refreshing or form is None or world is None:
             return
@@ -211,18 +211,18 @@ class SkillsPresenter:
 
     @property
     def has_world(self) -> bool:
-        """Whether there was a world model yet."""
+        """Whether a world model was found."""
         return self._window.system.world is not None
 
     @property
     def can_start(self) -> bool:
-        """Whether there is something to be sent; what would be refused may be sent too."""
+        """Whether the form can be sent, even if the preview expects a refusal."""
         return self.form is not None and not self.form.errors and self.is_offered and not self.is_starting
 
     def start(self, ticks_once: bool = False) -> None:
-        """Starts the chosen skill as a task of its own.
+        """Starts the chosen skill as a task.
 
-        :param ticks_once: it is ticked once and paused.
+        :param ticks_once: ticks it once and pauses it.
         """
         form = self.form
         if form is None or not self.can_start:
@@ -231,36 +231,37 @@ class SkillsPresenter:
         manager = self._window.system.managers[offer.manager]
         step = form.step()
         action = "tick_once" if ticks_once else "start"
-        self.is_starting, self._stops, self.refused = True, False, None
+        self.is_starting, self._stop_when_started, self.refused = True, False, None
         since = self.tasks.now()
         self.on_preview()
         self._window.jobs.run(
             lambda: _start(manager, action, step),
-            lambda came: self._started(form, came, since),
+            lambda task: self._started(form, task, since),
             lambda error: self._started(form, Refused(error_text(error)), since),
             activity=f"starting {offer.name} of {offer.manager}",
         )
 
-    def _started(self, form: Form, came: int | Refused, since: float) -> None:
+    def _started(self, form: Form, result: int | Refused, since: float) -> None:
         self.is_starting = False
         offer = form.offer
-        if isinstance(came, int):
+        if isinstance(result, int):
             self.uses[offer.use] = min(self.uses.get(offer.use, 0) + 1, _MAX_USES)
-            self.tasks.started(offer.manager, came, offer.name, since)
-            self._window.publish(TaskStarted(offer.manager, came))
-            if self._stops:
-                self.tasks.stop((offer.manager, came))
+            self.tasks.started(offer.manager, result, offer.name, since)
+            self._window.publish(TaskStarted(offer.manager, result))
+            if self._stop_when_started:
+                self.tasks.stop((offer.manager, result))
         elif form is self.form:
-            self.refused = came
+            self.refused = result
         else:
-            self._window.problems.report(f"starting {offer.name} of {offer.manager}", came.text)
+            self._window.problems.report(f"starting {offer.name} of {offer.manager}", result.text)
         self.on_preview()
 
     def toggle(self) -> None:
-        """Stops what was started last, of the chosen skill's robot; when that has ended, starts the chosen skill. A
-        start that is under mode is stopped when the task's id is known."""
+        """Stops the last task of the chosen skill's robot if it is running; else starts the chosen skill. A pending
+        start is stopped once the task id is known.
+        """
         if self.is_starting:
-            self._stops = True
+            self._stop_when_started = True
             return
         manager = self.form.offer.manager if self.form is not None else ""
         last = self.tasks.last_of(manager)
@@ -272,11 +273,11 @@ class SkillsPresenter:
     # -- settings ----------------------------------------------------------------------------------------------
 
     def settings(self) -> dict[str, Any]:
-        """What is to be kept, as JSON has it."""
+        """Returns the settings to store, as JSON values."""
         return {"uses": self.uses}
 
     def restore(self, settings: Mapping[str, Any]) -> None:
-        """Takes what `settings` gave; what is not as expected is left out."""
+        """Restores settings; invalid values are skipped."""
         uses = settings.get("uses")
         if isinstance(uses, Mapping):
             counts = {k: n for k, n in uses.items() if isinstance(k, str) and type(n) is int and 0 < n <= _MAX_USES}
@@ -285,7 +286,7 @@ class SkillsPresenter:
 
 
 def _start(manager: Any, action: str, step: Any) -> int | Refused:
-    """Sends a skill; in a worker. What the manager says against it is an answer too."""
+    """Sends a skill; in a worker. Returns the task id, or the refusal."""
     try:
         return int(manager.command(action, -1, [step]))
     except SkirosError as error:
@@ -293,14 +294,14 @@ def _start(manager: Any, action: str, step: Any) -> int | Refused:
 
 
 def _why_refused(manager: Any, text: str) -> Explanation | None:
-    """What the manager tells of the start that it has just refused; None when it tells of something else."""
+    """Returns the manager's explanation of the refused start; None if its last one is about another start."""
     try:
-        told = json.loads(manager.why(-1).json or "[]")
-        explanation = Explanation.from_dict(told[-1]) if told else None
+        explanations = json.loads(manager.why(-1).json or "[]")
+        explanation = Explanation.from_dict(explanations[-1]) if explanations else None
     except (SkirosError, ValueError):
         return None
     return explanation if explanation is not None and explanation.message in text else None
 
 
 def _nothing() -> None:
-    """Nobody looks."""
+    """The default callback."""

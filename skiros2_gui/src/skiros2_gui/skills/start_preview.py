@@ -1,6 +1,6 @@
-"""What would come of a start: which elements the parameters would hold, or why the robot would refuse.
+"""The preview of a start: the elements that parameters would get, or why the robot would refuse.
 
-It is found out with the manager's own search and conditions, on the scene as it is known here. Nothing is started.
+It uses the manager's inference and conditions on the window's replica of the scene. Nothing is started.
 """
 
 from __future__ import annotations
@@ -32,14 +32,12 @@ _SKILL_PARTS = "skiros:skillProperty"
 
 @dataclass(frozen=True)
 class StartPreview:
-    """What would come of a start.
-
-    :param label: of the implementation that would run; "" when none would.
-    :param values: the elements that the robot would find, by key.
-    :param refusal: why it would refuse; None when it would start.
-    :param unchecked: the conditions that only the robot can check, by label.
-    :param choices: the elements of each class that a parameter asks for, by class.
-    :param problem: why nothing could be found out, in words; "" when it was.
+    """:param label: of the implementation that would run; "" if none would.
+    :param values: the inferred elements, by key.
+    :param refusal: why the robot would refuse; None if it would start.
+    :param unchecked: the labels of conditions that only the robot can check.
+    :param choices: the elements of each class that a parameter requires, by class.
+    :param problem: why there is no preview; "" if there is one.
     """
 
     label: str = ""
@@ -51,15 +49,15 @@ class StartPreview:
 
     @property
     def works(self) -> bool:
-        """Whether it would start, as far as that is known."""
+        """Whether the skill would start, as far as known."""
         return self.refusal is None and not self.problem
 
 
 def preview_start(offer: Offer, given: Mapping[str, Sequence[Any]], classes: Sequence[str], wm: Any) -> StartPreview:
-    """What would come of a start. Reads the scene; for a worker thread.
+    """Previews a start. Reads the scene; for a worker thread.
 
-    :param given: the values that are given, as JSON has them, by key.
-    :param classes: of which the elements to choose from are wanted; "" for any.
+    :param given: the specified values, as JSON values by key.
+    :param classes: the classes whose elements are returned as choices; "" for any.
     :param wm: the world model.
     """
     choices = {}
@@ -82,7 +80,7 @@ def preview_start(offer: Offer, given: Mapping[str, Sequence[Any]], classes: Seq
 
 
 def _robot(manager: str, wm: Any) -> tuple[Element | None, dict[str, str]]:
-    """The robot of a manager, and the ids of its skills by type and label; None before it is in the scene."""
+    """Returns the robot of a manager, and the ids of its skills by type and label; None if it is not in the scene."""
     robot = next((e for e in wm.resolve_elements(Element("cora:Robot")) if runs_on(e, manager)), None)
     relations = robot.getRelations("-1", "skiros:hasSkill", "") if robot is not None else []
     skills = [wm.find_element(relation["dst"]) for relation in relations]
@@ -96,7 +94,7 @@ def _preview(
     registered: Mapping[str, str],
     wm: Any,
 ) -> StartPreview:
-    """What would come of a start of one implementation."""
+    """Previews the start of one implementation."""
     params = ParamHandler({key: _param(p, given.get(key, ()), wm) for key, p in skill.parameters.items()})
     if robot is not None and params.hasParam(ROBOT_KEY) and not given.get(ROBOT_KEY):
         params.specify(ROBOT_KEY, robot)
@@ -125,10 +123,10 @@ def _refusal(skill: Skill, stage: str, text: str, params: ParamHandler) -> Expla
 
 
 def _param(declared: Parameter, given: Sequence[Any], wm: Any) -> Param:
-    """A parameter as the manager would have it."""
+    """Returns a parameter as the manager makes it."""
     kind = _KINDS[declared.kind]
     if not declared.is_element:
-        # What a library has registered is no matter to a condition that can be read here.
+        # Conditions that can be checked here do not use types registered by libraries.
         datatype = _TYPES.get(declared.wire_type, object)
         param = Param(declared.key, declared.description, datatype, kind)
         values = list(given or declared.default)
@@ -144,9 +142,9 @@ def _param(declared: Parameter, given: Sequence[Any], wm: Any) -> Param:
 
 
 def _pre_conditions(skill: str, wm: Any) -> tuple[list[Any], list[str]]:
-    """The pre-conditions that a manager has registered for a skill, and the labels of those that only it can check.
+    """Returns the pre-conditions registered for a skill, and the labels of those that only the manager can check.
 
-    :param skill: the id of the skill's element; "" where there is none.
+    :param skill: the id of the skill's element; "" for none.
     """
     conditions: list[Any] = []
     unchecked: list[str] = []
@@ -161,7 +159,7 @@ def _pre_conditions(skill: str, wm: Any) -> tuple[list[Any], list[str]]:
 
 
 def _is_readable(read: SkillCondition, wm: Any) -> bool:
-    """Whether the fact can be told here: of a relation that the ontologies do not know, a reasoner has to be there."""
+    """Returns whether a condition can be checked here: a relation has to be in the ontologies or have a reasoner."""
     if read.parts:
         return all(_is_readable(part, wm) for part in read.parts)
     if read.kind != "ConditionRelation":

@@ -1,4 +1,4 @@
-"""What is said beside the button that starts a skill: what it would run with, or why it would not run."""
+"""The status beside the start button: what the skill would run with, or why it would not run."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ READY, REFUSED, WAITING = "ready", "refused", "waiting"
 
 @dataclass(frozen=True)
 class StartStatus:
-    """
-    :param status: `READY`, `REFUSED` or `WAITING`.
-    :param text: in a sentence.
-    :param details: more of it, in lines.
+    """:param status: `READY`, `REFUSED` or `WAITING`.
+    :param text: one sentence.
+    :param details: more lines.
     """
 
     status: str
@@ -27,7 +26,7 @@ class StartStatus:
 
 
 def start_status(skills: SkillsPresenter) -> StartStatus:
-    """What is to be said of the chosen skill."""
+    """Returns the status of the chosen skill."""
     form = skills.form
     if form is None:
         return StartStatus(WAITING, "Choose a skill on the left.")
@@ -40,18 +39,18 @@ def start_status(skills: SkillsPresenter) -> StartStatus:
     if not skills.is_offered:
         return StartStatus(REFUSED, f"{form.offer.manager} does not offer {form.offer.name} now.")
     if form.errors:
-        told = "; ".join(f"{key}: {error}" for key, error in form.errors.items())
-        return StartStatus(REFUSED, f"Fill in first: {told}")
+        errors = "; ".join(f"{key}: {error}" for key, error in form.errors.items())
+        return StartStatus(REFUSED, f"Fill in first: {errors}")
     if skills.preview is None and not skills.has_world:
-        return StartStatus(WAITING, "The world model is not there: it cannot be told whether it would start.")
+        return StartStatus(WAITING, "The start cannot be previewed without the world model.")
     if skills.preview is None:
-        return StartStatus(WAITING, "Looking at the scene…")
+        return StartStatus(WAITING, "Reading the scene…")
     return _of_preview(skills.preview)
 
 
 def _of_preview(preview: StartPreview) -> StartStatus:
     if preview.problem:
-        return StartStatus(REFUSED, f"It cannot be told whether it would start: {preview.problem}")
+        return StartStatus(REFUSED, f"The start cannot be previewed: {preview.problem}")
     if preview.refusal is not None:
         text = f"It would be refused: {_headline(preview.refusal)}"
         return StartStatus(REFUSED, text, tuple(_lines(preview.refusal)))
@@ -63,7 +62,7 @@ def _of_preview(preview: StartPreview) -> StartStatus:
 
 
 def _headline(refusal: Explanation) -> str:
-    """Why it would be refused, short."""
+    """Returns the short reason of a refusal."""
     if refusal.candidates:
         emptied = [c for c in refusal.candidates if c.emptied]
         keys = " and ".join(c.key for c in emptied or refusal.candidates)
@@ -78,7 +77,7 @@ def _headline(refusal: Explanation) -> str:
 
 
 def _lines(explanation: Explanation) -> Iterator[str]:
-    """An explanation beyond its message."""
+    """Yields an explanation without its message."""
     for finding in explanation.findings:
         yield from finding.lines()
     yield from map(str, explanation.candidates)
@@ -89,6 +88,6 @@ def _lines(explanation: Explanation) -> Iterator[str]:
 
 
 def _without_author(text: str) -> str:
-    """The text of a refusal without who asked for it, which is this window."""
-    head, mark, rest = text.partition(" refused: ")
-    return rest if mark and head.startswith(("start by", "tick_once by")) else text
+    """Returns the text of a refusal without the name of the requester, which is this window."""
+    head, separator, rest = text.partition(" refused: ")
+    return rest if separator and head.startswith(("start by", "tick_once by")) else text

@@ -1,4 +1,4 @@
-"""The list of tasks in the tab "Skills": following, pausing and stopping them, and why one failed."""
+"""The presenter of the list of tasks: commands, and why a task failed."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from skiros2_gui.skills.task_rows import Key, TaskRow, TaskRows
 
 
 class TaskListPresenter:
-    """In the window's thread. `on_tasks` and `on_why` are called when there is something to show anew."""
+    """Used in the window's thread. The view sets `on_tasks` and `on_why`, which are called on changes."""
 
     def __init__(self, window: Window, clock: Callable[[], float] = time.time) -> None:
         self._window = window
         self._clock = clock
         self._tasks = TaskRows()
-        self._last: dict[str, int] = {}  # the task that was started last, by manager
-        self._known: set[str] = set()  # the managers that are there
+        self._last: dict[str, int] = {}  # the last started task, by manager
+        self._known: set[str] = set()  # the connected managers
         self.on_tasks: Callable[[], None] = _nothing
         self.on_why: Callable[[], None] = _nothing
-        #: Which task is told of in `why`, in lines.
+        #: The task that `why` (in lines) explains.
         self.why_of: Key | None = None
         self.why: tuple[str, ...] = ()
         window.subscribe(TaskProgress, self._progressed)
@@ -34,25 +34,25 @@ class TaskListPresenter:
 
     @property
     def rows(self) -> list[TaskRow]:
-        """Those that run, then those that have ended, each the newest first."""
+        """Running tasks, then ended ones; the newest first."""
         return self._tasks.rows
 
     def get(self, key: Key | None) -> TaskRow | None:
-        """The task of that key, None when it is not in the list any more."""
+        """Returns a task, or None."""
         return self._tasks.get(key)
 
     def last_of(self, manager: str) -> TaskRow | None:
-        """The task of a manager that was started last in this window; None when there is none."""
+        """Returns the task of a manager started last in this window, or None."""
         return self._tasks.get((manager, self._last[manager])) if manager in self._last else None
 
     def now(self) -> float:
-        """The time, as the list has it (s since the epoch)."""
+        """Returns the time (s since the epoch)."""
         return self._clock()
 
     def started(self, manager: str, task: int, name: str, since: float) -> None:
-        """A task was started here, of which may have been heard already.
+        """Adds a task started by this window, unless its progress was received already.
 
-        :param since: when it was asked for. What was heard of that id before is of another task.
+        :param since: when the start was sent. Earlier progress with the same id belongs to an earlier task.
         """
         self._last[manager] = task
         known = self._tasks.get((manager, task))
@@ -60,40 +60,40 @@ class TaskListPresenter:
             self._tasks.add(manager, task, name, self._clock())
             self.on_tasks()
 
-    # -- what the user does ------------------------------------------------------------------------------------
+    # -- commands ---------------------------------------------------------------------------------------------
 
     def pause(self, key: Key) -> None:
-        """No more ticks, until it goes on."""
+        """Pauses a task."""
         self._command(key, "pause", "pausing")
 
     def resume(self, key: Key) -> None:
-        """A paused task goes on."""
+        """Resumes a paused task."""
         self._command(key, "start", "resuming")
 
     def step(self, key: Key) -> None:
-        """A paused task is ticked once."""
+        """Ticks a paused task once."""
         self._command(key, "tick_once", "ticking")
 
     def stop(self, key: Key) -> None:
-        """Ends a task."""
+        """Preempts a task."""
         self._command(key, "preempt", "stopping")
 
     def stop_all(self) -> None:
-        """Ends all tasks of all robots."""
+        """Preempts all tasks of all robots."""
         for manager in self._window.system.managers:
             self._command((manager, -1), "preempt", "stopping")
 
     def show(self, key: Key) -> None:
-        """The task is to be seen in the tab that shows running tasks."""
+        """Shows the task in the tab "Running"."""
         self._window.publish(TaskStarted(*key, to_front=True))
 
     def clear_ended(self) -> None:
-        """Only those that run stay in the list."""
+        """Removes the tasks that have ended."""
         self._tasks.clear_ended()
         self.on_tasks()
 
     def ask_why(self, key: Key | None) -> None:
-        """Has `why` tell why a task failed."""
+        """Reads why a task failed into `why`."""
         row = self._tasks.get(key)
         manager = self._window.system.managers.get(key[0]) if key is not None else None
         self.why_of, self.why = key, ()
@@ -102,7 +102,7 @@ class TaskListPresenter:
             return
         task = key[1]
         self._window.jobs.run(
-            lambda: _told(manager.why(task)),
+            lambda: _failure_lines(manager.why(task)),
             lambda lines: self._answered(key, lines),
             activity=f"asking why task {task} of {key[0]} failed",
             queue=key[0],
@@ -113,28 +113,27 @@ class TaskListPresenter:
             self.why = lines
             self.on_why()
 
-    def _command(self, key: Key, action: str, doing: str) -> None:
+    def _command(self, key: Key, action: str, verb: str) -> None:
         manager = self._window.system.managers.get(key[0])
-        what = f"{doing} {f'task {key[1]}' if key[1] >= 0 else 'all tasks'} of {key[0]}"
+        activity = f"{verb} {f'task {key[1]}' if key[1] >= 0 else 'all tasks'} of {key[0]}"
         if manager is None:
-            self._window.problems.report(what, "the robot is not there")
+            self._window.problems.report(activity, "the robot is not running")
             return
         self._window.jobs.run(
-            lambda: self._commanded(manager, action, key[1]),
-            lambda found: self._found(key[0], *found),
-            activity=what,
+            lambda: self._send_command(manager, action, key[1]),
+            lambda found: self._update_tasks(key[0], *found),
+            activity=activity,
             queue=f"{key[0]}: commands",
             urgent=action == "preempt",
         )
 
-    def _commanded(self, manager: Manager, action: str, task: int) -> tuple[list[Sequence[Any]], float]:
-        """Sends a command and asks what has become of the task: one that is paused tells nothing of itself. In a
-        worker."""
+    def _send_command(self, manager: Manager, action: str, task: int) -> tuple[list[Sequence[Any]], float]:
+        """Sends a command and reads the task, as a paused task publishes no progress. In a worker."""
         manager.command(action, task)
         stamp = self._clock()
         return (manager.tasks(task) if action in ("pause", "tick_once") else []), stamp
 
-    # -- what is heard -----------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------------------
 
     def _progressed(self, event: TaskProgress) -> None:
         if self._tasks.update(event.manager, event.nodes, event.stamp):
@@ -150,15 +149,15 @@ class TaskListPresenter:
         if any(lost):
             self.on_tasks()
 
-    def _found(self, manager: str, tasks: list[Sequence[Any]], stamp: float) -> None:
-        """What a manager has answered of its tasks."""
+    def _update_tasks(self, manager: str, tasks: list[Sequence[Any]], stamp: float) -> None:
+        """Updates tasks from a manager's response."""
         new = [self._tasks.update(manager, nodes, stamp) for nodes in tasks]
         if any(new):
             self.on_tasks()
 
 
-def _told(answer: object) -> tuple[str, ...]:
-    """Why a task failed, in lines: the failure that ended it first."""
+def _failure_lines(answer: object) -> tuple[str, ...]:
+    """Returns why a task failed, in lines; the failure that ended it first."""
     explanations = [Explanation.from_dict(data) for data in json.loads(getattr(answer, "json", "") or "[]")]
     if not explanations:
         return tuple(str(getattr(answer, "text", "")).splitlines())
@@ -166,4 +165,4 @@ def _told(answer: object) -> tuple[str, ...]:
 
 
 def _nothing() -> None:
-    """Nobody looks."""
+    """The default callback."""

@@ -1,4 +1,4 @@
-"""The tasks of all robots that run or have just ended, as a list."""
+"""The list of tasks of all robots."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 from skiros2_common.core.names import local_name
 from skiros2_skill.core.runtime.history import one_line
 
-#: States on the wire.
+#: The values of `SkillProgress.state`.
 SUCCESS, FAILURE, RUNNING, IDLE = 1, 2, 3, 4
 
-#: So many tasks that have ended are kept, the last ones.
+#: The most ended tasks kept.
 MAX_ENDED = 50
 
-#: So long after its last news a task that runs counts as silent (s); managers tell of each once a second.
+#: Without a message for this time a running task counts as silent (s). Managers publish once a second.
 SILENCE_TIMEOUT = 5.0
 
 Key = tuple[str, int]
@@ -23,14 +23,12 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True)
 class TaskRow:
-    """A task.
-
-    :param manager: the node name of its robot's manager.
-    :param skill: what it runs, in words.
-    :param state: `running`, `paused`, `succeeded`, `failed`, or `lost` when its robot has gone.
-    :param message: what it says of itself, in one line.
-    :param start: when it was first heard of (s since the epoch).
-    :param updated: when it was last heard of, likewise.
+    """:param manager: the node name of the robot's manager.
+    :param skill: the names of its skills.
+    :param state: `running`, `paused`, `succeeded`, `failed`, or `lost` if the robot has disconnected.
+    :param message: its message, in one line.
+    :param start: the time of its first message (s since the epoch).
+    :param updated: the time of its last message (s since the epoch).
     """
 
     manager: str
@@ -46,7 +44,7 @@ class TaskRow:
         return (self.manager, self.task)
 
     def state_at(self, now: float) -> str:
-        """The state as it is shown: `silent` for one that should have told of itself.
+        """Returns the displayed state: `silent` for a running task without recent messages.
 
         :param now: s since the epoch.
         """
@@ -58,23 +56,23 @@ class TaskRow:
 
 
 class TaskRows:
-    """Collects what tasks tell. For one thread."""
+    """Collects the progress of tasks. For one thread."""
 
     def __init__(self) -> None:
         self._rows: dict[Key, TaskRow] = {}
 
     @property
     def rows(self) -> list[TaskRow]:
-        """Those that run, then those that have ended, each the newest first."""
+        """Running tasks, then ended ones; the newest first."""
         return sorted(self._rows.values(), key=lambda row: (row.is_finished, -row.start, row.key))
 
     def get(self, key: Key | None) -> TaskRow | None:
         return self._rows.get(key) if key is not None else None
 
     def update(self, manager: str, nodes: Sequence[Any], stamp: float) -> bool:
-        """A task has come to this. Returns whether anything but the time is other than before.
+        """Updates a task. Returns whether anything but the time has changed.
 
-        :param nodes: a `SkillProgress` for each, the root first.
+        :param nodes: a `SkillProgress` for each node, the root first.
         """
         if not nodes:
             return False
@@ -82,10 +80,10 @@ class TaskRows:
         key = (manager, int(root.id))
         known = self._rows.get(key)
         if known is not None and known.is_finished and abs(root.progress_code) != 1:
-            known = None  # the manager was started anew, and counts from the beginning again
+            known = None  # the manager has restarted and reuses ids
         state = _state(root)
         if known is not None and stamp < known.updated and state in ("running", "paused"):
-            return False  # it was overtaken by the answer to a question
+            return False  # a later response was processed already
         row = TaskRow(
             manager,
             key[1],
@@ -101,20 +99,20 @@ class TaskRows:
         return known is None or (known.state, known.message, known.skill) != (row.state, row.message, row.skill)
 
     def add(self, manager: str, task: int, skill: str, stamp: float) -> None:
-        """A task was started that has not told of itself yet."""
+        """Adds a started task without progress."""
         self._rows[(manager, task)] = TaskRow(manager, task, skill, "running", "", stamp, stamp)
 
     def mark_lost(self, manager: str) -> bool:
-        """A robot has gone, and its tasks with it. Returns whether there were any."""
+        """Marks the running tasks of a manager as lost. Returns whether there were any."""
         lost = [row for row in self._rows.values() if row.manager == manager and not row.is_finished]
         for row in lost:
             self._rows[row.key] = TaskRow(
-                manager, row.task, row.skill, "lost", "the robot has gone", row.start, row.updated
+                manager, row.task, row.skill, "lost", "the robot has disconnected", row.start, row.updated
             )
         return bool(lost)
 
     def clear_ended(self) -> None:
-        """Only those that run stay."""
+        """Removes the tasks that have ended."""
         self._rows = {key: row for key, row in self._rows.items() if not row.is_finished}
 
     def _drop_oldest(self) -> None:
@@ -126,12 +124,12 @@ class TaskRows:
 def _state(root: Any) -> str:
     if abs(root.progress_code) == 1:
         return "succeeded" if root.state == SUCCESS else "failed"
-    # While it goes on the root says nothing; a task that is held back says why.
+    # The root has a message only while the task is paused.
     return "paused" if root.progress_message else "running"
 
 
 def _skill(nodes: Sequence[Any]) -> str:
-    """The skills right under the root."""
+    """Returns the names of the skills below the root."""
     root = nodes[0].id
     names = [n.label or local_name(n.type) for n in nodes[1:] if n.parent_id == root]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
@@ -139,7 +137,7 @@ def _skill(nodes: Sequence[Any]) -> str:
 
 
 def _message(nodes: Sequence[Any], state: str) -> str:
-    """What the task says: at its end and while it is held back the root, else the node that runs and is deepest."""
+    """Returns the root's message if the task has ended or is paused, else that of the deepest running node."""
     text = nodes[0].progress_message
     if state == "running":
         running = [n for n in nodes[1:] if n.state == RUNNING]

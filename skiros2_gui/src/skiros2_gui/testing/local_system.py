@@ -90,7 +90,7 @@ class LocalManager:
             self._library.add(skill)
         prefix, _, local = robot.rpartition(":")
         self._registration = Registration(wm, prefix, local, name)
-        self._registration.enter(self._library.implementations())
+        self._registration.register(self._library.implementations())
         self._history = History()
         self._scheduler = Scheduler(on_progress=self._on_progress)
         wm.add_listener(self._scheduler.on_change)

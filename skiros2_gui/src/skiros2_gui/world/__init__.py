@@ -1,1 +1,1 @@
-"""The scene: its tree, the selected element, undo_stack with undo and redo, queries."""
+"""The scene: its tree, the selected element, edits with undo and redo, queries."""

@@ -1,4 +1,4 @@
-"""What can be chosen in the dialogs of the scene tab: classes and templates as a tree, elements and relations."""
+"""The choices of the scene dialogs: classes, templates, elements and relations."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ CLASS, TEMPLATE = "class", "template"
 
 @dataclass(frozen=True)
 class Choice:
-    """Something that can be chosen, with what is under it.
+    """A class or template, with its subclasses and templates.
 
     :param kind: `CLASS` or `TEMPLATE`.
-    :param text: as it is shown.
+    :param text: as displayed.
     """
 
     name: str
@@ -28,25 +28,25 @@ class Choice:
     children: tuple[Choice, ...] = ()
 
     def matches(self, words: Sequence[str]) -> bool:
-        """Whether it has all of some words, in lower case, in its name or description."""
+        """Returns whether its name or description contains all words (lower case)."""
         text = f"{self.name} {self.description}".lower()
         return all(word in text for word in words)
 
 
 def class_choices(vocabulary: Vocabulary, with_templates: bool = True) -> tuple[Choice, ...]:
-    """The classes as a tree, each with its templates before the classes under it.
+    """Returns the tree of classes; templates precede subclasses.
 
-    A class that is under several others is shown under each.
+    A class with several superclasses is listed below each.
     """
     return tuple(_class_choice(vocabulary, name, with_templates, frozenset()) for name in vocabulary.top_classes())
 
 
-def _class_choice(vocabulary: Vocabulary, name: str, with_templates: bool, above: frozenset[str]) -> Choice:
-    above = above | {name}
+def _class_choice(vocabulary: Vocabulary, name: str, with_templates: bool, ancestors: frozenset[str]) -> Choice:
+    ancestors = ancestors | {name}
     templates = vocabulary.templates(name) if with_templates else []
-    # An individual is listed with each class that it is declared of; here with the most specific one.
+    # An individual is listed by each of its classes; keep the most specific one.
     own = [t for t in templates if vocabulary.type_of(t) == name]
-    below = [c for c in vocabulary.subclasses(name) if c not in above]
+    below = [c for c in vocabulary.subclasses(name) if c not in ancestors]
     return Choice(
         name,
         CLASS,
@@ -54,13 +54,13 @@ def _class_choice(vocabulary: Vocabulary, name: str, with_templates: bool, above
         vocabulary.description(name),
         (
             *(Choice(t, TEMPLATE, local_name(t), vocabulary.description(t)) for t in own),
-            *(_class_choice(vocabulary, c, with_templates, above) for c in below),
+            *(_class_choice(vocabulary, c, with_templates, ancestors) for c in below),
         ),
     )
 
 
 def flat(choices: Sequence[Choice]) -> Iterator[Choice]:
-    """All choices of a tree, each before what is under it."""
+    """Yields all choices of a tree in pre-order."""
     for choice in choices:
         yield choice
         yield from flat(choice.children)
@@ -74,11 +74,11 @@ def element_choices(
     without: str = "",
     most: int = 200,
 ) -> list[tuple[str, str]]:
-    """The elements that a text finds ("": all), as ids and names; then the templates that it finds.
+    """Returns ids and names of the elements that match a text ("" matches all), then the matching templates.
 
-    :param types: those of these classes, or under them, come first.
-    :param without: this one is left out.
-    :param most: so many elements at most.
+    :param types: instances of these classes come first.
+    :param without: an id to leave out.
+    :param most: the most elements.
     """
     words = text.lower().split()
     all_ids = (node.id for node in hierarchy.scene)
@@ -92,6 +92,6 @@ def element_choices(
 
 
 def predicate_choices(vocabulary: Vocabulary, subject_type: str) -> list[tuple[Predicate, bool]]:
-    """The relations, those that are meant for a subject of a class first; and whether each is."""
+    """Returns the relations and whether their domain includes a class; those that do come first."""
     found = [(p, not vocabulary.mismatch(subject_type, p.name, "")) for p in vocabulary.predicates()]
     return sorted(found, key=lambda pair: not pair[1])

@@ -1,4 +1,4 @@
-"""An element as the window shows it: its properties with types and units, and its relations both ways."""
+"""The details of an element: properties with types and units, relations in both directions, pose."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from skiros2_std_reasoners.core.spatial_data import BASE_FRAME, pose_of, text
 from skiros2_world_model.core.formatting import format_values
 from skiros2_world_model.core.scene import ROOT
 
-#: Shown among the properties of what has an orientation, in the place of which people read and write them.
+#: Pseudo properties of elements with an orientation.
 ANGLES = ("Roll", "Pitch", "Yaw")
 _ANGLE_TIPS = (
-    "The turn about x. Roll, pitch and yaw are what the orientation (a quaternion) comes to.",
-    "The turn about y, after the roll.",
-    "The turn about z, after roll and pitch.",
+    "The rotation about x. Roll, pitch and yaw are computed from the orientation (a quaternion).",
+    "The rotation about y, after roll.",
+    "The rotation about z, after roll and pitch.",
 )
-_TYPE_WORDS = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
-#: The order in which properties are shown; those that fit none come before the last ones.
+_TYPE_NAMES = {float: "number", int: "whole number", bool: "yes or no", str: "text", list: "list", dict: "table"}
+#: The display order of properties: the index of the first pattern that matches.
 _ORDER = tuple(
     re.compile(pattern)
     for pattern in (
@@ -43,10 +43,10 @@ _ORDER = tuple(
 class PropertyRow:
     """A property of an element.
 
-    :param values: what it has; texts, numbers and bools, or lists and dicts.
-    :param kind: the Python type of its values.
-    :param unit: of the numbers; "" none.
-    :param description: what the ontologies say of it; "" nothing.
+    :param values: strings, numbers, booleans, lists or dicts.
+    :param kind: the Python type of the values.
+    :param unit: of numbers; "" for none.
+    :param description: from the ontologies; "" for none.
     """
 
     key: str
@@ -57,27 +57,27 @@ class PropertyRow:
 
     @property
     def name(self) -> str:
-        """As it is shown."""
+        """The displayed name."""
         return local_name(self.key)
 
     @property
     def text(self) -> str:
-        """The values as they are shown, without the unit."""
+        """The displayed values, without the unit."""
         return format_values(self.values)
 
     @property
     def kind_text(self) -> str:
-        """The type of the values in a word."""
-        return _TYPE_WORDS.get(self.kind, self.kind.__name__)
+        """The displayed type."""
+        return _TYPE_NAMES.get(self.kind, self.kind.__name__)
 
     @property
     def is_plain(self) -> bool:
-        """Whether its values are no lists or tables, which are written as JSON."""
+        """Whether the values are no lists or dicts, which are edited as JSON."""
         return self.kind in (float, int, bool, str)
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The values as they are written, whole."""
+        """The values as edited, not shortened."""
         if not self.is_plain:
             return tuple(json.dumps(value, default=str) for value in self.values)
         return tuple(repr(value) if isinstance(value, float) else str(value) for value in self.values)
@@ -87,9 +87,9 @@ class PropertyRow:
 class RelationRow:
     """A relation of an element.
 
-    :param other: what it leads to, or comes from: an element, or a template.
-    :param is_element: whether that is an element of the scene.
-    :param outgoing: whether the element is its subject.
+    :param other: the other element, or a template.
+    :param is_element: whether `other` is an element of the scene.
+    :param outgoing: whether the element is the subject.
     """
 
     predicate: str
@@ -101,17 +101,17 @@ class RelationRow:
 
     @property
     def name(self) -> str:
-        """The relation as it is shown, read from the element."""
+        """The displayed name."""
         return local_name(self.predicate)
 
 
 @dataclass(frozen=True)
 class ShownPose:
-    """Where an element is.
+    """The pose of an element.
 
     :param position: x, y, z (m).
     :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
-    :param frame: the name of the frame that this is given in; "" not known.
+    :param frame: the name of the base frame; "" if unknown.
     """
 
     position: tuple[float, float, float]
@@ -120,18 +120,18 @@ class ShownPose:
 
     @property
     def text(self) -> str:
-        """All of it in one line."""
-        place = ", ".join(f"{number:.4g}" for number in self.position)
-        turn = ", ".join(f"{_plain(number):.4g}°" for number in self.angles)
-        return f"At ({place}) m, turned by ({turn})" + (f" in {self.frame}" if self.frame else "")
+        """The pose in one line."""
+        position = ", ".join(f"{number:.4g}" for number in self.position)
+        angles = ", ".join(f"{_plain(number):.4g}°" for number in self.angles)
+        return f"At ({position}) m, turned by ({angles})" + (f" in {self.frame}" if self.frame else "")
 
 
 @dataclass(frozen=True)
 class Details:
-    """All that is shown of an element.
+    """The details of an element.
 
-    :param pose: where it is; None when it is nowhere in space.
-    :param author, stamp: who changed it last, and when (s since the epoch; 0.0: not known).
+    :param pose: None if it has no pose.
+    :param author, stamp: of the last change (s since the epoch; 0.0 if unknown).
     """
 
     id: str
@@ -146,7 +146,7 @@ class Details:
 
 
 def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> Details | None:
-    """What is shown of an element; None when there is no such element."""
+    """Returns the details of an element; None if it does not exist."""
     node = hierarchy.scene.record(eid)
     if node is None:
         return None
@@ -179,13 +179,13 @@ def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> D
 
 
 def property_row(vocabulary: Vocabulary, etype: str, key: str, prop: Property) -> PropertyRow:
-    """A property as it is shown."""
+    """Returns the row of a property."""
     kind = vocabulary.value_type(etype, key, prop.dataType())
     return PropertyRow(key, tuple(prop.values), kind, vocabulary.unit(key), vocabulary.description(key))
 
 
 def shown_name(hierarchy: SceneHierarchy, eid: str) -> str:
-    """An element in the tree and in lists: its label, if it has one, and its id without prefix."""
+    """Returns the displayed name of an element: its label, if it has one, and its id without prefix."""
     if eid == UNPLACED:
         return "Not placed"
     node = hierarchy.scene.record(eid)
@@ -210,7 +210,7 @@ def _pose(hierarchy: SceneHierarchy, eid: str) -> ShownPose | None:
 
 
 def _plain(number: float) -> float:
-    """A number without the noise of its computation."""
+    """Rounds away numerical noise."""
     return round(number, 6) + 0.0
 
 

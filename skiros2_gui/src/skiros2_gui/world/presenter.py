@@ -1,4 +1,4 @@
-"""The scene tab: what it shows, and what the user does there."""
+"""The presenter of the tab "World model"."""
 
 from __future__ import annotations
 
@@ -21,45 +21,45 @@ from skiros2_world_model.core.changes import RESET, Change, Operation, Outcome
 from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
-#: So long the changes of others are highlighted (s).
+#: The duration of highlights (s).
 HIGHLIGHT_SECONDS = 8.0
 
 
 @dataclass(frozen=True)
 class Highlight:
-    """Somebody else has changed an element.
+    """A recent change of an element by another author.
 
-    :param stamp: when this window heard of it (s of a steady clock).
+    :param stamp: when it was received (s of a monotonic clock).
     """
 
     author: str
-    what: str
+    action: str
     stamp: float
 
 
 class WorldView(Protocol):
-    """Who shows the tab."""
+    """The view of the tab."""
 
     def show_scene(self) -> None:
-        """The scene is another one: `hierarchy` and `vocabulary` are new."""
+        """`hierarchy` and `vocabulary` have been replaced."""
 
     def show_details(self) -> None:
-        """Another element is selected, or something of the selected one is other."""
+        """The selection, or the selected element, has changed."""
 
     def show_selection(self) -> None:
-        """The selection was not changed by the view itself."""
+        """The selection was changed by other than the view."""
 
     def show_undo(self) -> None:
-        """What can be undone or done again is other."""
+        """The undo stack has changed."""
 
     def show_highlights(self, ids: Sequence[str]) -> None:
-        """These elements are highlighted now, or not any more."""
+        """Elements have been highlighted, or not any more."""
 
 
 class WorldPresenter:
-    """The state of the scene tab. Used by the Qt thread alone; all that takes time is done by jobs.
+    """The state of the tab. Used by the Qt thread only; jobs make the blocking calls.
 
-    :param clock: a steady clock (s).
+    :param clock: monotonic (s).
     """
 
     def __init__(self, window: Window, clock: Callable[[], float] = time.monotonic) -> None:
@@ -72,11 +72,11 @@ class WorldPresenter:
         self.highlights: dict[str, Highlight] = {}
         self.view: WorldView | None = None
         self._clock = clock
-        self._waiting: list[Change] | None = None  # what has come while the scene is being read
+        self._waiting: list[Change] | None = None  # received while the scene is being read
         self._is_stale = False
-        self._is_replaced = False  # another scene was loaded: that of the hierarchy, and its undo_stack, are over
-        self._is_missing = True  # the scene was not read, or could not be read anew
-        self._element_to_select = ""  # an element that was added and has not been heard of yet
+        self._is_replaced = False  # another scene was loaded: discard the undo stack
+        self._is_missing = True  # reading the scene failed, or has not been tried
+        self._element_to_select = ""  # added, but not received yet
         window.subscribe(WorldChanged, self._on_changed)
         window.subscribe(ElementSelected, self._on_selected)
         window.subscribe(ConnectionChanged, lambda _: self._read_if_missing())
@@ -86,12 +86,12 @@ class WorldPresenter:
     # -- the scene ---------------------------------------------------------------------------------------------
 
     def read(self) -> None:
-        """Reads the scene and the ontologies anew."""
+        """Reads the scene and the ontologies."""
         world = self.window.system.world
         if world is None:
             return
         if self._waiting is not None:
-            self._is_stale = True  # what is being read may be from before
+            self._is_stale = True  # the read in progress may be out of date
             return
         self._waiting = []
         self.window.jobs.run(
@@ -122,7 +122,7 @@ class WorldPresenter:
         self.window.problems.report("reading the scene", error)
 
     def _read_if_missing(self) -> None:
-        """A part has come: what could not be read before may be there now."""
+        """Reads the scene when the world model is back, if reading it failed."""
         part = part_of(self.window.system, WORLD_MODEL)
         if self._is_missing and self._waiting is None and part is not None and part.is_up:
             self.read()
@@ -132,7 +132,7 @@ class WorldPresenter:
             self._is_replaced = True
         if self._waiting is not None:
             self._waiting.extend(event.changes)
-        self._follow(event.changes)  # also while the scene is read anew: what is read tells not what an edit made other
+        self._follow(event.changes)  # also while the scene is read, for the undo stack
         if event.is_reset or self.hierarchy is None:
             self.read()
         elif event.ontology:
@@ -151,7 +151,7 @@ class WorldPresenter:
     def _vocabulary_read(self, vocabulary: Vocabulary) -> None:
         hierarchy = self.hierarchy
         if hierarchy is not None and (vocabulary.spatial, vocabulary.parts) != (hierarchy.spatial, hierarchy.parts):
-            self.read()  # the tree is another one
+            self.read()  # the tree has changed
         else:
             self.vocabulary = vocabulary
             if self.view is not None:
@@ -168,16 +168,16 @@ class WorldPresenter:
                 self.read()
             return
         now = self._clock()
-        highlighted: dict[str, None] = {}
+        changed: dict[str, None] = {}
         for change in changes:
             if change.author != author:
                 for element in change.elements:
                     self.highlights[element.id] = Highlight(change.author, change.action, now)
-                    highlighted[element.id] = None
+                    changed[element.id] = None
                 for relation in change.relations:
                     for eid in (relation["src"], relation["dst"]):
                         self.highlights[eid] = Highlight(change.author, change.action, now)
-                        highlighted[eid] = None
+                        changed[eid] = None
         self._editor.on_changes(update.by_change)
         if self.selected and self.selected not in hierarchy.scene:
             self.select("")
@@ -185,24 +185,24 @@ class WorldPresenter:
             self._select_when_added(self._element_to_select)
         if self.view is None:
             return
-        self.view.show_highlights(list(highlighted))
+        self.view.show_highlights(list(changed))
         if self.selected in update.elements:
             self.view.show_details()
 
     def expire_highlights(self) -> None:
-        """Ends the highlights whose time is over. Called now and then."""
+        """Removes old highlights. To be called periodically."""
         over = [eid for eid, mark in self.highlights.items() if self._clock() - mark.stamp >= HIGHLIGHT_SECONDS]
         for eid in over:
             del self.highlights[eid]
         if over and self.view is not None:
             self.view.show_highlights(over)
 
-    # -- looking -----------------------------------------------------------------------------------------------
+    # -- selection ---------------------------------------------------------------------------------------------
 
     def select(self, eid: str, by: object = None) -> None:
-        """The user has selected an element; "" none.
+        """Selects an element; "" for none.
 
-        :param by: who tells it, and need not be told.
+        :param by: the view that makes the selection, which is not notified.
         """
         if eid == self.selected:
             return
@@ -224,20 +224,20 @@ class WorldPresenter:
             self.view.show_selection()
 
     def details(self) -> Details | None:
-        """What is shown of the selected element; None when none is."""
+        """Returns the details of the selected element, or None."""
         if self.hierarchy is None or self.vocabulary is None:
             return None
         return details_of(self.hierarchy, self.vocabulary, self.selected)
 
     def find(self, text: str) -> list[str]:
-        """The elements that have all words of a text in their id, label or values."""
+        """Returns the elements whose id, label or values contain all words of a text."""
         return self.hierarchy.find(text) if self.hierarchy is not None else []
 
     # -- changing ----------------------------------------------------------------------------------------------
 
     @property
     def requests(self) -> Requests | None:
-        """Makes the operations of what the user wants; None while there is no scene."""
+        """Makes the operations of the user's changes; None without a scene."""
         if self.hierarchy is None or self.vocabulary is None:
             return None
         return Requests(self.hierarchy, self.vocabulary)
@@ -248,12 +248,12 @@ class WorldPresenter:
         make: Callable[[Requests], list[Operation]],
         done: Callable[[Outcome], None] | None = None,
     ) -> str:
-        """Changes the scene, in one request that can be undone.
+        """Changes the scene in one request that can be undone.
 
-        :param text: what it is, in words: "remove LargeBox-3".
-        :param make: makes the operations; none: nothing is sent.
-        :param done: called with what came of it.
-        :returns: why nothing was sent, which the error bar shows too; "" when it was.
+        :param text: what the user does: "remove LargeBox-3".
+        :param make: returns the operations; if there are none, nothing is sent.
+        :param done: called with the outcome.
+        :returns: the error, which the error bar shows too; "" on success.
         """
         requests = self.requests
         try:
@@ -268,15 +268,15 @@ class WorldPresenter:
         return ""
 
     def undo(self) -> None:
-        """Takes the user's last change back, once all before it have come to their end."""
+        """Undoes the last command, after all running requests have ended."""
         self._editor.undo()
 
     def redo(self) -> None:
-        """Does again what was taken back last, likewise."""
+        """Redoes the command undone last, after all running requests have ended."""
         self._editor.redo()
 
     def add(self, text: str, make: Callable[[Requests], list[Operation]]) -> str:
-        """Adds an element as `change` does, and selects it when it is there."""
+        """Adds an element like `change`, and selects it."""
         return self.change(text, make, lambda outcome: self._select_when_added(outcome.ids[0]))
 
     def _select_when_added(self, eid: str) -> None:
@@ -286,7 +286,7 @@ class WorldPresenter:
             self.select(eid)
 
     def _who(self, eid: str) -> str:
-        """Who has changed an element last, and when. Called by jobs: it only looks."""
+        """Returns who changed an element last, and when. Called by jobs; read-only."""
         hierarchy = self.hierarchy
         node = hierarchy.scene.record(eid) if hierarchy is not None else None
         if node is None or not node.provenance.author:
@@ -295,7 +295,7 @@ class WorldPresenter:
         return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:
-        """Who makes the changes of this window, as the world model names it."""
+        """Returns the author of this window's changes."""
         world = self.window.system.world
         return world.author if world is not None else ""
 
@@ -305,7 +305,7 @@ class WorldPresenter:
 
 
 def read_scene(world: WorldModelAbstractInterface) -> tuple[SceneHierarchy, Vocabulary]:
-    """The scene and the ontologies, made ready to be shown. Blocks for the world model.
+    """Returns the scene and the ontologies. Blocks for the world model.
 
     :raises WmException: it does not answer.
     """

@@ -1,4 +1,4 @@
-"""What the scene tab asks the world model beside the scene itself: queries, validation, the past, files."""
+"""Queries, validation, history and files of the world model."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from skiros2_world_model.core.history_entry import HistoryEntry, changed_lines
 from skiros2_world_model.core.query_table import query_table
 from skiros2_world_model.core.report import Report
 
-#: What a query may be asked of: everything, the scene alone, the ontologies alone.
+#: The contexts of a query: all, the scene, the ontologies.
 CONTEXTS = ("", SCENE, ONTOLOGY)
-#: So many entries of an element's history are fetched, the last ones.
+#: The most history entries read.
 MAX_ENTRIES = 200
-#: So many queries are remembered.
+#: The most queries kept.
 _MAX_QUERIES = 20
-#: Longer lists of what a query could go on with help nobody.
+#: Longer error messages, which list the expected tokens, are replaced.
 _MAX_EXPECTED = 120
 
 _MISTAKE = re.compile(r"error at (\d+):(\d+): (.*?)(?:; the query was: .*)?$", re.DOTALL)
@@ -27,7 +27,7 @@ _LINE = re.compile(r"SPARQL query cannot be answered: (.*?)(?:; the query was: .
 
 
 class _Store(Protocol):
-    """What a world model has beside its shared interface."""
+    """The methods beyond the world model's interface."""
 
     def load(self, filename: str = "", context: str = SCENE) -> None: ...
     def save(self, filename: str = "", context: str = SCENE) -> None: ...
@@ -38,9 +38,9 @@ class _Store(Protocol):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """Why a query was not answered.
+    """Why a query failed.
 
-    :param line, column: where it goes wrong, from 1; 0 when that is not known.
+    :param line, column: the position of the error, from 1; 0 if unknown.
     """
 
     text: str
@@ -50,7 +50,7 @@ class Diagnostic:
 
 @dataclass(frozen=True)
 class Answer:
-    """The rows that a query gave.
+    """The result of a query.
 
     :param names: of the columns.
     """
@@ -61,10 +61,10 @@ class Answer:
 
 @dataclass(frozen=True)
 class HistoryRow:
-    """A change of an element, as it is shown.
+    """A change of an element.
 
-    :param stamp: when (s since the epoch).
-    :param lines: what became other, a line each.
+    :param stamp: s since the epoch.
+    :param lines: one line per change.
     """
 
     number: int
@@ -77,8 +77,8 @@ class HistoryRow:
 class ElementHistory:
     """The history of an element.
 
-    :param entries: the newest first; None while it is being fetched.
-    :param text: why there is none; "" when there is.
+    :param entries: the newest first; None while being read.
+    :param text: why there is none; "" if there is one.
     """
 
     eid: str = ""
@@ -88,7 +88,7 @@ class ElementHistory:
 
 @dataclass
 class _Hooks:
-    """Who wants to know of new answers."""
+    """Callbacks for new results."""
 
     answer: list[Callable[[], None]] = field(default_factory=list)
     report: list[Callable[[], None]] = field(default_factory=list)
@@ -96,13 +96,13 @@ class _Hooks:
 
 
 class WorldQueries:
-    """Asks, and keeps the last answer of each kind. Used by the Qt thread alone; what takes time is done by jobs."""
+    """Keeps the last result of each kind. Used by the Qt thread only; jobs make the blocking calls."""
 
     def __init__(self, window: Window) -> None:
         self.window = window
         self.answer: Answer | None = None
         self.diagnostic: Diagnostic | None = None
-        self.queries: list[str] = []  #: those asked, the newest first
+        self.queries: list[str] = []  #: earlier queries, the newest first
         self.report: Report | None = None
         self.history = ElementHistory()
         self.hooks = _Hooks()
@@ -110,8 +110,8 @@ class WorldQueries:
     # -- queries -----------------------------------------------------------------------------------------------
 
     def ask(self, query: str, context: str = "") -> None:
-        """Asks a SPARQL query of a context; "" asks all."""
-        store = self._store("asking the query")
+        """Executes a SPARQL query on a context; "" for all."""
+        store = self._store("executing the query")
         if store is None:
             return
         self.queries = [query, *(q for q in self.queries if q != query)][:_MAX_QUERIES]
@@ -119,7 +119,7 @@ class WorldQueries:
             lambda: query_table(store, query, context),
             self._answered,
             self._not_answered,
-            activity="asking the query",
+            activity="executing the query",
             queue="query",
         )
 
@@ -137,7 +137,7 @@ class WorldQueries:
     # -- validation --------------------------------------------------------------------------------------------
 
     def validate(self) -> None:
-        """Asks what is not as the ontologies and shapes want it in the scene."""
+        """Validates the scene against ontologies and shapes."""
         store = self._store("validating the scene")
         if store is not None:
             self.window.jobs.run(store.validate, self._validated, activity="validating the scene", queue="validation")
@@ -146,10 +146,10 @@ class WorldQueries:
         self.report = report
         _call(self.hooks.report)
 
-    # -- the past ----------------------------------------------------------------------------------------------
+    # -- history -----------------------------------------------------------------------------------------------
 
     def fetch_history(self, eid: str) -> None:
-        """Fetches the history of an element; "" none."""
+        """Reads the history of an element; "" clears it."""
         self.history = ElementHistory(eid, None if eid else ())
         store = self._store("") if eid else None
         if store is not None:
@@ -162,25 +162,25 @@ class WorldQueries:
         _call(self.hooks.history)
 
     def _history_fetched(self, past: ElementHistory) -> None:
-        if past.eid == self.history.eid:  # else another one was asked for since
+        if past.eid == self.history.eid:  # otherwise another one was requested since
             self.history = past
             _call(self.hooks.history)
 
     # -- files -------------------------------------------------------------------------------------------------
 
     def load(self, filename: str) -> None:
-        """Replaces the scene with what a file says.
+        """Replaces the scene with a file's.
 
-        :param filename: in the workspace of the world model; "" the one that was loaded or saved last.
+        :param filename: in the workspace of the world model; "" for the last one used.
         """
         self._with_file("loading", filename, lambda store: store.load(filename))
 
     def save(self, filename: str) -> None:
-        """Writes the scene to a file; as for `load`."""
+        """Writes the scene to a file; see `load`."""
         self._with_file("saving", filename, lambda store: store.save(filename))
 
-    def _with_file(self, doing: str, filename: str, call: Callable[[_Store], None]) -> None:
-        what = f"{doing} the scene ({filename})" if filename else f"{doing} the scene"
+    def _with_file(self, verb: str, filename: str, call: Callable[[_Store], None]) -> None:
+        what = f"{verb} the scene ({filename})" if filename else f"{verb} the scene"
         store = self._store(what)
         if store is not None:
             self.window.jobs.run(lambda: call(store), activity=what, queue="world")
@@ -193,21 +193,21 @@ class WorldQueries:
 
 
 def diagnostic_of(text: str) -> Diagnostic:
-    """What a refusal of a query says, short enough to be read."""
+    """Shortens the error message of a query."""
     found = _MISTAKE.search(text)
     if found is None:
         whole = _LINE.search(text)
         return Diagnostic(whole[1] if whole else text)
     line, column, what = int(found[1]), int(found[2]), " ".join(found[3].split())
     if "Prefix not found" in what:
-        what = "this prefix is not known; declare it with PREFIX name: <...>"
+        what = "unknown prefix; declare it with PREFIX name: <...>"
     elif len(what) > _MAX_EXPECTED or "[_]" in what:
-        what = "the query cannot go on like this"
+        what = "unexpected token"
     return Diagnostic(what, line, column)
 
 
 def history_row(entry: HistoryEntry) -> HistoryRow:
-    """A change as it is shown."""
+    """Converts a history entry."""
     lines = changed_lines(entry)
     if entry.action != "change":
         lines = [entry.action, *lines]

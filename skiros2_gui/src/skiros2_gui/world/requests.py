@@ -1,4 +1,4 @@
-"""What the user wants of the scene, checked and made into operations of one request."""
+"""Checks the user's changes and converts them to operations."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from skiros2_world_model.core.queries import cascade_ids
 from skiros2_world_model.core.scene import ROOT, ElementRecord
 
 CONTAINS = "skiros:contain"
-#: What gives things in space their frame and pose.
+#: Maintains frame and pose.
 _SPACE_REASONER = "AauSpatialReasoner"
 _IN_SPACE = "sumo:Object"
 
 
 class Requests:
-    """Makes operations of what the user wants. Everything that can be checked here is, before anything is sent.
+    """Makes operations. Checks everything that can be checked without the world model.
 
-    Each raises `UnknownName` for what is not there, and `WrongValue` for what makes no sense.
+    Methods raise `UnknownName` for unknown names, and `WrongValue` for invalid values.
     """
 
     def __init__(self, hierarchy: SceneHierarchy, vocabulary: Vocabulary) -> None:
@@ -38,7 +38,7 @@ class Requests:
     # -- properties --------------------------------------------------------------------------------------------
 
     def set_values(self, eid: str, key: str, texts: Sequence[str]) -> list[Operation]:
-        """Gives a property the values that texts write, lists and tables as JSON; none leaves it without a value."""
+        """Sets the values of a property from texts, lists and dicts as JSON. No texts: no values."""
         node = self._node(eid)
         key = full_name(key.strip())
         if key in ("rdfs:label", "rdf:type") or not key.rpartition(":")[2]:
@@ -46,40 +46,40 @@ class Requests:
         if self._vocabulary.ontology.has_relation(key) and not self._vocabulary.is_declared(key):
             raise WrongValue(f"{key} is a relation, not a property: add it as a relation")
         known = node.properties.get(key)
-        present = known.dataType() if known is not None else None
-        if present in (list, dict):
-            prop = Property(key, present)
-            prop.assign([_from_json(key, text, present) for text in texts])
+        current = known.dataType() if known is not None else None
+        if current in (list, dict):
+            prop = Property(key, current)
+            prop.assign([_from_json(key, text, current) for text in texts])
         else:
-            prop = Property(key, self._vocabulary.value_type(node.type, key, present))
-            prop.assign([self._vocabulary.parsed(node.type, key, text, present) for text in texts])
+            prop = Property(key, self._vocabulary.value_type(node.type, key, current))
+            prop.assign([self._vocabulary.parsed(node.type, key, text, current) for text in texts])
         if known is not None and known.values == prop.values:
             return []
         return [Patch(eid, ElementChanges({key: prop}))]
 
     def remove_property(self, eid: str, key: str) -> list[Operation]:
-        """Takes a property away."""
+        """Removes a property."""
         if key in ANGLES:
-            raise WrongValue(f"{key} is told by the orientation, and goes with it")
+            raise WrongValue(f"{key} is computed from the orientation, and is removed with it")
         if key not in self._node(eid).properties:
             raise UnknownName(f"{eid} has no property {key}")
         return [Patch(eid, ElementChanges(removed_properties=[key]))]
 
     def set_label(self, eid: str, label: str) -> list[Operation]:
-        """Gives an element another label."""
+        """Sets the label."""
         if label == self._node(eid).label:
             return []
         return [Patch(eid, ElementChanges(label=label))]
 
     def set_type(self, eid: str, etype: str) -> list[Operation]:
-        """Makes an element one of another class; its id stays."""
+        """Sets the class; the id does not change."""
         self._check_class(etype)
         if etype == self._node(eid).type:
             return []
         return [Patch(eid, ElementChanges(type=etype))]
 
     def set_pose(self, eid: str, position: Sequence[float], angles: Sequence[float]) -> list[Operation]:
-        """Puts an element somewhere, in the frame that its pose is given in.
+        """Sets the pose in the element's base frame.
 
         :param position: x, y, z (m).
         :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
@@ -98,7 +98,7 @@ class Requests:
         return [Patch(eid, ElementChanges(changed))] if changed else []
 
     def set_angle(self, eid: str, name: str, text: str) -> list[Operation]:
-        """Turns an element so that one of its angles is that, and the other two stay.
+        """Sets one angle of the orientation and keeps the other two.
 
         :param name: one of `ANGLES`.
         :param text: degrees.
@@ -106,7 +106,7 @@ class Requests:
         element = self._hierarchy.scene.element(self._node(eid).id)
         pose = pose_of(element) if element is not None else None
         if pose is None:
-            raise WrongValue(f"{eid} has no pose that could be turned; give it one first")
+            raise WrongValue(f"{eid} has no pose; set one first")
         try:
             angle = float(text.strip().removesuffix("°"))
         except ValueError:
@@ -120,11 +120,10 @@ class Requests:
     def add(
         self, etype: str, label: str = "", parent: str = ROOT, predicate: str = CONTAINS, in_space: bool = True
     ) -> list[Operation]:
-        """Adds an element of a class under another one.
+        """Adds an element.
 
-        :param parent: "" adds it under none.
-        :param in_space: whether it has a frame and a pose, if things of its class can have one: at first the origin of
-            what it is in.
+        :param parent: "" for none.
+        :param in_space: gives it a frame and the identity pose in its parent, if its class can have one.
         """
         self._check_class(etype)
         element = Element(etype, label)
@@ -135,18 +134,18 @@ class Requests:
         return [Add(element)]
 
     def add_template(self, template: str, parent: str = ROOT, predicate: str = CONTAINS) -> list[Operation]:
-        """Adds a copy of a template, and of the templates that it has or contains, under an element."""
+        """Adds a copy of a template and of the templates it has or contains."""
         if self._vocabulary.ontology.individual(template) is None:
             raise UnknownName(f"the ontologies have no template {template!r}")
         return [Instantiate(template, True, self._placed(parent, predicate))]
 
     def removed_with(self, eid: str) -> list[str]:
-        """What goes when an element is removed: it, and what is under it and is held by nothing else."""
+        """Returns the elements that are removed with an element: itself, and descendants without other parents."""
         self._node(eid)
         return cascade_ids(self._hierarchy.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
 
     def remove(self, ids: Sequence[str]) -> list[Operation]:
-        """Removes elements with what is under them."""
+        """Removes elements with their descendants."""
         gone: set[str] = set()
         operations: list[Operation] = []
         for eid in ids:
@@ -160,11 +159,11 @@ class Requests:
         return operations
 
     def move(self, eid: str, parent: str, predicate: str = CONTAINS) -> list[Operation]:
-        """Places an element in another one, and takes it out of those that it is in."""
+        """Moves an element to a new parent."""
         self._node(eid)
         self._node(parent)
         if eid == parent or eid in self._hierarchy.path(parent):
-            raise WrongValue(f"{eid} cannot be moved into {parent}, which is in it")
+            raise WrongValue(f"{eid} cannot be moved into {parent}, its descendant")
         if eid == ROOT:
             raise WrongValue("the scene itself cannot be moved")
         operations: list[Operation] = []
@@ -179,7 +178,7 @@ class Requests:
     # -- relations ---------------------------------------------------------------------------------------------
 
     def relate(self, src: str, predicate: str, dst: str) -> list[Operation]:
-        """Adds a relation, to an element or to a template."""
+        """Adds a relation to an element or template."""
         node = self._node(src)
         if not self._vocabulary.ontology.has_relation(predicate):
             raise UnknownName(f"the ontologies know no relation {predicate!r}")
@@ -191,13 +190,13 @@ class Requests:
         return [Patch(node.id, added)]
 
     def unrelate(self, src: str, predicate: str, dst: str) -> list[Operation]:
-        """Takes a relation away."""
+        """Removes a relation."""
         if not self._hierarchy.scene.related(src, predicate, dst):
             raise UnknownName(f"there is no relation {src} {local_name(predicate)} {dst}")
         return [Patch(src, ElementChanges(removed_relations=[relation_dict("-1", predicate, dst)]))]
 
     def mismatch(self, src: str, predicate: str, dst: str) -> str:
-        """Why a relation is not meant for these two; "" when it is. The world model takes it all the same."""
+        """Returns why a relation violates its domain or range; "" if it does not. The world model accepts it."""
         return self._vocabulary.mismatch(self._type_of(src), predicate, self._type_of(dst))
 
     # -- shared ------------------------------------------------------------------------------------------------
@@ -226,7 +225,7 @@ class Requests:
 
 
 def _from_json(key: str, text: str, kind: type) -> object:
-    """A list or dict that a text writes."""
+    """Parses a list or dict."""
     what = "a list, such as [1, 2]" if kind is list else 'a table, such as {"key": 1}'
     try:
         value = json.loads(text)
@@ -238,5 +237,5 @@ def _from_json(key: str, text: str, kind: type) -> object:
 
 
 def pose_keys(properties: Mapping[str, Property]) -> list[str]:
-    """The properties of an element that its pose is made of."""
+    """Returns the pose properties among some properties."""
     return [key for key in (*POSITION, *ORIENTATION) if key in properties]

@@ -1,8 +1,7 @@
-"""Taking a change of the scene back: what undoes it, if what it made is still so.
+"""Reverts changes of the scene.
 
-What a change made other is a `HistoryEntry`. It is undone by operations that make the same things what they were
-before, in one request. Where somebody else has changed one of these things since, nothing is undone, and the error says
-what and who. Everything else about the elements may have changed freely.
+A change is a `HistoryEntry`. The operations that revert it restore the previous values in one request. If one of these
+values was changed again, the revert is refused with the value and its author. Other changes of the elements are kept.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ _Relation = tuple[str, str, str]
 def revert_operations(
     entry: HistoryEntry, find: Callable[[str], Element | None], who: Callable[[str], str]
 ) -> list[Operation]:
-    """The operations that take a change back; they are refused as a conflict if an element changes before they come.
+    """Returns the operations that revert a change; they conflict if an element changes meanwhile.
 
-    :param find: an element of the scene as it is now, with its relations both ways.
-    :param who: tells who has changed an element last, and when, such as "vision at 14:05:03"; "" when nobody knows.
-    :raises Refused: something that the change made has become other since; the text says what.
+    :param find: returns an element of the current scene, with its relations in both directions.
+    :param who: returns who changed an element last and when, such as "vision at 14:05:03"; "" if unknown.
+    :raises Refused: something was changed again; the message says what.
     """
     return _Revert(entry, find, who).operations()
 
 
 def merge_entries(entries: Iterable[HistoryEntry]) -> HistoryEntry:
-    """Several changes, one after the other, as one: from what was before the first to what was after the last."""
+    """Merges successive changes into one, from the state before the first to that after the last."""
     first: dict[str, Element | None] = {}
     last: dict[str, Element | None] = {}
     relations: dict[_Relation, list[bool]] = {}
@@ -46,8 +45,8 @@ def merge_entries(entries: Iterable[HistoryEntry]) -> HistoryEntry:
             eid = _either(was, now).id
             first.setdefault(eid, was)
             last[eid] = now
-        for told, is_there in ((entry.unrelated, False), (entry.related, True)):
-            for r in told:
+        for relations_changed, is_there in ((entry.unrelated, False), (entry.related, True)):
+            for r in relations_changed:
                 relations.setdefault(_ends(r), [not is_there, is_there])[1] = is_there
     whole.before = [e for e in first.values() if e is not None]
     whole.after = [e for e in last.values() if e is not None]
@@ -62,8 +61,8 @@ class _Revert:
         self._who = who
         ids = [_either(*pair).id for pair in entry.pairs()]
         ends = [r[side] for r in (*entry.related, *entry.unrelated) for side in ("src", "dst")]
-        self._present = {eid: find(eid) for eid in dict.fromkeys([*ids, *ends])}
-        self._made_anew = {was.id: f"{i}" for i, (was, now) in enumerate(entry.pairs()) if was and not now}
+        self._elements = {eid: find(eid) for eid in dict.fromkeys([*ids, *ends])}
+        self._recreated = {was.id: f"{i}" for i, (was, now) in enumerate(entry.pairs()) if was and not now}
         self._to_remove = {now.id for was, now in entry.pairs() if now and not was}
 
     def operations(self) -> list[Operation]:
@@ -74,9 +73,9 @@ class _Revert:
                 self._check_added(now)
             elif now is None and was is not None:
                 self._check_removed(was)
-                anew = Element(was.type, was.label, was.id)
-                anew._props = dict(was._props)
-                adds.append(Add(anew, self._made_anew[was.id]))
+                copy = Element(was.type, was.label, was.id)
+                copy._props = dict(was._props)
+                adds.append(Add(copy, self._recreated[was.id]))
             elif was is not None and now is not None:
                 patches[was.id] = self._content_as(was, now)
         for r in self._entry.related:
@@ -86,39 +85,39 @@ class _Revert:
         relations: list[Operation] = []
         for r in self._entry.unrelated:
             self._check_relation(_ends(r), False)
-            dst = f"#{self._made_anew[r['dst']]}" if r["dst"] in self._made_anew else r["dst"]
-            if r["src"] in self._made_anew:
+            dst = f"#{self._recreated[r['dst']]}" if r["dst"] in self._recreated else r["dst"]
+            if r["src"] in self._recreated:
                 add = next(a for a in adds if isinstance(a, Add) and a.element.id == r["src"])
                 assert isinstance(add, Add)
                 add.element._rels = [*add.element._rels, _own(r, dst)]
             else:
                 patches.setdefault(r["src"], ElementChanges()).added_relations.append(_own(r, dst))
         changed = [*patches, *self._to_remove]
-        expected = [Expect(eid, e.version) for eid in changed if (e := self._present.get(eid)) is not None]
+        expected = [Expect(eid, e.version) for eid in changed if (e := self._elements.get(eid)) is not None]
         removals = [Remove(eid, recursive=False) for eid in self._to_remove]
         written = [Patch(eid, changes) for eid, changes in patches.items() if changes]
         return [*expected, *adds, *written, *relations, *removals]
 
-    # -- whether what the change made is still so --------------------------------------------------------------
+    # -- checks that nothing was changed again ----------------------------------------------------------------
 
     def _check_added(self, now: Element) -> None:
-        present = self._there(now)
-        self._check_content(present, now, {*now._props, *present._props})
-        told = {_ends(r) for r in self._entry.related}
-        for r in present._rels:
-            src, dst = (present.id if r[side] == "-1" else r[side] for side in ("src", "dst"))
-            if (src, r["type"], dst) not in told:
-                self._refuse(present.id, f"it is related since: {src} {local_name(r['type'])} {dst}")
+        current = self._current(now)
+        self._check_content(current, now, {*now._props, *current._props})
+        expected = {_ends(r) for r in self._entry.related}
+        for r in current._rels:
+            src, dst = (current.id if r[side] == "-1" else r[side] for side in ("src", "dst"))
+            if (src, r["type"], dst) not in expected:
+                self._refuse(current.id, f"relation added: {src} {local_name(r['type'])} {dst}")
 
     def _check_removed(self, was: Element) -> None:
-        if self._present[was.id] is not None:
-            self._refuse(was.id, "there is an element with its id again")
+        if self._elements[was.id] is not None:
+            self._refuse(was.id, "an element with its id exists again")
 
     def _content_as(self, was: Element, now: Element) -> ElementChanges:
-        """What makes the content of an element again what it was."""
-        present = self._there(now)
+        """Returns the changes that restore the content of an element."""
+        current = self._current(now)
         keys = {k for k in {*was._props, *now._props} if not _same(was._props.get(k), now._props.get(k))}
-        self._check_content(present, now, keys, was)
+        self._check_content(current, now, keys, was)
         return ElementChanges(
             {k: was._props[k] for k in keys if k in was._props},
             [k for k in keys if k not in was._props],
@@ -126,41 +125,41 @@ class _Revert:
             type=was.type if was.type != now.type else None,
         )
 
-    def _check_content(self, present: Element, now: Element, keys: Iterable[str], was: Element | None = None) -> None:
+    def _check_content(self, current: Element, now: Element, keys: Iterable[str], was: Element | None = None) -> None:
         for key in sorted(keys):
-            expected, found = now._props.get(key), present._props.get(key)
+            expected, found = now._props.get(key), current._props.get(key)
             if not _same(expected, found):
-                self._refuse(now.id, f"{local_name(key)} is {_told(found)} by now, no more {_told(expected)}")
-        for what, before, made, by_now in (
-            ("label", was.label if was else None, now.label, present.label),
-            ("class", was.type if was else None, now.type, present.type),
+                self._refuse(now.id, f"{local_name(key)} is now {_value_text(found)}, expected {_value_text(expected)}")
+        for attribute, before, made, by_now in (
+            ("label", was.label if was else None, now.label, current.label),
+            ("class", was.type if was else None, now.type, current.type),
         ):
             if made not in (before, by_now):
-                self._refuse(now.id, f"its {what} is {by_now or '(none)'} by now, no more {made or '(none)'}")
+                self._refuse(now.id, f"its {attribute} is now {by_now or '(none)'}, expected {made or '(none)'}")
 
     def _check_relation(self, relation: _Relation, is_there: bool) -> None:
         src, pred, dst = relation
-        told = f"{src} {local_name(pred)} {dst}"
+        text = f"{src} {local_name(pred)} {dst}"
         for eid in (src, dst):
-            if self._present[eid] is None and eid not in self._made_anew and (eid == src or _is_id(eid)):
-                self._refuse(eid, f"it is there no more, so that {told!r} cannot be changed back")
-        subject = self._present[src]
+            if self._elements[eid] is None and eid not in self._recreated and (eid == src or _is_id(eid)):
+                self._refuse(eid, f"it does not exist any more; cannot restore {text!r}")
+        subject = self._elements[src]
         found = subject is not None and any(
             r["src"] == "-1" and (r["type"], r["dst"]) == (pred, dst) for r in subject._rels
         )
         if found != is_there:
-            self._refuse(src, f"the relation {told!r} {'is gone' if is_there else 'is there again'} by now")
+            self._refuse(src, f"the relation {text!r} {'was removed' if is_there else 'was added again'}")
 
-    def _there(self, element: Element) -> Element:
-        present = self._present[element.id]
-        if present is None:
-            self._refuse(element.id, "it is there no more")
-        assert present is not None
-        return present
+    def _current(self, element: Element) -> Element:
+        current = self._elements[element.id]
+        if current is None:
+            self._refuse(element.id, "it does not exist any more")
+        assert current is not None
+        return current
 
-    def _refuse(self, eid: str, what: str) -> None:
+    def _refuse(self, eid: str, reason: str) -> None:
         who = self._who(eid)
-        raise Refused(f"{eid} was changed{f' by {who}' if who else ''}: {what}")
+        raise Refused(f"{eid} was changed{f' by {who}' if who else ''}: {reason}")
 
 
 def _either(was: Element | None, now: Element | None) -> Element:
@@ -174,7 +173,7 @@ def _ends(relation: dict[str, Any]) -> _Relation:
 
 
 def _own(relation: dict[str, Any], dst: str) -> dict[str, Any]:
-    """The relation as its subject has it."""
+    """Returns the relation as stored at its subject."""
     return relation_dict("-1", relation["type"], dst)
 
 
@@ -189,7 +188,7 @@ def _same(one: Property | None, other: Property | None) -> bool:
     return len(values) == len(others) and all(map(same_value, values, others))
 
 
-def _told(prop: Property | None) -> str:
+def _value_text(prop: Property | None) -> str:
     return format_values(prop.values) if prop is not None and prop.values else "not there" if prop is None else "empty"
 
 
@@ -200,10 +199,10 @@ def recorded_change(
     related_before: Set[_Relation],
     related_after: Set[_Relation],
 ) -> HistoryEntry:
-    """What is other after a change.
+    """Returns what a change has changed.
 
-    :param before, after: the elements that it was about, None where there was or is none.
-    :param related_before, related_after: the relations from and to these.
+    :param before, after: the elements involved; None if there was or is none.
+    :param related_before, related_after: their relations.
     """
     entry = HistoryEntry(change.number, change.stamp, change.author, "change")
     for eid, was in before.items():

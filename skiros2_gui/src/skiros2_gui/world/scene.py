@@ -1,6 +1,6 @@
-"""The window's own copy of the scene, and the tree that it makes along what places one element in another.
+"""The window's copy of the scene as a tree of spatial relations.
 
-Made whole in a worker thread, then used by the Qt thread alone: nothing that is asked of it waits for anybody.
+Built by a worker thread, then used by the Qt thread only; no call blocks.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from skiros2_world_model.core.changes import REMOVE, REMOVE_RECURSIVE, RESET, SC
 from skiros2_world_model.core.history_entry import HistoryEntry
 from skiros2_world_model.core.scene import ROOT, ElementRecord, Provenance, Scene
 
-#: The tree's node that everything is under which nothing holds.
+#: The parent of elements that nothing contains.
 UNPLACED = "(held by nothing)"
-#: What the root of the scene and `UNPLACED` are under.
+#: The parent of the scene's root and of `UNPLACED`.
 TOP = ""
 
-#: When more elements than this come, go or move in one change, the tree is shown anew.
+#: If one change moves more elements, the view is reset.
 _MANY_MOVES = 500
 _CONTAINS = "skiros:contain"
 
 
 @dataclass
 class SceneUpdate:
-    """What changes have made other.
+    """The effect of changes.
 
-    :param elements: the ids of elements whose content or relations are other, also new and gone ones.
-    :param by_change: what each of some changes made other, by the change's snapshot id.
+    :param elements: the ids of added, removed and changed elements; changed relations count.
+    :param by_change: the change itself, by snapshot id, for changes of the wanted author.
     """
 
     elements: dict[str, None] = field(default_factory=dict)
@@ -41,27 +41,27 @@ class SceneUpdate:
 
 
 class TreeView(Protocol):
-    """Who shows the tree. Each call of the first three is followed by `done` when the tree has become so."""
+    """The view of the tree. `end` follows each of the `begin` calls once the tree has changed."""
 
     def begin_insert(self, parent: str, row: int) -> None: ...
     def begin_remove(self, parent: str, row: int) -> None: ...
     def begin_reset(self) -> None: ...
     def end(self) -> None: ...
     def element_changed(self, eid: str) -> None:
-        """What is shown of an element is other; its place is the same."""
+        """The content of an element has changed, but not its position."""
 
     def changes_ended(self) -> None:
-        """These were all changes for now."""
+        """Called after a series of changes."""
 
 
 class SceneHierarchy:
-    """The elements of a scene as a tree. An element is shown once: under what contains it, else under what has it.
+    """The elements of a scene as a tree. An element is listed once: below its container, or else its owner.
 
-    What is nowhere is shown under `UNPLACED`; of that, what describes a skill under the skill.
+    Other elements are listed below `UNPLACED`; parts of a skill below the skill.
 
     :param elements: all elements, with their outgoing relations.
-    :param spatial: the relations that place their object in their subject.
-    :param parts: the relations that lead from a skill to what describes it.
+    :param spatial: the relations from a parent to a child.
+    :param parts: the relations from a skill to its parts.
     """
 
     def __init__(
@@ -72,12 +72,12 @@ class SceneHierarchy:
         self.parts = parts
         self._downwards = spatial | parts
         self.view: TreeView | None = None
-        self._snapshot = ""  # the state after the last change that was followed
-        self._places: dict[str, str] = {}  # what the elements that are in `_children` are shown under
+        self._snapshot = ""  # after the last applied change
+        self._parents: dict[str, str] = {}  # the parents of the elements in `_children`
         self._children: dict[str, list[tuple[tuple[int, str, int], str]]] = {}
-        self._orders: dict[str, tuple[int, str, int]] = {}  # what sorts the elements among their siblings
+        self._orders: dict[str, tuple[int, str, int]] = {}  # sort keys
         self._texts = SearchTexts()
-        self._moving: set[str] = set()  # what is still to be put in its place, while a change is followed
+        self._moving: set[str] = set()  # not inserted yet, while a change is applied
         elements = list(elements)
         for element in elements:
             made = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
@@ -96,31 +96,31 @@ class SceneHierarchy:
     # -- the tree ----------------------------------------------------------------------------------------------
 
     def parent(self, eid: str) -> str:
-        """What an element is shown under."""
-        known = self._places.get(eid)
+        """Returns the parent of an element."""
+        known = self._parents.get(eid)
         return known if known is not None else TOP if eid == UNPLACED else self._parent(eid)
 
     def children(self, eid: str) -> Sequence[str]:
-        """What is shown under an element, in order."""
+        """Returns the children of an element, sorted."""
         return _Ids(self._sorted_children(eid))
 
     def count(self, eid: str) -> int:
-        """How many are shown under an element."""
+        """Returns the number of children."""
         return len(self._sorted_children(eid))
 
     def child(self, eid: str, row: int) -> str:
-        """What is shown in a row under an element."""
+        """Returns the child in a row."""
         return self._sorted_children(eid)[row][1]
 
     def row(self, eid: str) -> int:
-        """In which row an element is shown under its parent; -1 when it is not shown."""
+        """Returns the row of an element below its parent; -1 if it is not in the tree."""
         siblings = self._sorted_children(self.parent(eid))
         key = self._order(eid)
         row = bisect.bisect_left(siblings, (key, eid))
         return row if row < len(siblings) and siblings[row][1] == eid else -1
 
     def has_children(self, eid: str) -> bool:
-        """Whether something is shown under an element."""
+        """Returns whether an element has children."""
         if eid in (TOP, UNPLACED) or eid in self._children:
             return bool(self._sorted_children(eid))
         for pred in self._downwards:
@@ -130,23 +130,23 @@ class SceneHierarchy:
         return False
 
     def is_shown(self, eid: str) -> bool:
-        """Whether it is a node of the tree."""
-        return eid == UNPLACED or eid in self.scene or eid in self._places
+        """Returns whether an element is in the tree."""
+        return eid == UNPLACED or eid in self.scene or eid in self._parents
 
     def path(self, eid: str) -> list[str]:
-        """What an element is shown under, the topmost first; without itself."""
+        """Returns the ancestors of an element, the topmost first."""
         path = [eid]
         while (above := self.parent(path[0])) not in (TOP, *path):
             path.insert(0, above)
         return path[:-1]
 
     def holders(self, eid: str) -> list[tuple[str, str]]:
-        """The relations that place an element, and the elements that they place it in; that of the tree first."""
+        """Returns the spatial relations to an element and their subjects; that of the tree first."""
         found = [(pred, src) for src, pred, _ in self.scene.relations("", self.spatial, eid) if src in self.scene]
         return sorted(found, key=lambda pair: (pair[0] != _CONTAINS, pair[0], id_order(pair[1])))
 
     def below(self, eid: str) -> list[str]:
-        """An element and all that is under it in the tree."""
+        """Returns an element and its descendants."""
         found = [eid]
         seen = {eid}
         for one in found:
@@ -156,24 +156,24 @@ class SceneHierarchy:
         return found
 
     def find(self, text: str, most: int = 1000) -> list[str]:
-        """The elements that have all words of a text in their id, label or a value, in the order of their ids.
+        """Returns the elements whose id, label or values contain all words of a text, sorted by id.
 
-        :param most: so many at most.
+        :param most: the most elements.
         """
         return self._texts.find(text, self.scene)[:most]
 
     # -- changes -----------------------------------------------------------------------------------------------
 
     def follow(self, changes: Iterable[Change], wanted: str = "") -> SceneUpdate | None:
-        """Makes what some changes tell, in their order, and tells the view.
+        """Applies changes and notifies the view.
 
-        :param wanted: what each change of this author made other is noted.
-        :returns: None when one is missing, or the scene was replaced: it must be read anew.
+        :param wanted: the author whose changes are returned.
+        :returns: None if a change is missing, or the scene was replaced: it has to be read again.
         """
         update = SceneUpdate()
         for change in changes:
             if not self._snapshot and change.number <= self._newest:
-                continue  # what was read has it
+                continue  # contained in the elements read
             if change.action == RESET or (self._snapshot and change.prev_snapshot_id != self._snapshot):
                 return None
             self._snapshot = change.snapshot_id
@@ -200,7 +200,7 @@ class SceneHierarchy:
             self._reset_order(moves)
         else:
             self._moving = set(moves)
-            # What is under an element goes before it, and comes after it.
+            # Children are removed before, and inserted after, their parents.
             for eid in sorted(moves, key=lambda e: -places.get(e, (TOP, 0))[1]):
                 if eid in places:
                     self._take_out(eid, places[eid][0])
@@ -213,11 +213,11 @@ class SceneHierarchy:
                     self.view.element_changed(eid)
 
     def _reset_order(self, moves: Iterable[str]) -> None:
-        """Forgets the order of the tree, which is made anew as it is asked for."""
+        """Clears the sorted children, which are rebuilt on demand."""
         if self.view is not None:
             self.view.begin_reset()
         self._children.clear()
-        self._places.clear()
+        self._parents.clear()
         for eid in moves:
             if eid in self.scene and self._parent(eid) == UNPLACED:
                 self._unplaced.add(eid)
@@ -237,7 +237,7 @@ class SceneHierarchy:
             if self.view is not None:
                 self.view.end()
         self._unplaced.discard(eid)
-        self._places.pop(eid, None)
+        self._parents.pop(eid, None)
         if eid not in self.scene:
             self._children.pop(eid, None)
             self._orders.pop(eid, None)
@@ -256,21 +256,21 @@ class SceneHierarchy:
                 if self.view is not None:
                     self.view.begin_insert(parent, row)
                 siblings.insert(row, entry)
-                self._places[eid] = parent
+                self._parents[eid] = parent
                 if self.view is not None:
                     self.view.end()
         if self.view is not None:
             self.view.element_changed(parent)
 
     def _depth(self, eid: str) -> int:
-        """How deep an element is in the tree as its relations make it."""
+        """Returns the depth of an element according to its relations."""
         above = [eid]
         while (parent := self._parent(above[-1])) not in (TOP, UNPLACED, *above):
             above.append(parent)
         return len(above)
 
     def _affected(self, change: Change) -> dict[str, None]:
-        """The elements that a change makes other, the ends of the relations that come and go among them."""
+        """Returns the elements that a change affects, including the ends of changed relations."""
         affected = dict.fromkeys(element.id for element in change.elements)
         for element in change.elements:
             eid = element.id
@@ -283,7 +283,7 @@ class SceneHierarchy:
                 affected.update({src: None, dst: None})
         for relation in change.relations:
             affected.update({relation["src"]: None, relation["dst"]: None})
-        for eid in list(affected):  # where its parts are shown depends on where it is
+        for eid in list(affected):  # the parents of its parts depend on its parent
             affected.update((dst, None) for pred in self.parts for dst in self.scene.targets(eid, pred))
         return affected
 
@@ -293,7 +293,7 @@ class SceneHierarchy:
     # -- the tree's order --------------------------------------------------------------------------------------
 
     def _parent(self, eid: str) -> str:
-        """What an element is shown under, from its relations."""
+        """Computes the parent of an element from its relations."""
         if eid == ROOT:
             return TOP
         best: tuple[bool, str, tuple[str, int]] | None = None
@@ -308,7 +308,7 @@ class SceneHierarchy:
         return holder
 
     def _is_on_top(self, eid: str, part: str) -> bool:
-        """Whether an element is directly under `UNPLACED`, so that a part of it can be shown under it."""
+        """Returns whether an element is directly below `UNPLACED`."""
         if eid in (part, ROOT) or eid not in self.scene:
             return False
         holders = (src for src, _, _ in self.scene.relations("", self._downwards, eid))
@@ -318,7 +318,7 @@ class SceneHierarchy:
         known = self._children.get(eid)
         if known is None:
             known = self._children[eid] = sorted((self._order(child), child) for child in self._found_children(eid))
-            self._places.update((child, eid) for _, child in known)
+            self._parents.update((child, eid) for _, child in known)
         return known
 
     def _found_children(self, eid: str) -> Iterator[str]:
@@ -341,7 +341,7 @@ class SceneHierarchy:
 
 
 class _Ids(Sequence[str]):
-    """The ids of a sorted list of children."""
+    """The ids of a list of children."""
 
     def __init__(self, children: list[tuple[tuple[int, str, int], str]]) -> None:
         self._children = children
@@ -354,19 +354,19 @@ class _Ids(Sequence[str]):
 
 
 class SearchTexts:
-    """What the elements of a scene are found by: of each one text, made anew when the element is another."""
+    """The search texts of the elements, cached."""
 
     def __init__(self) -> None:
         self._texts: dict[str, tuple[ElementRecord, str]] = {}
 
     def find(self, text: str, nodes: Iterable[ElementRecord]) -> list[str]:
-        """Of some elements those that have all words of a text, in the order of their ids; none for no words."""
+        """Returns the elements that contain all words of a text, sorted by id; none without words."""
         words = text.lower().split()
         found = [node.id for node in nodes if all(map(self._text(node).__contains__, words))]
         return sorted(found, key=id_order) if words else []
 
     def forget(self, eid: str) -> None:
-        """There is no such element any more."""
+        """Removes an element."""
         self._texts.pop(eid, None)
 
     def _text(self, node: ElementRecord) -> str:

@@ -1,7 +1,6 @@
-"""What the ontologies offer whoever undo_stack a scene: classes, templates, relations and properties, with texts and
-units.
+"""The classes, templates, relations and properties of the ontologies, with descriptions and units.
 
-Read once in a worker thread; never changed, so any thread may ask it.
+Read by a worker thread; immutable, so any thread may use it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from skiros2_world_model.core.ontology_client import OntologyAbstractInterface
 
 _COMMENT_QUERY = "SELECT ?s ?c WHERE { ?s rdfs:comment ?c . FILTER(!isBlank(?s)) }"
 _META = ("rdf:", "rdfs:", "owl:", "xsd:", "_:")
-#: The words of the ontologies' comments for units ("Position along x, in metres."), the longer ones first.
+#: The units in the comments of the ontologies ("Position along x, in metres."), longer ones first.
 _UNITS = {
     "metres per second": "m/s",
     "radians per second": "rad/s",
@@ -47,10 +46,10 @@ _UNIT_QUATERNION = "skiros:Orientation"
 
 @dataclass(frozen=True)
 class Predicate:
-    """A relation that the ontologies know.
+    """A relation of the ontologies.
 
-    :param domain: the classes its subject should be of; () any.
-    :param range: the classes its object should be of; () any.
+    :param domain: the classes of subjects; () for any.
+    :param range: the classes of objects; () for any.
     """
 
     name: str
@@ -60,10 +59,8 @@ class Predicate:
 
 
 class Vocabulary:
-    """The classes, relations, properties and templates of the ontologies.
-
-    :param triples: what they say beside texts and values, as names.
-    :param comments: their comments, by name.
+    """:param triples: of the ontologies, without literals.
+    :param comments: by name.
     """
 
     def __init__(self, triples: Iterable[tuple[str, str, str]], comments: dict[str, str]) -> None:
@@ -78,59 +75,59 @@ class Vocabulary:
                     self._domains.setdefault(subject, []).append(obj)
                 elif predicate == "rdfs:range":
                     self._ranges.setdefault(subject, []).append(obj)
-        #: The relations that place their object in their subject.
+        #: The relations from a parent to a child.
         self.spatial = self.ontology.subproperties(SPATIAL)
-        #: The relations that lead from a skill to what describes it.
+        #: The relations from a skill to its parts.
         self.parts = self.ontology.subproperties(_SKILL_RELATION) - self.ontology.subproperties(_VALUE_RELATION)
 
     # -- classes and templates ---------------------------------------------------------------------------------
 
     def classes(self) -> list[str]:
-        """All classes, sorted."""
+        """Returns all classes, sorted."""
         return sorted(name for name in self.ontology.classes() if not name.startswith(_META))
 
     def top_classes(self) -> list[str]:
-        """The classes that are under no other one."""
-        return [name for name in self.classes() if not self._above(name)]
+        """Returns the classes without superclass."""
+        return [name for name in self.classes() if not self._superclasses(name)]
 
     def subclasses(self, name: str) -> list[str]:
-        """The classes directly under one, sorted."""
+        """Returns the direct subclasses, sorted."""
         return sorted({c for c in self.ontology.direct_subclasses(name) if not c.startswith(_META)} - {name})
 
     def templates(self, etype: str = "", below: bool = False) -> list[str]:
-        """The templates of a class, and with `below` of those under it; "" all."""
+        """Returns the templates of a class, and of its subclasses with `below`; "" for all."""
         if not etype:
             return sorted({name for cls in self.classes() for name in self.ontology.individuals(cls, False)})
         return self.ontology.individuals(etype, below)
 
     def type_of(self, template: str) -> str:
-        """The class of a template; "" when there is no such template."""
+        """Returns the class of a template; "" if it does not exist."""
         found = self.ontology.individual(template)
         return found.type if found is not None else ""
 
     def description(self, name: str) -> str:
-        """What the ontologies say a name means; "" when nothing."""
+        """Returns the comment of a name, or ""."""
         return self._comments.get(name, "")
 
-    def _above(self, name: str) -> list[str]:
+    def _superclasses(self, name: str) -> list[str]:
         return [c for c in self.ontology.direct_superclasses(name) if not c.startswith(_META) and c != name]
 
     # -- relations ---------------------------------------------------------------------------------------------
 
     def predicates(self) -> list[Predicate]:
-        """The relations, sorted by name; those that place things first."""
+        """Returns the relations, spatial ones first, then by name."""
         names = [name for name in self.ontology.relations() if not name.startswith(_META)]
         names.sort(key=lambda name: (name not in self.spatial, name))
         return [self.predicate(name) for name in names]
 
     def predicate(self, name: str) -> Predicate:
-        """What is known of a relation; a relation under another one has its domain and range where it has none."""
+        """Returns a relation; domain and range are inherited from its superproperties."""
         return Predicate(
             name, self.description(name), self._inherited(self._domains, name), self._inherited(self._ranges, name)
         )
 
     def mismatch(self, subject_type: str, predicate: str, object_type: str) -> str:
-        """Why a relation is not meant for two classes; "" when it is. A hint: the world model does not refuse it."""
+        """Returns why a relation violates its domain or range; "" if it does not. The world model accepts it."""
         known = self.predicate(predicate)
         for what, etype, wanted in (
             ("a subject", subject_type, known.domain),
@@ -154,37 +151,37 @@ class Vocabulary:
     # -- properties --------------------------------------------------------------------------------------------
 
     def data_properties(self) -> list[str]:
-        """All properties, sorted."""
+        """Returns all data properties, sorted."""
         return [name for name in self.ontology.data_properties() if not name.startswith(_META)]
 
     def unit(self, key: str) -> str:
-        """The unit of a property's values, as the ontologies' comments tell it; "" when none."""
+        """Returns the unit named in the comment of a property, or ""."""
         found = _IN_UNIT.search(self.description(key))
         return _UNITS[found[1].lower()] if found else ""
 
-    def value_type(self, etype: str, key: str, present: type | None = None) -> type:
-        """The Python type that the values of a property have.
+    def value_type(self, etype: str, key: str, current: type | None = None) -> type:
+        """Returns the Python type of a property's values.
 
         :param etype: the class of the element.
-        :param present: the type of the values it has now, which counts where the ontologies say nothing.
+        :param current: the type of the current values, used if the ontologies declare none.
         """
         datatype, _ = self.ontology.value_limits(etype, key)
         if datatype in PYTHON_TYPES:
             return PYTHON_TYPES[datatype]
-        if present is not None:
-            return present
+        if current is not None:
+            return current
         return float if self.unit(key) else str
 
     def is_declared(self, key: str) -> bool:
-        """Whether the ontologies know the property."""
+        """Returns whether the ontologies declare the property."""
         return self.ontology.has_data_property(key)
 
-    def parsed(self, etype: str, key: str, text: str, present: type | None = None) -> object:
-        """The value that a user's text writes; a unit behind the number may be the property's own.
+    def parsed(self, etype: str, key: str, text: str, current: type | None = None) -> object:
+        """Parses the text of a value; a number may be followed by the property's unit.
 
-        :raises WrongValue: the text is no such value, or has another unit.
+        :raises WrongValue: the text is invalid, or has a different unit.
         """
-        kind, unit = self.value_type(etype, key, present), self.unit(key)
+        kind, unit = self.value_type(etype, key, current), self.unit(key)
         datatype, _ = self.ontology.value_limits(etype, key)
         if kind in (int, float):
             text = self._without_unit(key, text.strip(), unit)
@@ -194,8 +191,8 @@ class Vocabulary:
                 value = as_datatype(value, datatype)
         except (WrongType, WrongValue):
             what = {int: "a whole number", float: "a number", bool: "True or False"}.get(kind, kind.__name__)
-            told = f" (in {unit})" if unit else ""
-            raise WrongValue(f"{local_name(key)}: expected {what}{told}, got {text!r}") from None
+            in_unit = f" (in {unit})" if unit else ""
+            raise WrongValue(f"{local_name(key)}: expected {what}{in_unit}, got {text!r}") from None
         if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
             raise WrongValue(f"{local_name(key)}: expected a finite number, got {text!r}")
         if isinstance(value, float) and self._is_quaternion(key) and abs(value) > 1.0:
@@ -209,8 +206,8 @@ class Vocabulary:
         if match is None or _NUMBER.fullmatch(text):
             return text
         if match[2] != unit:
-            expected = f"expected {unit}" if unit else "it has no unit"
-            raise WrongValue(f"{local_name(key)}: {match[2]!r} is another unit, {expected}")
+            expected = f"expected {unit}" if unit else "expected none"
+            raise WrongValue(f"{local_name(key)}: got the unit {match[2]!r}, {expected}")
         return match[1]
 
     def _is_quaternion(self, key: str) -> bool:
@@ -221,11 +218,11 @@ class Vocabulary:
 
 
 def read_vocabulary(world: OntologyAbstractInterface) -> Vocabulary:
-    """What the ontologies of a world model say now. Blocks for two calls of it.
+    """Reads the vocabulary of a world model. Blocks for two calls.
 
     :raises WmException: it does not answer.
     """
     rows = (row.split() for row in world.query_ontology(STRUCTURE_QUERY, True, ONTOLOGY))
     triples = [(row[0], row[1], row[2]) for row in rows if len(row) == 3]
-    told = (row.partition(" ") for row in world.query_ontology(_COMMENT_QUERY, True, ONTOLOGY))
-    return Vocabulary(triples, {name: text.removesuffix(" ") for name, _, text in told})
+    comments = (row.partition(" ") for row in world.query_ontology(_COMMENT_QUERY, True, ONTOLOGY))
+    return Vocabulary(triples, {name: text.removesuffix(" ") for name, _, text in comments})

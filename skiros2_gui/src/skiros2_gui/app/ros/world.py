@@ -147,11 +147,11 @@ class WorldModelConnection:
         self._server = self._ping.server
         if self.world is None:
             world = CachedWorldModel(self._author, self._wanted.set)
-            world.present()
+            world.revisions()
             world.add_listener(self._on_change)
             self.world = world
         self.world.catch_up()
-        self.world.present()
+        self.world.revisions()
         return self.world
 
     def _on_change(self, change: Change) -> None:

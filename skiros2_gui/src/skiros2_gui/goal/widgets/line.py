@@ -1,4 +1,4 @@
-"""The line that goals are written in, which completes the words."""
+"""The goal line, a line edit with completion."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _REST_OF_WORD = re.compile(r'^[^\s(),";]+')
 
 
 class GoalLine(QLineEdit):
-    """Tells the presenter what is written. Ctrl+space suggests words also where nothing is typed.
+    """Ctrl+space completes an empty word too.
 
-    Tab and Enter insert the suggested word. In a goal that is complete Enter does so only for a word that was chosen
-    with the arrow keys; else it looks for a plan.
+    Tab and Enter insert the selected completion. In a complete goal Enter inserts a completion only if it was selected
+    with the arrow keys; otherwise it plans.
 
-    :param below: a label below the line, which the suggestions do not cover.
+    :param below: a label below the line, which the popup does not cover.
     """
 
     def __init__(self, goals: GoalPresenter, below: QLabel, parent: QWidget | None = None) -> None:
@@ -32,10 +32,10 @@ class GoalLine(QLineEdit):
         self._words: dict[str, str] = {}
         self.setObjectName("goalLine")
         self.setAccessibleName("Goal")
-        self.setPlaceholderText("Goal, such as (skiros:contain box product)    Ctrl+space: words")
+        self.setPlaceholderText("Goal, such as (skiros:contain box product)    Ctrl+space: completion")
         self.setToolTip(
-            "What is to be so: (relation element element), (not (…)), (forall (?x - class) (…)).\n"
-            "Several goals are parted by commas. Words are suggested as you type; Enter looks for a plan."
+            "The state to reach: (relation element element), (not (…)), (forall (?x - class) (…)).\n"
+            "Several goals are separated by commas. Words are completed as you type; Enter plans."
         )
         self.setClearButtonEnabled(True)
         self._model = QStandardItemModel(self)
@@ -53,7 +53,7 @@ class GoalLine(QLineEdit):
         self.show_completions()
 
     def show_completions(self, even_if_empty: bool = False) -> None:
-        """Shows the words that may be written at the cursor."""
+        """Shows the completions at the cursor."""
         found = self._goals.completions(self.cursorPosition())
         typed = self.text()[found.start : self.cursorPosition()]
         words = [word for word in found.items if word.text != typed]
@@ -69,12 +69,12 @@ class GoalLine(QLineEdit):
         popup.setCurrentIndex(self._model.index(0, 0))
 
     def move_popup(self) -> None:
-        """Moves the suggestions, if they are shown, so that they do not cover the label below."""
+        """Moves the popup, if it is visible, below the label."""
         if self._completer.popup().isVisible():
             self._completer.complete(self._area())
 
     def _area(self) -> QRect:
-        """The cursor and all below it down to the end of the label; the suggestions are shown under it."""
+        """Returns the rectangle from the cursor to the end of the label; the popup is shown below it."""
         popup = self._completer.popup()
         width = popup.sizeHintForColumn(0) + popup.verticalScrollBar().sizeHint().width() + 12
         area = self.cursorRect()
@@ -100,10 +100,10 @@ class GoalLine(QLineEdit):
             super().keyPressEvent(event)
             event.accept()
         else:
-            event.ignore()  # so the completer takes it
+            event.ignore()  # handled by the completer
 
     def _insert(self, index: QModelIndex) -> None:
-        """A suggested word takes the place of what is typed of it, also after the cursor."""
+        """Replaces the word at the cursor with a completion."""
         word = str(index.data(_TEXT))
         self._completer.popup().hide()
         text, cursor = self.text(), self.cursorPosition()

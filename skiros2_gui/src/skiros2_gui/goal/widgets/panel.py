@@ -1,4 +1,4 @@
-"""The goal line with its buttons, and what came of a goal: the plan, what it changes, and how it goes on."""
+"""The goal bar, and the view of plan and execution."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SIGNS = {"waiting": "·", "running": "▶", "succeeded": "✓", "failed": "✕"
 
 
 class GoalBar(QWidget):
-    """The goal line and the buttons beside it."""
+    """The goal line and its buttons."""
 
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -49,21 +49,21 @@ class GoalBar(QWidget):
         self.line.returnPressed.connect(goals.make_plan)
         self.earlier = QToolButton()
         self.earlier.setText("Earlier ▾")
-        self.earlier.setToolTip("Goals that were planned or achieved before")
+        self.earlier.setToolTip("Goals planned or achieved before")
         self.earlier.setPopupMode(QToolButton.InstantPopup)
         self._menu = QMenu(self)
         self._menu.aboutToShow.connect(self._fill_menu)
         self.earlier.setMenu(self._menu)
         self.plan = QPushButton("Plan")
         self.plan.setObjectName("planButton")
-        self.plan.setToolTip("Looks for a plan and shows what it would change; nothing moves  (Enter)")
+        self.plan.setToolTip("Plans the goal and shows what would change; nothing moves  (Enter)")
         self.plan.clicked.connect(goals.make_plan)
         self.achieve = QPushButton("▶ Achieve")
         self.achieve.setObjectName("achieveButton")
         self.achieve.clicked.connect(goals.achieve)
         self.cancel = QPushButton("■ Cancel")
         self.cancel.setObjectName("cancelGoalButton")
-        self.cancel.setToolTip("Ends the planning, or stops the robots at the goal")
+        self.cancel.setToolTip("Cancels planning or execution")
         self.cancel.clicked.connect(goals.cancel)
         heading = QLabel("Goal")
         font = heading.font()
@@ -110,7 +110,7 @@ class GoalBar(QWidget):
 
 
 class GoalView(QWidget):
-    """What came of the goal: the steps, what they change, and why."""
+    """The steps of the plan, their effects, and why."""
 
     def __init__(self, goals: GoalPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -129,7 +129,7 @@ class GoalView(QWidget):
         self.steps.setRootIsDecorated(False)
         self.steps.setUniformRowHeights(True)
         self.steps.setSelectionMode(QAbstractItemView.SingleSelection)
-        self.changes = _text("planChanges", "What each step would change, tried out on a copy of the scene")
+        self.changes = _text("planChanges", "What each step would change, simulated on a copy of the scene")
         self.why = _text("planWhy", "What each step is for; without a plan, why there is none")
         self.texts = QTabWidget()
         self.texts.setDocumentMode(True)
@@ -149,11 +149,11 @@ class GoalView(QWidget):
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing to be seen."""
+        """Whether there is nothing to show."""
         return self._goals.plan is None and self._goals.execution is None and not self._goals.is_busy
 
     def show_goal(self) -> None:
-        """Shows the presenter's plan, or how its goal goes on."""
+        """Shows the presenter's plan or execution."""
         goals = self._goals
         result = goals.execution or goals.plan
         self.head.setText(_head(goals))
@@ -217,9 +217,9 @@ def _head(goals: GoalPresenter) -> str:
     if goals.is_busy:
         return goals.activity
     if plan is None:
-        return "Write a goal above: Plan shows what would be done, Achieve has the robots do it."
+        return "Write a goal above: Plan shows the steps, Achieve lets the robots execute them."
     if plan.verdict == "planned":
-        return f"✓ {plan.head}" if plan.works else f"✕ {plan.head}; tried out on a copy of the scene it does not work"
+        return f"✓ {plan.head}" if plan.works else f"✕ {plan.head}; it fails in a simulation on a copy of the scene"
     return f"{'✓' if plan.verdict == 'nothing to do' else '✕'} {plan.head}"
 
 

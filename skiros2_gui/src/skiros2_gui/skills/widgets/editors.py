@@ -1,4 +1,4 @@
-"""An editor for each kind of parameter. Each shows a `Field` and tells the presenter what is done with it."""
+"""The editors of parameters."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from skiros2_gui.skills.presenter import SkillsPresenter
 
 _UNSET = "unset"
 
-#: Of more elements only the chosen one is in the list until it is used: filling it takes time.
+#: A longer list is filled when it gets the focus, which takes time.
 _MAX_AT_ONCE = 500
 
 
 def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
-    """The editor that fits a parameter."""
+    """Returns the editor for a parameter."""
     kinds: dict[Editor, type[FieldEditor]] = {
         Editor.ELEMENT: ElementEditor,
         Editor.NUMBER: NumberEditor,
@@ -32,7 +32,7 @@ def editor_of(field: Field, skills: SkillsPresenter) -> FieldEditor:
 
 
 class FieldEditor(QWidget):
-    """Base of the editors. `input` has the focus, and the name by which it is found."""
+    """The base class. `input` is the widget with the focus and the object name."""
 
     def __init__(self, field: Field, skills: SkillsPresenter, input: QWidget) -> None:
         super().__init__()
@@ -52,19 +52,19 @@ class FieldEditor(QWidget):
         if event.type() == QEvent.FocusIn:
             self.before_use()
         elif event.type() == QEvent.Wheel and isinstance(watched, QComboBox) and not watched.hasFocus():
-            event.ignore()  # who scrolls the form does not mean to choose
+            event.ignore()  # the wheel scrolls the form
             return True
         return bool(super().eventFilter(watched, event))
 
     def before_use(self) -> None:
-        """It gets the focus."""
+        """Called when it gets the focus."""
 
     def show_inferred(self, found: ElementChoice | None, choices: Sequence[ElementChoice]) -> None:
-        """What the robot would take, and what there is to choose from."""
+        """Shows the inferred element and the choices."""
 
 
 class TextEditor(FieldEditor):
-    """A line of text."""
+    """A line edit."""
 
     def __init__(self, field: Field, skills: SkillsPresenter, line: QLineEdit | None = None) -> None:
         self.line = line or QLineEdit()
@@ -76,7 +76,7 @@ class TextEditor(FieldEditor):
 
 
 class NumberEditor(TextEditor):
-    """A number, which the arrows make more and less."""
+    """A line edit for numbers, with arrow keys."""
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         super().__init__(field, skills, _NumberLine(field))
@@ -84,7 +84,7 @@ class NumberEditor(TextEditor):
         hints = [field.declared.description or field.key]
         if not math.isinf(least) or not math.isinf(most):
             hints.append(f"from {least:g} to {most:g}".replace("from -inf to", "at most").replace(" to inf", " on"))
-        hints.append("the arrows up and down change it")
+        hints.append("up and down change it")
         self.line.setToolTip("\n".join(hints))
         if field.unit:
             self.row.addWidget(QLabel(field.unit))
@@ -105,7 +105,7 @@ class _NumberLine(QLineEdit):
         self.textEdited.emit(text)
 
     def _stepped(self, steps: int) -> str | None:
-        """The number that is so many steps away, within its limits; None when there is no number to start from."""
+        """Returns the number changed by some steps, within its limits; None if the text is no number."""
         least, most = self._field.limits
         try:
             value = float(self.text() or 0.0)
@@ -117,7 +117,7 @@ class _NumberLine(QLineEdit):
 
 
 class ListEditor(FieldEditor):
-    """One of a few values: yes or no, or one of the texts that the description names."""
+    """A combo box for a boolean, or for the texts of the description."""
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QComboBox()
@@ -145,7 +145,7 @@ class ListEditor(FieldEditor):
 
 
 class JsonEditor(FieldEditor):
-    """A list or a mapping, in JSON; the form tells what is wrong with it while it is typed."""
+    """A text edit for a list or mapping in JSON."""
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QPlainTextEdit()
@@ -165,7 +165,7 @@ class JsonEditor(FieldEditor):
             self._fit_text()
 
     def _fit_text(self) -> None:
-        """Three lines of text."""
+        """Sets the height to three lines."""
         font = QFontDatabase.systemFont(QFontDatabase.FixedFont)
         font.setPointSizeF(self.font().pointSizeF())
         self.box.setFont(font)
@@ -173,7 +173,7 @@ class JsonEditor(FieldEditor):
 
 
 class ElementEditor(FieldEditor):
-    """An element of the scene, or "infer" or "unset"; what is typed is looked for in labels and ids."""
+    """A combo box for elements of the scene, "infer" or "unset"; typed text is searched in labels and ids."""
 
     def __init__(self, field: Field, skills: SkillsPresenter) -> None:
         self.box = QComboBox()
@@ -200,7 +200,7 @@ class ElementEditor(FieldEditor):
         shown = (found, tuple(choices), self.field.mode, self.field.value)
         view = self.box.view()
         if shown == self._shown or (view is not None and view.isVisible()) or self.box.lineEdit().isModified():
-            return  # not while the user chooses
+            return  # not while the user is choosing
         self._shown, self._found, self._choices = shown, found, choices
         self._fill(found, choices if len(choices) <= _MAX_AT_ONCE else ())
 
@@ -222,7 +222,7 @@ class ElementEditor(FieldEditor):
             self._fill(self._found, self._choices)
 
     def _name(self, eid: str) -> str:
-        """What is shown of a chosen element that is not in the list."""
+        """Returns the text of a chosen element that is not in the list."""
         known = next((choice.text for choice in self._choices if choice.id == eid), None)
         return known or (f"{eid}  (not in the scene)" if self._choices else eid)
 
@@ -243,7 +243,7 @@ class ElementEditor(FieldEditor):
             self._skills.set_mode(self.field.key, mode)
 
     def _typed(self) -> None:
-        """What was typed is an item, or the id or label of one; else it is as before."""
+        """Chooses the item whose text, id or label was typed; otherwise restores the current one."""
         line = self.box.lineEdit()
         if not line.isModified():
             return

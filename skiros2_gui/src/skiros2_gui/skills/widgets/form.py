@@ -1,4 +1,4 @@
-"""The chosen skill: its parameters, what would come of a start, and the buttons that start it."""
+"""The start form: parameters, status and start buttons."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ROLE_COLOURS = {READY: "success", REFUSED: "failure"}
 
 
 class SkillForm(QWidget):
-    """Shows the presenter's form and start_status."""
+    """Shows the presenter's form and status."""
 
     def __init__(self, skills: SkillsPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -68,7 +68,7 @@ class SkillForm(QWidget):
             self._fit_text()
 
     def _fit_text(self) -> None:
-        """Sizes that follow that of the text."""
+        """Follows the text size."""
         font = self.font()
         font.setBold(True)
         font.setPointSizeF(font.pointSizeF() * 1.2)
@@ -141,19 +141,19 @@ class SkillForm(QWidget):
         self.show_status()
 
     def show_status(self) -> None:
-        """Shows what would come of a start, and what is wrong with the parameters."""
+        """Shows the status, and the errors of the fields."""
         skills = self._skills
-        said = start_status(skills)
-        self.sign.setText(_SIGNS.get(said.status, "…"))
-        colour_label(self.sign, _ROLE_COLOURS.get(said.status, ""))
-        self.why_not.setText(said.text)
-        self.why_not.setToolTip("\n".join(said.details))
-        self.more.setVisible(bool(said.details))
-        self.details.setVisible(bool(said.details) and self.more.isChecked())
-        text = "\n".join(said.details)
+        status = start_status(skills)
+        self.sign.setText(_SIGNS.get(status.status, "…"))
+        colour_label(self.sign, _ROLE_COLOURS.get(status.status, ""))
+        self.why_not.setText(status.text)
+        self.why_not.setToolTip("\n".join(status.details))
+        self.more.setVisible(bool(status.details))
+        self.details.setVisible(bool(status.details) and self.more.isChecked())
+        text = "\n".join(status.details)
         if self.details.toPlainText() != text:
             self.details.setPlainText(text)
-        for button in (self.start, self.step):  # while a start is under mode too: a disabled button loses the focus
+        for button in (self.start, self.step):  # enabled during a pending start, as a disabled button loses the focus
             button.setEnabled(skills.can_start or skills.is_starting)
         if skills.form is None:
             return
@@ -161,7 +161,7 @@ class SkillForm(QWidget):
         for key, editor in self._editors.items():
             field = editor.field
             error = self._errors[key]
-            # What is missing is not told of a field that nobody has touched; the start_status names it.
+            # Errors of empty fields are named in the status only.
             error.setText(f"⚠ {field.error}")
             colour_label(error, "failure")
             error.setVisible(bool(field.error) and bool(field.text))
@@ -170,8 +170,8 @@ class SkillForm(QWidget):
                 editor.show_inferred(found, preview.choices.get(field.element_class, ()))
 
     def _label(self, field: Field) -> QLabel:
-        mark = " *" if field.declared.kind == "required" else ""
-        label = QLabel(f"{field.key}{mark}")
+        suffix = " *" if field.declared.kind == "required" else ""
+        label = QLabel(f"{field.key}{suffix}")
         label.setTextFormat(Qt.PlainText)
         of = f"{field.declared.kind}, {field.type_name}"
         label.setToolTip(f"{field.declared.description}\n{of}".strip())

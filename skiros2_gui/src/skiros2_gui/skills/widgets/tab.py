@@ -1,4 +1,4 @@
-"""The tab "Skills": what the robots can do, starting it, what runs, and goals."""
+"""The tab "Skills"."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from skiros2_gui.skills.widgets.form import SkillForm
 from skiros2_gui.skills.widgets.tasks import TaskList
 from skiros2_gui.skills.widgets.tree import SkillTree
 
-#: How often it is looked anew what would come of a start, where the scene changes (ms).
+#: The period of preview refreshes (ms).
 _REFRESH_PERIOD = 500
 
 
 class SkillsTab(QWidget):
-    """The tab; see `qt.tab.Tab`."""
+    """See `app.widgets.main_widget.Tab`."""
 
     title = "Skills"
     needs = (MANAGER,)

@@ -1,4 +1,4 @@
-"""The list of tasks with what can be done with them, and why one failed."""
+"""The list of tasks with its commands, and why a task failed."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from skiros2_gui.skills.task_presenter import TaskListPresenter
 from skiros2_gui.skills.task_rows import Key, TaskRow
 
 _KEY = Qt.UserRole
-_HEADS = ("Robot", "Task", "Skill", "State", "Time", "What it says")
+_HEADS = ("Robot", "Task", "Skill", "State", "Time", "Message")
 _SIGNS = {"running": "▶", "paused": "❚❚", "succeeded": "✓", "failed": "✕", "lost": "?", "silent": "…"}
 
-#: How long what is told is gathered before it is drawn, and how often the times are (ms).
-_GATHER, _TICK = 100, 1000
+#: The delay that combines updates, and the period of run time updates (ms).
+_UPDATE_DELAY, _TIME_PERIOD = 100, 1000
 
 
 class TaskList(QWidget):
-    """Shows the tasks of all robots; the buttons are for the one that is selected."""
+    """Shows the tasks of all robots; the buttons act on the selected one."""
 
     def __init__(self, presenter: TaskListPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -59,35 +59,35 @@ class TaskList(QWidget):
         column.addLayout(self._buttons())
         column.addWidget(self.list, 1)
         column.addWidget(self.why)
-        self._gather = QTimer(self)
-        self._gather.setSingleShot(True)
-        self._gather.setInterval(_GATHER)
-        self._gather.timeout.connect(self.show_tasks)
+        self._update_timer = QTimer(self)
+        self._update_timer.setSingleShot(True)
+        self._update_timer.setInterval(_UPDATE_DELAY)
+        self._update_timer.timeout.connect(self.show_tasks)
         self._clock = QTimer(self)
-        self._clock.setInterval(_TICK)
+        self._clock.setInterval(_TIME_PERIOD)
         self._clock.timeout.connect(self._show_times)
         self._clock.start()
-        presenter.on_tasks = lambda: self._gather.isActive() or self._gather.start()  # type: ignore[func-returns-value]
+        presenter.on_tasks = lambda: self._update_timer.isActive() or self._update_timer.start()  # type: ignore[func-returns-value]
         presenter.on_why = self._show_why
         self.show_tasks()
         self._fit()
 
     def _buttons(self) -> QHBoxLayout:
-        def button(text: str, name: str, tip: str) -> QPushButton:
-            made = QPushButton(text)
-            made.setObjectName(name)
-            made.setToolTip(tip)
-            made.setAutoDefault(False)
-            row.addWidget(made)
-            return made
+        def make(text: str, name: str, tip: str) -> QPushButton:
+            button = QPushButton(text)
+            button.setObjectName(name)
+            button.setToolTip(tip)
+            button.setAutoDefault(False)
+            row.addWidget(button)
+            return button
 
         row = QHBoxLayout()
         row.addStretch(1)
-        self.pause = button("❚❚ Pause", "pauseButton", "Holds the selected task: nothing of it is ticked any more")
-        self.step = button("Step", "stepButton", "Ticks the selected task, which is paused, once")
-        self.stop = button("■ Stop", "stopButton", "Ends the selected task  (space or Del in the list)")
-        self.stop_all = button("Stop all", "stopAllButton", "Ends all tasks of all robots")
-        self.clear = button("Clear ended", "clearButton", "Takes the tasks that have ended off the list")
+        self.pause = make("❚❚ Pause", "pauseButton", "Pauses the selected task: it is not ticked")
+        self.step = make("Step", "stepButton", "Ticks the selected, paused task once")
+        self.stop = make("■ Stop", "stopButton", "Ends the selected task  (space or Del in the list)")
+        self.stop_all = make("Stop all", "stopAllButton", "Ends all tasks of all robots")
+        self.clear = make("Clear ended", "clearButton", "Removes the tasks that have ended from the list")
         self.pause.clicked.connect(self._pause_or_resume)
         self.step.clicked.connect(lambda: self._with_selected(self._presenter.step))
         self.stop.clicked.connect(lambda: self._with_selected(self._presenter.stop))
@@ -95,16 +95,16 @@ class TaskList(QWidget):
         self.clear.clicked.connect(self._presenter.clear_ended)
         return row
 
-    # -- what the user does ------------------------------------------------------------------------------------
+    # -- commands ---------------------------------------------------------------------------------------------
 
     @property
     def selected(self) -> TaskRow | None:
-        """The task that the buttons are for."""
+        """The selected task."""
         item = self.list.currentItem()
         return self._presenter.get(item.data(0, _KEY)) if item is not None else None
 
     def toggle(self) -> None:
-        """Space in the list: stops the selected task."""
+        """Stops the selected task."""
         row = self.selected
         if row is not None and not row.is_finished:
             self._presenter.stop(row.key)
@@ -131,10 +131,10 @@ class TaskList(QWidget):
         if row is None or row.key != self._presenter.why_of:
             self._presenter.ask_why(row.key if row is not None else None)
 
-    # -- what is shown -----------------------------------------------------------------------------------------
+    # -- display ------------------------------------------------------------------------------------------------
 
     def show_tasks(self) -> None:
-        """Shows the list anew; what is selected stays so; a new task is selected where no running one is."""
+        """Updates the list and keeps the selection; a new task is selected unless a running one is."""
         rows = self._presenter.rows
         chosen = self.selected
         with QSignalBlocker(self.list):
@@ -189,7 +189,7 @@ class TaskList(QWidget):
         is_paused = is_active and row is not None and row.state == "paused"
         self.pause.setText("▶ Resume" if is_paused else "❚❚ Pause")
         self.pause.setToolTip(
-            "Lets the selected task go on" if is_paused else "Holds the selected task: nothing of it is ticked any more"
+            "Resumes the selected task" if is_paused else "Pauses the selected task: it is not ticked"
         )
         self.pause.setEnabled(is_active)
         self.step.setEnabled(is_paused)
@@ -205,19 +205,19 @@ class TaskList(QWidget):
             self._fit()
 
     def _fit(self) -> None:
-        """Columns wide enough for what usually stands in them, in the size of the text."""
+        """Follows the text size."""
         self.why.setMaximumHeight(self.fontMetrics().lineSpacing() * 8)
         for column, text in enumerate(("test_robot__", "Task___", "pick_and_place____", "succeeded____", "00:00:00_")):
             self.list.setColumnWidth(column, self.fontMetrics().horizontalAdvance(text) + 12)
 
     def close_timers(self) -> None:
-        """Nothing is drawn any more."""
-        self._gather.stop()
+        """Stops the timers."""
+        self._update_timer.stop()
         self._clock.stop()
 
 
 def _duration(row: TaskRow) -> str:
-    """How long it has been running, or has run."""
+    """Formats the run time."""
     seconds = max(0.0, (row.updated if row.is_finished else max(time.time(), row.updated)) - row.start)
     if seconds < 60.0:
         return f"{seconds:.1f} s" if row.is_finished else f"{seconds:.0f} s"

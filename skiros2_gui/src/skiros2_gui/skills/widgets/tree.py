@@ -1,4 +1,4 @@
-"""The tree of robots and skills, with its search."""
+"""The tree of robots and skills, with a search."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _KEY = Qt.UserRole
 
 
 class SkillTree(QWidget):
-    """Shows what the presenter has, and tells it what is searched for and chosen."""
+    """Shows the presenter's tree."""
 
     def __init__(self, skills: SkillsPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -44,7 +44,7 @@ class SkillTree(QWidget):
         self.show_rows()
 
     def show_rows(self) -> None:
-        """Shows the tree anew; the chosen skill stays chosen."""
+        """Updates the tree and keeps the selection."""
         chosen = self._skills.form.offer.key if self._skills.form is not None else None
         rows = self._skills.rows
         with QSignalBlocker(self.tree):
@@ -59,14 +59,14 @@ class SkillTree(QWidget):
                     self._unfold(item)
                 self._unfold(top)
             if not rows:
-                words = "Nothing has these words." if self._skills.search else "No robot offers skills."
-                empty = _item(words, None, "")
+                text = "No skill matches." if self._skills.search else "No robot is running."
+                empty = _item(text, None, "")
                 empty.setFlags(Qt.NoItemFlags)
                 self.tree.addTopLevelItem(empty)
             self._select(chosen)
 
     def choose(self, key: tuple[str, str, str]) -> None:
-        """Chooses a skill, as a click does."""
+        """Selects a skill."""
         item = self._find(key)
         if item is not None:
             self.tree.setCurrentItem(item)
@@ -93,7 +93,7 @@ class SkillTree(QWidget):
             self._skills.choose(key)
 
     def _choose_first(self) -> None:
-        """Enter in the search: the first skill that is left is chosen, and the tree has the focus."""
+        """Selects the first skill found and gives the focus to the tree."""
         for row in (row for robot in self._skills.rows for row in robot.skills):
             self.choose(row.offer.key)
             self.tree.setFocus()

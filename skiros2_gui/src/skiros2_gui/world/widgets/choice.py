@@ -1,4 +1,4 @@
-"""Choosing one of many: a tree of classes and templates, and a list of elements, each with a search."""
+"""Selectors with a search: classes and templates, elements."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KEYS_FOR_THE_LIST = (Qt.Key_Up, Qt.Key_Down, Qt.Key_PageUp, Qt.Key_PageDown)
 
 
 class SearchLine(QLineEdit):
-    """A search above a list or tree, which arrow keys move in while one writes.
+    """A search line; arrow keys move the selection in the list.
 
     :param below: the list or tree.
     """
@@ -46,9 +46,9 @@ class SearchLine(QLineEdit):
 class ClassChoice(QWidget):
     """The tree of classes and templates."""
 
-    #: Another one is chosen.
+    #: The selection has changed.
     changed = Signal()
-    #: One was chosen by a double click.
+    #: A choice was double-clicked.
     taken = Signal()
 
     def __init__(self, choices: Sequence[Choice], parent: QWidget | None = None) -> None:
@@ -72,12 +72,12 @@ class ClassChoice(QWidget):
         self.setFocusProxy(self.search)
 
     def chosen(self) -> Choice | None:
-        """The one that is chosen."""
+        """Returns the selected choice, or None."""
         item = self.tree.currentItem()
         return next((choice for one, choice in self._items if one is item), None)
 
     def choose(self, name: str) -> None:
-        """Chooses the one of that name, if it is there."""
+        """Selects the choice of that name."""
         for item, choice in self._items:
             if choice.name == name:
                 self.tree.setCurrentItem(item)
@@ -99,7 +99,7 @@ class ClassChoice(QWidget):
     def _filter(self, text: str) -> None:
         words = text.lower().split()
         first: QTreeWidgetItem | None = None
-        for item, choice in reversed(self._items):  # what is under an item before it
+        for item, choice in reversed(self._items):  # children before their parents
             is_found = choice.matches(words)
             has_found = any(not item.child(i).isHidden() for i in range(item.childCount()))
             item.setHidden(not is_found and not has_found)
@@ -113,9 +113,9 @@ class ClassChoice(QWidget):
 
 
 class ElementChoice(QWidget):
-    """A list of elements of the scene, and of the templates that are searched for.
+    """The list of elements, and of templates that match the search.
 
-    :param without: an element that is left out.
+    :param without: an id to leave out.
     """
 
     changed = Signal()
@@ -142,18 +142,18 @@ class ElementChoice(QWidget):
         self._fill()
 
     def chosen(self) -> str:
-        """The id of the element that is chosen; "" none."""
+        """Returns the id of the selected element, or ""."""
         item = self.list.currentItem()
         return str(item.data(Qt.UserRole)) if item is not None else ""
 
     def choose(self, eid: str) -> None:
-        """Chooses an element, if it is in the list."""
+        """Selects an element."""
         for row in range(self.list.count()):
             if self.list.item(row).data(Qt.UserRole) == eid:
                 self.list.setCurrentRow(row)
 
     def prefer(self, types: Sequence[str]) -> None:
-        """Elements of these classes come first."""
+        """Lists instances of these classes first."""
         if self._types != tuple(types):
             self._types = tuple(types)
             self._fill()

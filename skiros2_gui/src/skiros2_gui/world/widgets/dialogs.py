@@ -1,4 +1,4 @@
-"""The dialogs of the scene tab: adding, begin_remove, relations, properties, files."""
+"""The dialogs of the tab: add, remove, class, relation, property, pose, files."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from skiros2_gui.world.requests import CONTAINS
 from skiros2_gui.world.vocabulary import Vocabulary
 from skiros2_gui.world.widgets.choice import ClassChoice, ElementChoice
 
-#: So many elements are named before one is removed with them.
+#: The most elements named.
 _MAX_NAMED = 12
 
 
 class _Dialog(QDialog):
-    """A dialog with OK and Cancel below its content, and a line that says what is wrong or noteworthy."""
+    """A dialog with OK, Cancel and a note."""
 
     def __init__(self, title: str, ok: str, parent: QWidget | None) -> None:
         super().__init__(parent)
@@ -54,15 +54,15 @@ class _Dialog(QDialog):
         column.addWidget(self.buttons)
 
     def size_to(self, width: float, height: float) -> None:
-        """The size in heights of a line."""
+        """Sets the size, in line heights."""
         em = self.fontMetrics().height()
         self.resize(int(width * em), int(height * em))
 
 
 class AddDialog(_Dialog):
-    """Adds an element from a class, or from a template with its parts.
+    """Adds an element of a class, or a template with its parts.
 
-    :param parent_id: the element that it is proposed to be added under.
+    :param parent_id: the parent.
     """
 
     def __init__(self, presenter: WorldPresenter, parent_id: str, parent: QWidget | None = None) -> None:
@@ -81,12 +81,12 @@ class AddDialog(_Dialog):
         for name in sorted(vocabulary.spatial, key=lambda name: (name != CONTAINS, name)):
             self.relation.addItem(local_name(name), name)
             self.relation.setItemData(self.relation.count() - 1, vocabulary.description(name), Qt.ToolTipRole)
-        self.in_space = QCheckBox("It has a place in space")
+        self.in_space = QCheckBox("It has a pose")
         self.in_space.setChecked(True)
-        self.in_space.setToolTip("Gives it a frame and a pose, which the world model keeps and publishes")
+        self.in_space.setToolTip("Gives it a frame and a pose, which the world model maintains and publishes")
         form = QFormLayout()
-        form.addRow("Under", QLabel(shown_name(hierarchy, parent_id)))
-        form.addRow("which does", self.relation)
+        form.addRow("Parent", QLabel(shown_name(hierarchy, parent_id)))
+        form.addRow("Relation", self.relation)
         form.addRow("Label", self.label)
         form.addRow("", self.in_space)
         self.content.addWidget(self.choice, 1)
@@ -124,7 +124,7 @@ class AddDialog(_Dialog):
 
 
 class ClassDialog(_Dialog):
-    """Makes an element one of another class."""
+    """Changes the class of an element."""
 
     chosen = Signal(str)
 
@@ -150,7 +150,7 @@ class ClassDialog(_Dialog):
 
 
 class RemoveDialog(_Dialog):
-    """Asks whether elements are to be removed, with what goes with them."""
+    """Confirms the removal of elements and their descendants."""
 
     def __init__(self, presenter: WorldPresenter, ids: Sequence[str], gone: Sequence[str], parent: QWidget) -> None:
         super().__init__("Remove", "Remove", parent)
@@ -165,15 +165,15 @@ class RemoveDialog(_Dialog):
         if others:
             names = [shown_name(hierarchy, eid) for eid in others[:_MAX_NAMED]]
             more = [f"and {len(others) - _MAX_NAMED} more"] if len(others) > _MAX_NAMED else []
-            self.note.setText(f"With it {_counted(len(others))} under it:\n" + "\n".join([*names, *more]))
+            self.note.setText(f"Also removes {_counted(len(others))} below it:\n" + "\n".join([*names, *more]))
         else:
-            self.note.setText("Nothing else goes with it.")
+            self.note.setText("No other element is removed.")
         self.content.addStretch(1)
         self.setMinimumWidth(24 * self.fontMetrics().height())
 
 
 class RelationDialog(_Dialog):
-    """Relates an element to another one.
+    """Adds a relation.
 
     :param eid: the element.
     """
@@ -190,9 +190,9 @@ class RelationDialog(_Dialog):
         self.predicate.setObjectName("relationChoice")
         for predicate, fits in predicate_choices(vocabulary, node.type if node is not None else ""):
             text = local_name(predicate.name)
-            self.predicate.addItem(text if fits else f"{text}  (not meant for it)", predicate.name)
-            told = "\n".join(line for line in (predicate.name, predicate.description) if line)
-            self.predicate.setItemData(self.predicate.count() - 1, told, Qt.ToolTipRole)
+            self.predicate.addItem(text if fits else f"{text}  (other domain)", predicate.name)
+            tip = "\n".join(line for line in (predicate.name, predicate.description) if line)
+            self.predicate.setItemData(self.predicate.count() - 1, tip, Qt.ToolTipRole)
         self.predicate.setEditable(True)
         self.predicate.setInsertPolicy(QComboBox.NoInsert)
         self.predicate.completer().setCompletionMode(QCompleter.PopupCompletion)
@@ -216,7 +216,7 @@ class RelationDialog(_Dialog):
 
     @property
     def relation(self) -> tuple[str, str, str]:
-        """Subject, relation and object, as they are chosen."""
+        """The selected subject, relation and object."""
         predicate, other = str(self.predicate.currentData() or ""), self.other.chosen()
         return (self._eid, predicate, other) if self.direction.currentIndex() == 0 else (other, predicate, self._eid)
 
@@ -238,9 +238,9 @@ class RelationDialog(_Dialog):
 
 
 class PropertyDialog(_Dialog):
-    """Gives an element another property."""
+    """Adds a property."""
 
-    #: The property and its values as texts.
+    #: Emits the property and its values as texts.
     chosen = Signal(str, list)
 
     def __init__(self, vocabulary: Vocabulary, details: Details, parent: QWidget | None = None) -> None:
@@ -274,7 +274,7 @@ class PropertyDialog(_Dialog):
 
     @property
     def name(self) -> str:
-        """The property in full, as it is chosen."""
+        """The full name of the selected property."""
         text = self.key.currentText().strip()
         return full_name(text) if text else ""
 
@@ -294,14 +294,14 @@ class PropertyDialog(_Dialog):
         unit = self._vocabulary.unit(key)
         self.value.setPlaceholderText(f"in {unit}" if unit else "")
         self.ok.setEnabled(bool(key) and not wrong)
-        told = self._vocabulary.description(key)
-        if key and not told and not self._vocabulary.is_declared(key):
-            told = "The ontologies do not know this property."
-        self.note.setText(f"⚠ {wrong}" if wrong else told)
+        note = self._vocabulary.description(key)
+        if key and not note and not self._vocabulary.is_declared(key):
+            note = "The ontologies do not declare this property."
+        self.note.setText(f"⚠ {wrong}" if wrong else note)
 
 
 class ValuesDialog(_Dialog):
-    """The values of a property, one on a line; of a single text, all its lines."""
+    """Edits the values of a property, one per line; a single string may have several lines."""
 
     chosen = Signal(list)
 
@@ -323,9 +323,9 @@ class ValuesDialog(_Dialog):
 
 
 class PoseDialog(_Dialog):
-    """Puts an element somewhere else, or turns it."""
+    """Edits the pose."""
 
-    #: Position (m) and angles (degrees), three numbers each.
+    #: Emits position (m) and angles (degrees), three numbers each.
     chosen = Signal(list, list)
 
     def __init__(self, details: Details, parent: QWidget | None = None) -> None:
@@ -339,11 +339,11 @@ class PoseDialog(_Dialog):
         for name, tip, box in zip(
             ("Roll", "Pitch", "Yaw"), ("about x", "then about y", "then about z"), self.angles, strict=True
         ):
-            box.setToolTip(f"The turn {tip}")
+            box.setToolTip(f"The rotation {tip}")
             form.addRow(name, box)
         self.content.addLayout(form)
         self.content.addStretch(1)
-        frame = f"In the frame of {pose.frame}" if pose.frame else "In the frame of what it is in"
+        frame = f"In the frame of {pose.frame}" if pose.frame else "In the frame of its parent"
         self.note.setText(frame if details.pose is not None else "It has no pose yet.")
         self.size_to(20, 16)
 
@@ -353,7 +353,7 @@ class PoseDialog(_Dialog):
 
 
 class FileDialog(_Dialog):
-    """Asks for a file in the workspace of the world model, which may be on another computer."""
+    """Asks for a file in the workspace of the world model, which may be on another machine."""
 
     chosen = Signal(str)
 
@@ -386,10 +386,10 @@ def _spin_box(number: float, unit: str, most: float, step: float, decimals: int)
 
 
 def _numbers(boxes: Sequence[QDoubleSpinBox], before: Sequence[float]) -> list[float]:
-    """What the boxes say; a number that was not changed is not rounded either."""
+    """Returns the values of the boxes; unchanged values are not rounded."""
     pairs = zip(boxes, before, strict=True)
     return [was if box.value() == round(was, box.decimals()) else box.value() for box, was in pairs]
 
 
 def _counted(number: int) -> str:
-    return "goes one element" if number == 1 else f"go {number} elements"
+    return "one element" if number == 1 else f"{number} elements"

@@ -1,4 +1,4 @@
-"""The selected element: what it is, its properties and its relations, to be looked at and changed."""
+"""The panel of the selected element: label, properties, relations."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _VALUE = 1
 
 
 class ElementPanel(QWidget):
-    """Shows the presenter's selected element."""
+    """Shows and edits the presenter's selected element."""
 
     def __init__(self, presenter: WorldPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -68,16 +68,16 @@ class ElementPanel(QWidget):
         self.show_details()
 
     def _lay_out(self) -> None:
-        self.add_property_button = _button("Add property…", "Gives the element another property", self.add_property)
+        self.add_property_button = _button("Add property…", "Adds a property", self.add_property)
         self.remove_property_button = _button(
-            "Remove property", "Takes the selected property away (Delete)", self.remove_property
+            "Remove property", "Removes the selected property (Delete)", self.remove_property
         )
-        tip = "Puts the element somewhere else, or turns it, in metres and degrees"
+        tip = "Edits position (m) and angles (degrees)"
         self.pose_button = _button("Pose…", tip, self.edit_pose)
         self.pose_button.setObjectName("poseButton")
-        self.add_relation_button = _button("Add relation…", "Relates the element to another one", self.add_relation)
+        self.add_relation_button = _button("Add relation…", "Adds a relation to another element", self.add_relation)
         self.remove_relation_button = _button(
-            "Remove relation", "Takes the selected relation away (Delete)", self.remove_relation
+            "Remove relation", "Removes the selected relation (Delete)", self.remove_relation
         )
         self.add_property_button.setObjectName("addPropertyButton")
         self.add_relation_button.setObjectName("addRelationButton")
@@ -118,9 +118,9 @@ class ElementPanel(QWidget):
     # -- showing -----------------------------------------------------------------------------------------------
 
     def show_details(self) -> None:
-        """Shows the selected element as it is now, once it is visible. What is being edited stays."""
+        """Updates the panel while it is visible. A label being edited is kept."""
         if not self.isVisible():
-            return  # `showEvent` does it
+            return  # see `showEvent`
         details = self._presenter.details()
         before, self._shown = self._shown, details
         for widget in (
@@ -136,18 +136,18 @@ class ElementPanel(QWidget):
             widget.setEnabled(details is not None)
         if details is None:
             self.heading.setText("No element is selected")
-            self.about.setText("Choose one in the tree on the left.")
+            self.about.setText("Select one in the tree on the left.")
             self.label_edit.clear()
             self.properties.rows.show_rows(())
             self.relations.rows.show_rows(())
             return
-        is_other = before is None or before.id != details.id
+        is_different = before is None or before.id != details.id
         self.heading.setText(local_name(details.id))
         self.about.setText(_about(details, self._presenter.author()))
         self.about.setToolTip(details.type_description)
-        if is_other or not self.label_edit.isModified():  # else somebody is writing
+        if is_different or not self.label_edit.isModified():  # not while it is being edited
             self.label_edit.setText(details.label)
-        if is_other:  # nothing of the other element is to be kept
+        if is_different:  # reset the selection
             self.properties.rows.show_rows(())
             self.relations.rows.show_rows(())
         self.properties.rows.show_rows([_property_cells(row) for row in details.properties])
@@ -186,7 +186,7 @@ class ElementPanel(QWidget):
             dialog.open()
 
     def add_property(self) -> None:
-        """Opens the dialog for another property."""
+        """Opens the property dialog."""
         vocabulary, details = self._presenter.vocabulary, self._shown
         if vocabulary is not None and details is not None:
             dialog = PropertyDialog(vocabulary, details, self)
@@ -195,14 +195,14 @@ class ElementPanel(QWidget):
             dialog.open()
 
     def remove_property(self) -> None:
-        """Takes the selected properties away."""
+        """Removes the selected properties."""
         details, rows = self._shown, self.properties.chosen()
         if details is not None and rows:
             what = f"remove {', '.join(row.name for row in rows)} of {local_name(details.id)}"
             self._presenter.change(what, lambda r: [o for row in rows for o in r.remove_property(details.id, row.key)])
 
     def edit_pose(self) -> None:
-        """Opens the dialog for the pose."""
+        """Opens the pose dialog."""
         details = self._shown
         if details is None:
             return
@@ -217,14 +217,14 @@ class ElementPanel(QWidget):
         dialog.open()
 
     def add_relation(self) -> None:
-        """Opens the dialog for another relation."""
+        """Opens the relation dialog."""
         if self._shown is not None and self._presenter.hierarchy is not None:
             dialog = RelationDialog(self._presenter, self._shown.id, self)
             dialog.setAttribute(Qt.WA_DeleteOnClose)
             dialog.open()
 
     def remove_relation(self) -> None:
-        """Takes the selected relations away."""
+        """Removes the selected relations."""
         details, rows = self._shown, self.relations.chosen()
         if details is None or not rows:
             return
@@ -233,14 +233,14 @@ class ElementPanel(QWidget):
         self._presenter.change(what, lambda r: [o for relation in ends for o in r.unrelate(*relation)])
 
     def follow_relation(self) -> None:
-        """Goes to the element of the selected relation."""
+        """Selects the element of the selected relation."""
         rows = [row for row in self.relations.chosen() if row.is_element]
         if rows:
             self._presenter.select(rows[0].other)
 
 
 class _ValueDelegate(QStyledItemDelegate):
-    """The editor of one value: a choice for yes or no, a line for all else."""
+    """The editor of a value: a combo box for booleans, else a line edit."""
 
     def createEditor(self, parent: QWidget, option: Any, index: Any) -> QWidget:
         row = index.model().rows[index.row()].item
@@ -269,24 +269,24 @@ class _ValueDelegate(QStyledItemDelegate):
 
 
 def _in_place(row: PropertyRow) -> bool:
-    """Whether a value can be written in the table itself."""
+    """Returns whether a value can be edited in the table."""
     is_one_line = all("\n" not in value for value in row.values if isinstance(value, str))
     return row.is_plain and len(row.values) <= 1 and is_one_line
 
 
 def _property_cells(row: PropertyRow) -> Row:
     text = row.text if row.is_plain else ", ".join(row.texts)
-    told = [row.key, row.description, f"Type: {row.kind_text}"]
+    lines = [row.key, row.description, f"Type: {row.kind_text}"]
     if not _in_place(row):
-        told.append("A double click opens it")
+        lines.append("Double-click to edit")
     shown = " ".join(text.split())
-    return Row((row.name, shown, row.unit), "\n".join(line for line in told if line), row)
+    return Row((row.name, shown, row.unit), "\n".join(line for line in lines if line), row)
 
 
 def _relation_cells(row: RelationRow) -> Row:
     direction = "to" if row.outgoing else "from"
-    told = [row.predicate, row.description, row.other if row.is_element else f"{row.other}, a template"]
-    return Row((row.name, direction, row.other_text), "\n".join(line for line in told if line), row)
+    lines = [row.predicate, row.description, row.other if row.is_element else f"{row.other}, a template"]
+    return Row((row.name, direction, row.other_text), "\n".join(line for line in lines if line), row)
 
 
 def _about(details: Details, own: str) -> str:

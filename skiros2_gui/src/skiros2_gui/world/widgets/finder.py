@@ -8,12 +8,12 @@ from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QWidget
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.widgets.scene_model import SceneModel
 
-#: How long it waits for the next letter (ms).
+#: The delay after a key (ms).
 _DELAY = 150
 
 
 class ElementFinder(QWidget):
-    """Finds elements while one writes, and goes from one to the next."""
+    """Searches while the user types, and goes through the results."""
 
     def __init__(self, presenter: WorldPresenter, model: SceneModel, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -23,7 +23,7 @@ class ElementFinder(QWidget):
         self.line = QLineEdit()
         self.line.setObjectName("worldSearch")
         self.line.setPlaceholderText("Find an element (Ctrl+F)")
-        self.line.setToolTip("Words of an id, a label or a value; Enter and F3 go to the next one, Shift+F3 back")
+        self.line.setToolTip("Words in ids, labels and values; Enter, F3: next result, Shift+F3: previous")
         self.line.setClearButtonEnabled(True)
         self.line.returnPressed.connect(lambda: self.go_to_next())
         self.said = QLabel()
@@ -39,20 +39,20 @@ class ElementFinder(QWidget):
         self.setFocusProxy(self.line)
 
     def close_finder(self) -> None:
-        """The window closes."""
+        """Stops the timer."""
         self._timer.stop()
 
     def search(self) -> None:
-        """Finds anew: what is written, or the scene, is another one."""
+        """Updates the results."""
         self._timer.stop()
         self._found = self._presenter.find(self.line.text())
         self._model.show_found(self._found)
-        self._say()
+        self._show_count()
 
     def go_to_next(self, step: int = 1) -> None:
-        """Goes to the next element that was found.
+        """Selects the next result.
 
-        :param step: -1 goes back.
+        :param step: -1 for the previous one.
         """
         if self._timer.isActive():
             self.search()
@@ -64,9 +64,9 @@ class ElementFinder(QWidget):
         else:
             at = 0 if step > 0 else -1
         self._presenter.select(self._found[at])
-        self._say()
+        self._show_count()
 
-    def _say(self) -> None:
+    def _show_count(self) -> None:
         count, selected = len(self._found), self._presenter.selected
         if not self.line.text().strip():
             self.said.setText("")

@@ -1,4 +1,4 @@
-"""The SPARQL box: a query, the table of its answer, and where a diagnostic is."""
+"""The SPARQL panel: editor, result table, position of errors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _EXAMPLES = (
 
 
 class QueryPanel(QWidget):
-    """Asks queries. Ctrl+Enter asks; a double click on an element in the answer goes to it."""
+    """Executes queries with Ctrl+Enter. A double click on an element in the result selects it."""
 
     def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -49,14 +49,14 @@ class QueryPanel(QWidget):
         self.box.setPlaceholderText("SELECT ?element WHERE { ?element a skiros:Location }")
         self.box.setPlainText(_EXAMPLES[0][1])
         self.examples = QComboBox()
-        self.examples.setToolTip("Examples, and queries that were asked before")
+        self.examples.setToolTip("Examples and earlier queries")
         self.examples.activated.connect(self._take_example)
         self.context = QComboBox()
         self.context.addItems(_CONTEXT_TEXTS)
-        self.context.setToolTip("What the query is asked of")
-        self.run = QPushButton("Ask")
+        self.context.setToolTip("The context of the query")
+        self.run = QPushButton("Run")
         self.run.setObjectName("sparqlRun")
-        self.run.setToolTip("Asks the query (Ctrl+Enter)")
+        self.run.setToolTip("Executes the query (Ctrl+Enter)")
         self.run.clicked.connect(lambda: self.ask())
         for key in (Qt.Key_Return, Qt.Key_Enter):
             QShortcut(QKeySequence(Qt.CTRL + key), self, self.ask, context=Qt.WidgetWithChildrenShortcut)
@@ -88,10 +88,10 @@ class QueryPanel(QWidget):
         self._fill_examples()
 
     def ask(self) -> None:
-        """Asks what is in the box."""
+        """Executes the query."""
         text = self.box.toPlainText()
         if text.strip():
-            self.said.setText("Asking…")
+            self.said.setText("Executing…")
             self._queries.ask(text, CONTEXTS[self.context.currentIndex()])
 
     def _show(self) -> None:
@@ -102,7 +102,7 @@ class QueryPanel(QWidget):
             answer.names if answer is not None else (),
         )
         self.table.resizeColumnsToContents()
-        self._mark_line(diagnostic.line if diagnostic is not None else 0)
+        self._highlight_line(diagnostic.line if diagnostic is not None else 0)
         if diagnostic is not None:
             place = f"Line {diagnostic.line}, column {diagnostic.column}: " if diagnostic.line else ""
             self.said.setText(f"⚠ {place}{diagnostic.text}")
@@ -110,17 +110,17 @@ class QueryPanel(QWidget):
             self.said.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
         self._fill_examples()
 
-    def _mark_line(self, line: int) -> None:
+    def _highlight_line(self, line: int) -> None:
         highlights = []
         block = self.box.document().findBlockByNumber(line - 1) if line else None
         if block is not None and block.isValid():
-            mark = QTextEdit.ExtraSelection()
+            selection = QTextEdit.ExtraSelection()
             colour = QColor(theme.role_colour("failure", self))
             colour.setAlpha(50)
-            mark.format.setBackground(colour)
-            mark.format.setProperty(QTextFormat.FullWidthSelection, True)
-            mark.cursor = QTextCursor(block)
-            highlights.append(mark)
+            selection.format.setBackground(colour)
+            selection.format.setProperty(QTextFormat.FullWidthSelection, True)
+            selection.cursor = QTextCursor(block)
+            highlights.append(selection)
         self.box.setExtraSelections(highlights)
 
     def _go_to(self, index: object) -> None:

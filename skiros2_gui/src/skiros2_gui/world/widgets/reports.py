@@ -1,4 +1,4 @@
-"""What a validation found, and the history of the selected element."""
+"""The validation report, and the history of the selected element."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COLOURS = {VIOLATION: "failure", WARNING: "paused"}
 
 
 class ReportPanel(QWidget):
-    """What is not as the ontologies and shapes want it; a click goes to the element."""
+    """Violations of ontologies and shapes; a click selects the element."""
 
     def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -28,9 +28,9 @@ class ReportPanel(QWidget):
         self.said.setWordWrap(True)
         self.again = QPushButton("Validate")
         self.again.setObjectName("validateButton")
-        self.again.setToolTip("Looks for what is not as the ontologies and shapes want it in the scene")
+        self.again.setToolTip("Validates the scene against ontologies and shapes")
         self.again.clicked.connect(lambda: queries.validate())
-        self.table = RowsView(RowsModel(("", "Element", "Property", "What")))
+        self.table = RowsView(RowsModel(("Severity", "Element", "Property", "Message")))
         self.table.setObjectName("validationTable")
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())
         row = QHBoxLayout()
@@ -68,7 +68,7 @@ class ReportPanel(QWidget):
 
 
 class HistoryPanel(QWidget):
-    """Who has changed the selected element, when, and what. Fetched while it is visible."""
+    """The changes of the selected element with time and author. Read while visible."""
 
     def __init__(self, presenter: WorldPresenter, queries: WorldQueries, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -78,9 +78,9 @@ class HistoryPanel(QWidget):
         self.said.setObjectName("historySaid")
         self.said.setWordWrap(True)
         self.again = QPushButton("Refresh")
-        self.again.setToolTip("Fetches the history anew")
-        self.again.clicked.connect(lambda: self.show_element(anew=True))
-        self.table = RowsView(RowsModel(("When", "Who", "What")))
+        self.again.setToolTip("Reads the history again")
+        self.again.clicked.connect(lambda: self.show_element(is_changed=True))
+        self.table = RowsView(RowsModel(("Time", "Author", "Changes")))
         self.table.setObjectName("historyTable")
         row = QHBoxLayout()
         row.addWidget(self.said, 1)
@@ -92,14 +92,14 @@ class HistoryPanel(QWidget):
 
     def showEvent(self, event: Any) -> None:
         super().showEvent(event)
-        self.show_element(anew=True)
+        self.show_element(is_changed=True)
 
-    def show_element(self, anew: bool = False) -> None:
-        """Another element may be selected.
+    def show_element(self, is_changed: bool = False) -> None:
+        """Shows the history of the selected element.
 
-        :param anew: or the same one has changed.
+        :param is_changed: reads it again if it is shown already.
         """
-        if self.isVisible() and (anew or self._queries.history.eid != self._presenter.selected):
+        if self.isVisible() and (is_changed or self._queries.history.eid != self._presenter.selected):
             self._queries.fetch_history(self._presenter.selected)
 
     def _show(self) -> None:
@@ -108,7 +108,7 @@ class HistoryPanel(QWidget):
         if not past.eid:
             self.said.setText("No element is selected.")
         elif past.entries is None:
-            self.said.setText(f"{name}: asking…")
+            self.said.setText(f"{name}: reading…")
             return
         elif past.text:
             self.said.setText(past.text[:1].upper() + past.text[1:])
@@ -117,9 +117,9 @@ class HistoryPanel(QWidget):
         rows = []
         for entry in past.entries or ():
             own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]
-            who = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
+            author = "this window" if entry.author == self._presenter.author() else entry.author.strip("/")
             tip = "\n".join([f"{format_time(entry.stamp)}, {entry.author}", *own])
-            rows.append(Row((format_time(entry.stamp), who, "   ".join(own)), tip, entry.number))
+            rows.append(Row((format_time(entry.stamp), author, "   ".join(own)), tip, entry.number))
         self.table.rows.show_rows(rows)
         self.table.resizeColumnsToContents()
         most = self.table.fontMetrics().averageCharWidth() * 24

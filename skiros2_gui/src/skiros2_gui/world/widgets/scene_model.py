@@ -1,4 +1,4 @@
-"""The tree of the scene for Qt's views."""
+"""The Qt model of the scene's tree."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from skiros2_gui.world.scene import TOP, UNPLACED
 from skiros2_world_model.core.scene import ROOT
 
 HEADERS = ("Element", "Class", "Changed by")
-#: The index that rows of the top have as their parent.
+#: The parent of top-level rows.
 _NOWHERE = QModelIndex()
-#: Of other roles there is nothing to say; views ask for many.
+#: The supported roles.
 _ROLES = frozenset(
     (Qt.DisplayRole, Qt.AccessibleTextRole, Qt.ToolTipRole, Qt.ForegroundRole, Qt.BackgroundRole, Qt.FontRole)
 )
@@ -27,11 +27,11 @@ _MIME = "application/x-skiros-elements"
 
 
 class SceneModel(QAbstractItemModel):
-    """The presenter's tree: nothing of it is kept here but a number for each element that a view has asked for."""
+    """Adapts the presenter's tree; stores a number for each element that a view has requested."""
 
-    #: Elements were dropped on another one: their ids, and its id.
+    #: Emits the ids of dropped elements, and the id of the target.
     dropped = Signal(list, str)
-    #: Something is drawn in another way.
+    #: Decorations have changed.
     redrawn = Signal()
 
     def __init__(self, presenter: WorldPresenter) -> None:
@@ -43,10 +43,10 @@ class SceneModel(QAbstractItemModel):
         self._changed: dict[str, None] = {}
         self._end_rows: Any = None
 
-    # -- what the presenter tells ------------------------------------------------------------------------------
+    # -- presenter's view --------------------------------------------------------------------------------------
 
     def show_scene(self) -> None:
-        """The scene is another one."""
+        """Resets the model to the presenter's scene."""
         self.beginResetModel()
         self._numbers.clear()
         self._ids.clear()
@@ -86,14 +86,14 @@ class SceneModel(QAbstractItemModel):
                 self.dataChanged.emit(first, last)
 
     def show_found(self, ids: Iterable[str]) -> None:
-        """These are written in bold."""
+        """Shows elements in bold."""
         self._found = frozenset(ids)
         self.redrawn.emit()
 
     # -- elements and indexes ----------------------------------------------------------------------------------
 
     def index_of(self, eid: str) -> QModelIndex:
-        """Where an element is shown; an invalid index when it is not."""
+        """Returns the index of an element; invalid if it is not in the tree."""
         hierarchy = self._presenter.hierarchy
         if hierarchy is None or eid == TOP or not hierarchy.is_shown(eid):
             return QModelIndex()
@@ -101,7 +101,7 @@ class SceneModel(QAbstractItemModel):
         return self.createIndex(row, 0, self._number(eid)) if row >= 0 else QModelIndex()
 
     def element(self, index: QModelIndex) -> str:
-        """The element of an index; `TOP` of an invalid one."""
+        """Returns the element of an index; `TOP` for an invalid one."""
         return self._ids[index.internalId()] if index.isValid() else TOP
 
     def _number(self, eid: str) -> int:
@@ -111,7 +111,7 @@ class SceneModel(QAbstractItemModel):
             self._ids.append(eid)
         return number
 
-    # -- what Qt asks ------------------------------------------------------------------------------------------
+    # -- Qt's interface ------------------------------------------------------------------------------------------
 
     def index(self, row: int, column: int, parent: QModelIndex = _NOWHERE) -> QModelIndex:
         hierarchy = self._presenter.hierarchy
@@ -149,13 +149,13 @@ class SceneModel(QAbstractItemModel):
             return self._text(eid, index.column())
         if role == Qt.ToolTipRole:
             return self._tip(eid)
-        mark = self._presenter.highlights.get(eid)
+        highlight = self._presenter.highlights.get(eid)
         if role == Qt.ForegroundRole:
-            if mark is not None:
+            if highlight is not None:
                 return theme.role_colour("changed")
             if eid == UNPLACED:
                 return theme.role_colour("idle")
-        if role == Qt.BackgroundRole and mark is not None:
+        if role == Qt.BackgroundRole and highlight is not None:
             colour = QColor(theme.role_colour("changed"))
             colour.setAlpha(40)
             return colour
@@ -175,14 +175,14 @@ class SceneModel(QAbstractItemModel):
         node = hierarchy.scene.record(eid)
         if column == 1:
             return local_name(node.type) if node is not None else ""
-        mark = self._presenter.highlights.get(eid)
-        return f"● {mark.author.strip('/')}" if mark is not None else ""
+        highlight = self._presenter.highlights.get(eid)
+        return f"● {highlight.author.strip('/')}" if highlight is not None else ""
 
     def _tip(self, eid: str) -> str:
         hierarchy, vocabulary = self._presenter.hierarchy, self._presenter.vocabulary
         assert hierarchy is not None
         if eid == UNPLACED:
-            return "Elements that no other one contains or has: skills, parameters, and what was never placed"
+            return "Elements without parent: skills, parameters, elements without location"
         node = hierarchy.scene.record(eid)
         if node is None:
             return eid
@@ -217,4 +217,4 @@ class SceneModel(QAbstractItemModel):
         target = self.element(parent)
         if data.hasFormat(_MIME) and target not in (TOP, UNPLACED):
             self.dropped.emit(bytes(data.data(_MIME)).decode().splitlines(), target)
-        return False  # the tree changes when the scene has
+        return False  # the tree follows the scene

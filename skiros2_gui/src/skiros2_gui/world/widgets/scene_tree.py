@@ -1,4 +1,4 @@
-"""The tree of the scene, as it is looked at."""
+"""The Qt view of the scene's tree."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QTreeVie
 from skiros2_gui.world.widgets.scene_model import SceneModel
 from skiros2_world_model.core.scene import ROOT
 
-#: Of the columns but the first: their width in letters, and at most as a share of the whole.
+#: The columns but the first: their width in letters, and the largest share of the tree's width.
 _WIDTHS = ((1, 13, 0.23), (2, 20, 0.27))
 
 
 class SceneTree(QTreeView):
-    """Shows the model; open branches stay open when the scene is read anew."""
+    """Keeps branches expanded when the scene is replaced."""
 
     def __init__(self, model: SceneModel, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._model = model
-        self._opened: dict[str, None] = {ROOT: None}  # branches, in the order in which they were opened
+        self._opened: dict[str, None] = {ROOT: None}  # expanded branches, in order
         self.setObjectName("sceneTree")
         self.setModel(model)
         self.setUniformRowHeights(True)
@@ -38,7 +38,7 @@ class SceneTree(QTreeView):
         self.collapsed.connect(lambda index: self._opened.pop(model.element(index), None))
 
     def show_scene(self) -> None:
-        """The scene is another one."""
+        """Shows the presenter's scene."""
         opened = list(self._opened)
         self._model.show_scene()
         for eid in opened:

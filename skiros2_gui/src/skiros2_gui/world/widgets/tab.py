@@ -1,4 +1,4 @@
-"""The tab "World model": the scene as a tree, the selected element, and what can be asked of the world model."""
+"""The tab "World model"."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from skiros2_gui.world.widgets.scene_model import SceneModel
 from skiros2_gui.world.widgets.scene_tree import SceneTree
 from skiros2_world_model.core.scene import ROOT
 
-#: How often highlights are looked at, while there are some (ms).
+#: The period of checks for old highlights (ms).
 _HIGHLIGHT_PERIOD = 1000
 
 
 class WorldTab(QWidget):
-    """The tab; see `qt.tab.Tab`."""
+    """See `app.widgets.main_widget.Tab`."""
 
     title = "World model"
     needs = (WORLD_MODEL,)
@@ -65,9 +65,9 @@ class WorldTab(QWidget):
         self.pages.setDocumentMode(True)
         for page, name, tip in (
             (self.element, "Element", "The selected element: properties and relations"),
-            (self.history, "History", "Who has changed the selected element, when, and what"),
+            (self.history, "History", "Changes of the selected element, with time and author"),
             (self.query, "Query", "SPARQL queries of the scene and the ontologies"),
-            (self.report, "Validation", "What is not as the ontologies want it"),
+            (self.report, "Validation", "Violations of ontologies and shapes"),
         ):
             self.pages.setTabToolTip(self.pages.addTab(page, name), tip)
         self._lay_out()
@@ -80,7 +80,7 @@ class WorldTab(QWidget):
 
     def _lay_out(self) -> None:
         self.add_button = _tool("Add…", "addButton", "Adds an element under the selected one (Insert)", self.add)
-        self.remove_button = _tool("Remove…", "removeButton", "Removes what is selected (Delete)", self.remove)
+        self.remove_button = _tool("Remove…", "removeButton", "Removes the selected elements (Delete)", self.remove)
         self.undo_button = _tool("Undo", "undoButton", "", self.presenter.undo)
         self.redo_button = _tool("Redo", "redoButton", "", self.presenter.redo)
         self.file_button = QToolButton()
@@ -121,7 +121,7 @@ class WorldTab(QWidget):
         ):
             QShortcut(QKeySequence(keys), self, call, context=Qt.WidgetWithChildrenShortcut)
 
-    # -- what the main widget asks -----------------------------------------------------------------------------
+    # -- Tab -------------------------------------------------------------------------------------------------
 
     def settings(self) -> dict[str, Any]:
         return {
@@ -151,7 +151,7 @@ class WorldTab(QWidget):
         self.finder.line.selectAll()
 
     def toggle(self) -> None:
-        """Nothing is started or stopped here: the space bar opens and closes a branch of the tree."""
+        """Expands or collapses the selected branch."""
         index = self.tree.currentIndex().siblingAtColumn(0)
         if index.isValid() and self.tree.hasFocus():
             self.tree.setExpanded(index, not self.tree.isExpanded(index))
@@ -160,7 +160,7 @@ class WorldTab(QWidget):
         self.finder.close_finder()
         self._highlight_timer.stop()
 
-    # -- what the presenter tells ------------------------------------------------------------------------------
+    # -- WorldView --------------------------------------------------------------------------------------------
 
     def show_scene(self) -> None:
         self.tree.show_scene()
@@ -209,19 +209,19 @@ class WorldTab(QWidget):
             self.presenter.select("" if eid in (TOP, UNPLACED) else eid, self)
 
     def chosen(self) -> list[str]:
-        """The elements that are selected in the tree."""
+        """Returns the selected elements."""
         rows = self.tree.selectionModel().selectedRows()
         return [eid for index in rows if (eid := self.model.element(index)) not in (TOP, UNPLACED)]
 
     # -- changing ----------------------------------------------------------------------------------------------
 
     def add(self) -> None:
-        """Opens the dialog that adds an element under the selected one."""
+        """Opens the dialog that adds a child of the selected element."""
         if self.presenter.hierarchy is not None and self.presenter.vocabulary is not None:
             self._open(AddDialog(self.presenter, self.presenter.selected or ROOT, self))
 
     def remove(self) -> None:
-        """Asks, and removes what is selected."""
+        """Opens the dialog that removes the selected elements."""
         ids, requests = [eid for eid in self.chosen() if eid != ROOT], self.presenter.requests
         if not ids or requests is None:
             return
@@ -243,7 +243,7 @@ class WorldTab(QWidget):
         self.element.label_edit.selectAll()
 
     def change_class(self) -> None:
-        """Opens the choice of another class for the selected element."""
+        """Opens the dialog that changes the class."""
         vocabulary, details = self.presenter.vocabulary, self.presenter.details()
         if vocabulary is not None and details is not None:
             dialog = ClassDialog(vocabulary, details.type, self)
@@ -252,17 +252,17 @@ class WorldTab(QWidget):
             self._open(dialog)
 
     def load(self) -> None:
-        """Asks for a file, and loads the scene from it."""
-        note = "⚠ The present scene is replaced, for all robots; this cannot be undone. The file is in the workspace"
+        """Opens the dialog that loads a scene."""
+        note = "⚠ The current scene is replaced for all robots; this cannot be undone. The file is in the workspace"
         self._open_file(FileDialog("Load a scene", "Load", f"{note} of the world model.", self._file, self), "load")
 
     def save(self) -> None:
-        """Asks for a file, and saves the scene to it."""
+        """Opens the dialog that saves the scene."""
         note = "The file is written in the workspace of the world model."
         self._open_file(FileDialog("Save the scene", "Save", note, self._file, self), "save")
 
     def validate(self) -> None:
-        """Validates the scene, and shows what was found."""
+        """Validates the scene."""
         self.pages.setCurrentWidget(self.report)
         self.queries.validate()
 
@@ -285,7 +285,7 @@ class WorldTab(QWidget):
         for text, call, is_there in (
             ("Add an element here…", self.add, eid not in (TOP, UNPLACED)),
             ("Add a relation…", self.element.add_relation, eid not in (TOP, UNPLACED)),
-            ("UndoCommand the label", self._edit_label, eid not in (TOP, UNPLACED)),
+            ("Edit the label", self._edit_label, eid not in (TOP, UNPLACED)),
             ("Change the class…", self.change_class, eid not in (TOP, UNPLACED, ROOT)),
             ("Remove…", self.remove, eid not in (TOP, UNPLACED, ROOT)),
             ("Open all below", lambda: self.tree.expandRecursively(index, 6), self.model.hasChildren(index)),

@@ -1,4 +1,4 @@
-"""Tables of the scene tab: rows of texts that stay where they are while they are brought up to date."""
+"""Tables that keep their selection while their rows are updated."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QShortcu
 
 from skiros2_gui.app.widgets import theme
 
-#: The index that all rows of a table have as their parent.
+#: The parent of all rows.
 _NOWHERE = QModelIndex()
 
 
@@ -22,8 +22,8 @@ class Row:
 
     :param cells: texts.
     :param tip: the tooltip of all cells.
-    :param item: what the row stands for.
-    :param colour: of the texts: the name of a signal colour; "" the usual.
+    :param item: any object, such as the row's data.
+    :param colour: the colour role of the texts; "" for the default.
     """
 
     cells: tuple[str, ...]
@@ -33,10 +33,9 @@ class Row:
 
 
 class RowsModel(QAbstractTableModel):
-    """Rows of texts.
+    """A table model of texts.
 
-    :param write: called with a row's item and a text that the user has written in its `editable` column; None:
-        nothing can be written.
+    :param write: called with a row's item and the new text of its `editable` column; None makes the table read-only.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class RowsModel(QAbstractTableModel):
         self._can_write = can_write
 
     def show_rows(self, rows: Sequence[Row], headers: Sequence[str] | None = None) -> None:
-        """Shows other rows. Of as many as before, those that are other are drawn anew, and the selection stays."""
+        """Replaces the rows. If the first column is unchanged, the selection is kept."""
         rows, headers = tuple(rows), self.headers if headers is None else tuple(headers)
         if headers != self.headers or [r.cells[:1] for r in rows] != [r.cells[:1] for r in self.rows]:
             self.beginResetModel()
@@ -92,7 +91,7 @@ class RowsModel(QAbstractTableModel):
     def setData(self, index: QModelIndex, value: Any, role: int = Qt.EditRole) -> bool:
         if role == Qt.EditRole and self._write is not None and str(value) != self.data(index):
             self._write(self.rows[index.row()].item, str(value))
-        return False  # it is shown when the world model has it
+        return False  # shown when the world model has changed
 
     def flags(self, index: QModelIndex) -> Any:
         flags = super().flags(index)
@@ -103,7 +102,7 @@ class RowsModel(QAbstractTableModel):
 
 
 class RowsView(QTableView):
-    """A table of rows: one is selected as a whole; Ctrl+C copies what is selected."""
+    """A table with row selection; Ctrl+C copies the selection."""
 
     def __init__(self, model: RowsModel, stretched: int = -1, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -119,7 +118,7 @@ class RowsView(QTableView):
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         if stretched >= 0:
-            header.setResizeContentsPrecision(0)  # by what is in sight
+            header.setResizeContentsPrecision(0)  # visible rows only
             header.setSectionResizeMode(QHeaderView.ResizeToContents)
             header.setSectionResizeMode(stretched, QHeaderView.Stretch)
         else:
@@ -136,17 +135,17 @@ class RowsView(QTableView):
         self.verticalHeader().setDefaultSectionSize(int(self.fontMetrics().height() * 1.35))
 
     def chosen(self) -> list[Any]:
-        """What the selected rows stand for."""
+        """Returns the items of the selected rows."""
         return [self.rows.rows[index.row()].item for index in self.selectionModel().selectedRows()]
 
     def copy(self) -> None:
-        """Puts the selected rows on the clipboard, their cells parted by tabs."""
+        """Copies the selected rows to the clipboard, cells separated by tabs."""
         rows = sorted(index.row() for index in self.selectionModel().selectedRows())
         QGuiApplication.clipboard().setText("\n".join("\t".join(self.rows.rows[row].cells) for row in rows))
 
 
 def fixed_font() -> QFont:
-    """A font whose letters are equally wide. It says nothing of the size, which stays that of other text."""
+    """Returns a fixed-width font with the default size."""
     font = QFont()
     font.setFamily(QFontDatabase.systemFont(QFontDatabase.FixedFont).family())
     return font

@@ -95,7 +95,7 @@ def test_parallel_tasks_have_the_same_traces_as_single_ones(ros: Ros, robot: Ski
 
 
 def _listen(ros: Ros, robot: SkillManagerInterface) -> Messages:
-    """What the manager tells from here on; it is heard already."""
+    """The manager's messages from now on; the subscriber is connected."""
     messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
     task = robot.tick_once(skill_list=[robot.get_skill("default_sequence")])
     messages.wait_for(lambda message: message.progress[0].task_id == task)  # it is told once a second at least
@@ -149,7 +149,7 @@ class Stage:
                     wmi.remove_element(element)
 
     def _ticks(self, case: Case) -> Iterator[Any]:
-        """What is told after each tick, up to the end or to as many as the case has."""
+        """The messages after each tick, up to the end or the number of the case."""
         holder = self._robot.get_skill(case.name)
         for key, value in case.params(self._world).items():
             holder.ph.specify(key, value)

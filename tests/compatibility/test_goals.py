@@ -17,8 +17,8 @@ from skiros2_skill.core.skill import SkillDescription
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner
-from skiros2_task.core.up_planner import UpPlanner
+from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planning import PlanningResult, TaskPlanner
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 BOLT_BIN, GEAR_BIN, TABLE, STATION = "plant:Bin-4", "plant:Bin-5", "skiros:Location-6", "skiros:Location-7"

@@ -234,17 +234,17 @@ def test_impossible_goals_are_rejected_with_the_reason(ros: Ros) -> None:
     for goal, options, state, message in [
         ("(skiros:contain", {}, AchieveResult.FAILED, "goal, line 1, column"),
         (f"(skiros:contain {cell.products[0]} {cell.bench})", {}, AchieveResult.IMPOSSIBLE, "cannot be reached"),
-        (washed, {"wish": "miracle"}, AchieveResult.FAILED, "'miracle'"),
+        (washed, {"quality": "miracle"}, AchieveResult.FAILED, "'miracle'"),
         (washed, {"seconds": float("nan")}, AchieveResult.FAILED, "seconds is nan"),
         (washed, {"seconds": -1.0}, AchieveResult.FAILED, "seconds is -1.0"),
     ]:
         result = cell.achieve(goal, **options).result
         assert (result.state, message in result.message) == (state, True), f"{goal}: {result.message}"
         assert json.loads(result.done) == []
-    for wish in ("first", "best", "optimal"):
+    for quality in ("first", "best", "optimal"):
         cell.wm.set_relation(cell.shelf, "skiros:contain", cell.products[0], True)
         cell.wm.set_relation(cell.store, "skiros:contain", cell.products[0], False)
-        request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", wish=wish, seconds=2.0)
+        request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", quality=quality, seconds=2.0)
         assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
         assert [step["label"] for step in request.done] == ["carry"]
 

@@ -1,0 +1,89 @@
+"""What is told of a goal: the plan, why it was made anew, and what was done; between trees that are drawn in place."""
+
+import io
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from skiros2_demo.progress_report import ProgressReport
+from support.recorded_run import FAILURE, PLAN, PRODUCT, RUNNING, TRAY_B, tree
+
+NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
+AGAIN = json.dumps([{**step, "number": step["number"] + 2} for step in json.loads(PLAN)])
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def feedback(phase: str, message: str = "", plan: str = "", *states: str) -> Any:
+    steps = [{"number": step["number"], "state": s} for step, s in zip(json.loads(plan or "[]"), states, strict=False)]
+    return SimpleNamespace(phase=phase, message=message, plan=plan, steps=json.dumps(steps), PLANNING="planning")
+
+
+@pytest.fixture
+def out() -> io.StringIO:
+    return io.StringIO()
+
+
+@pytest.fixture
+def report(out: io.StringIO) -> ProgressReport:
+    return ProgressReport(out, lambda thing: NAMES.get(thing, thing))
+
+
+def test_a_plan_is_told_once(report: ProgressReport, out: io.StringIO) -> None:
+    report.feedback(feedback("planning"))
+    for states in (("waiting", "waiting"), ("running", "waiting")):
+        report.feedback(feedback("running", "a plan of 2 steps", PLAN, *states))
+    assert out.getvalue().count("1. pick     Object: Product A") == 1
+    assert "anew" not in out.getvalue()
+    assert report.reasons == []
+
+
+def test_the_steps_come_with_their_states(report: ProgressReport) -> None:
+    steps = report.feedback(feedback("running", "", PLAN, "running"))
+    assert [(step["label"], step["state"]) for step in steps] == [("pick", "running"), ("place", "waiting")]
+
+
+def test_why_it_is_planned_anew_is_told_with_the_new_plan(report: ProgressReport, out: io.StringIO) -> None:
+    report.feedback(feedback("running", "", PLAN))
+    report.feedback(feedback("planning", "the world has become such that the plan does not lead to the goal", PLAN))
+    report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert report.reasons == ["the world has become such that the plan does not lead to the goal"]
+    assert "\nPlanned anew, for the world has become such" in out.getvalue()
+    assert out.getvalue().count("1. pick") == 2
+
+
+def test_the_reason_is_what_the_step_says_with_names_for_ids(report: ProgressReport) -> None:
+    report.feedback(feedback("running", "", PLAN, "running"))
+    failed = feedback("planning", "step 1 (much text) has failed", PLAN, "failed")
+    message = f"skiros:Pick-pick(Failure): {TRAY_B}-Tray B holds no {PRODUCT}"
+    failed.steps = json.dumps([{"number": 1, "state": "failed", "message": message}])
+    report.feedback(failed)
+    report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert report.reasons == ["pick has failed: Tray B holds no Product A"]
+
+
+def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:
+    out = Terminal()
+    report = ProgressReport(out, str)
+    report.tree(tree("pick", RUNNING, ended=False))
+    report.say("  ! a hand comes")
+    assert report.runs
+    assert "a hand comes" not in out.getvalue()
+    report.tree(tree("pick", FAILURE))
+    assert not report.runs
+    shown = out.getvalue()
+    assert shown.index("failure") < shown.index("  ! a hand comes")
+
+
+def test_what_waits_for_a_tree_is_said_at_the_end_at_the_latest() -> None:
+    out = Terminal()
+    report = ProgressReport(out, str)
+    report.tree(tree("pick", RUNNING, ended=False))
+    report.say("  ! a hand comes")
+    report.end()
+    assert "  ! a hand comes" in out.getvalue()

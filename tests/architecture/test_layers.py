@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection
+from graphlib import CycleError, TopologicalSorter
+
+import pytest
 
 from support.source import PACKAGES, WINDOW_SUBJECTS, source_files
 
@@ -88,6 +92,26 @@ def test_packages_import_no_higher_package() -> None:
         for line, name in file.imports()
         if name.partition(".")[0] in order[order.index(file.package) + 1 :]
     ]
+
+
+def test_imports_have_no_circles() -> None:
+    """Also not through imports inside functions."""
+    modules = {file.module: file for file in FILES if file.part != "nodes"}
+    graph = {
+        module: {found for name in file.runtime_imports() if (found := _module_of(name, modules)) not in ("", module)}
+        for module, file in modules.items()
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]))
+
+
+def _module_of(name: str, modules: Collection[str]) -> str:
+    """The module that a name is imported from; "" for one of another project."""
+    while name and name not in modules:
+        name = name.rpartition(".")[0]
+    return name
 
 
 def _under(name: str, modules: tuple[str, ...]) -> bool:

@@ -13,7 +13,8 @@ from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Linter, ReadOnlyWorldModel, lint_libraries
+from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, ReadOnlyWorldModel
+from skiros2_skill.core.lint.linter import Linter, lint_libraries
 from skiros2_skill.core.skill import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel

@@ -23,7 +23,8 @@ from skiros2_common.command_line.command import (
     run_command,
 )
 from skiros2_skill.command_line.local_world_model import world_model_of
-from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Fault, lint_libraries
+from skiros2_skill.core.lint.faults import ERROR, NOTE, WARNING, Fault
+from skiros2_skill.core.lint.linter import lint_libraries
 
 #: Its skills are known in every check.
 _STANDARD = "skiros2_std_skills"

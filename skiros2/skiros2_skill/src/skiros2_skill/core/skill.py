@@ -1,5 +1,6 @@
 """What skill authors import: compounds, nodes and processors."""
 
+import skiros2_skill.core.engine.executor  # noqa: F401 - ticks nodes without a task
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.core.world_element import Element

@@ -377,3 +377,6 @@ def abandon_ending_nodes(executor: Executor) -> None:
         executor.failures.record(node, Failure(PREEMPT, PREEMPT_RAISED, text))
         node.abandoned = True
         executor.end(node, _FAILURE, preempted=True)
+
+
+SkillInterface.executor_class = Executor

@@ -14,7 +14,8 @@ from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.source_location import error_location, format_error_line
 from skiros2_common.tools.plugin_loader import PluginLoader
-from skiros2_skill.core.lint.linter import NOT_DESCRIBED, NOTE, Fault, Linter, class_location, is_named
+from skiros2_skill.core.lint.faults import NOT_DESCRIBED, NOTE, Fault, class_location
+from skiros2_skill.core.lint.linter import Linter, is_named
 from skiros2_skill.core.tree.compound import SkillBase
 
 log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from skiros2_common.core.or_condition import ConditionOr
 from skiros2_common.core.params import Param
 from skiros2_common.core.skill_description import DEVICE_STATE
 from skiros2_common.core.source_location import SourceLocation
-from skiros2_skill.core.lint.linter import WARNING, Described, Fault
+from skiros2_skill.core.lint.faults import WARNING, Described, Fault
 
 _IMPLEMENTATION_WINS = "loaded; the declaration of the implementation is used"
 _KEPT = "loaded; the name is kept as written"

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import full_name, nearest
 from skiros2_common.core.params import Param, ParamTypes
 from skiros2_skill.core.lint.description import fits, type_name
-from skiros2_skill.core.lint.linter import (
+from skiros2_skill.core.lint.faults import (
     ERROR,
     NOTE,
     UNKNOWN_SKILL,
     WARNING,
     Described,
     Fault,
-    Linter,
     ReadOnlyWorldModel,
 )
 from skiros2_skill.core.tree.node import SkillInterface, all_nodes
 from skiros2_skill.core.tree.skill_node import SkillWrapper
+
+if TYPE_CHECKING:
+    from skiros2_skill.core.lint.linter import Linter
 
 _EXPAND_TIMEOUT = 0.5  # s
 

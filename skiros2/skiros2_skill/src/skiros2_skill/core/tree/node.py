@@ -98,6 +98,9 @@ class SkillInterface(NodeParams):
     :param children_processor: how the children are ticked; the node uses a copy.
     """
 
+    #: Makes the executor of a node that is ticked without a task, from a world model. Set by the engine.
+    executor_class: Any = None
+
     def __init__(self, children_processor: Any = Sequential()) -> None:  # noqa: B008 - the contract's default
         super().__init__()
         self._parent: SkillInterface | None = None
@@ -318,9 +321,7 @@ class SkillInterface(NodeParams):
     def tick(self) -> State:
         """Ticks the node once without a task, with an executor of its own."""
         if "_executor" not in self.__dict__:
-            from skiros2_skill.core.engine.executor import Executor  # it imports this module
-
-            self._executor = Executor(self._wmi)
+            self._executor = type(self).executor_class(self._wmi)
         return self._executor.tick(self)
 
     def start(self, params: ParamHandler | None = None) -> State:

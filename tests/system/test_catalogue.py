@@ -20,7 +20,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.testing import SkillBench, Trace
-from skiros2_skill.testing.trace import Seen
+from skiros2_skill.testing.trace import TracedNode
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Messages, Ros
 
@@ -105,8 +105,8 @@ def _listen(ros: Ros, robot: SkillManagerInterface) -> Messages:
     return messages
 
 
-def _states(nodes: Iterable[Seen]) -> list[Any]:
-    return [(node.place, node.state, node.code) for node in nodes]
+def _states(nodes: Iterable[TracedNode]) -> list[Any]:
+    return [(node.child_indices, node.state, node.code) for node in nodes]
 
 
 def _start(robot: SkillManagerInterface, case: Case) -> int:
@@ -194,7 +194,7 @@ def _has_ended(message: Any) -> bool:
     return abs(message.progress[0].progress_code) == 1
 
 
-def _seen(message: Any) -> Iterator[Seen]:
+def _seen(message: Any) -> Iterator[TracedNode]:
     places: dict[int, tuple[int, ...]] = {}
     children: dict[int, int] = {}
     for node in message.progress:
@@ -206,4 +206,4 @@ def _seen(message: Any) -> Iterator[Seen]:
             places[node.id] = ()
         name = node.label or (node.processor if node.type == ":Skill" else node.type.rpartition(":")[2])
         name = "root" if node.type == ":Root" else name
-        yield Seen(places[node.id], name, _STATES[node.state], node.progress_code)
+        yield TracedNode(places[node.id], name, _STATES[node.state], node.progress_code)

@@ -1,4 +1,4 @@
-"""Primitives that have an action server do the work, against real servers in one process."""
+"""Primitives that use an action server, with servers in one process."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_restart_sends_another_goal(server: Server) -> None:
     "`buildClient` and `buildGoal` return None by default",
     better="a start fails then and names the missing one",
 )
-def test_what_is_not_built_is_none(server: Server) -> None:
+def test_build_client_and_build_goal_return_none_by_default(server: Server) -> None:
     class bare(PrimitiveActionClient):
         def createDescription(self) -> None:
             self.setDescription(Job(), "bare")

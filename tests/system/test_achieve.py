@@ -1,4 +1,4 @@
-"""The action `~achieve`: robots with different skills reach goals together, on real nodes."""
+"""The action `~achieve`: robots with different skills reach goals together."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Cell:
 
     def start_manager(self, name: str, skills: list[str]) -> None:
         params = {
-            "libraries_list": ["support.crew_skills", "skiros2_std_skills"],
+            "libraries_list": ["support.team_skills", "skiros2_std_skills"],
             "primitive_list": skills,
             "prefix": "skiros",
         }
@@ -79,7 +79,7 @@ class Cell:
 
 
 class Request:
-    """A goal that was sent, with all that was told of it."""
+    """A sent goal with its messages."""
 
     def __init__(self, tasks: TaskManagerInterface, goal: str, **options: Any) -> None:
         self.tasks = tasks
@@ -87,7 +87,7 @@ class Request:
         tasks.achieve(goal, feedback_cb=self.told.append, **options)
 
     def wait_for(self, condition: Callable[[Any], Any]) -> Any:
-        """Waits until the condition is true of what was told last, and returns its value."""
+        """Waits until the condition holds for the last message, and returns its value."""
         return wait_until(lambda: self.told and condition(self.told[-1]), WAIT, "feedback as wanted")
 
     @property
@@ -100,7 +100,7 @@ class Request:
 
 
 def running(feedback: Any) -> list[dict[str, Any]]:
-    """The steps that run, by what was told."""
+    """The running steps, by the last message."""
     return [step for step in json.loads(feedback.steps) if step["state"] == "running"]
 
 
@@ -118,7 +118,7 @@ def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize("finished", [1, 5])
-def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ros, finished: int) -> None:
+def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> None:
     cell = Cell(ros, CREW)
     request = cell.achieve()
     # The one that has just begun a step, held so that it is still at it when it is killed.
@@ -144,7 +144,7 @@ def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ro
     assert victim not in {step["robot"] for step in after}
 
 
-def test_a_manager_that_nobody_can_replace_is_waited_for(ros: Ros) -> None:
+def test_goal_waits_for_an_irreplaceable_manager(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(lambda f: any(step["robot"] == "/washer" for step in running(f)))
@@ -155,7 +155,7 @@ def test_a_manager_that_nobody_can_replace_is_waited_for(ros: Ros) -> None:
     assert cell.is_done
 
 
-def test_what_others_change_in_the_world_is_planned_with(ros: Ros) -> None:
+def test_external_changes_trigger_replanning(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     product = request.wait_for(lambda f: [s for s in json.loads(f.plan) if s["label"] == "wash"])[-1]["arguments"][
@@ -171,7 +171,7 @@ def test_what_others_change_in_the_world_is_planned_with(ros: Ros) -> None:
     assert product not in {step["arguments"]["Object"] for step in request.done}
 
 
-def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ros) -> None:
+def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(running)
@@ -181,7 +181,7 @@ def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ro
     assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
 
 
-def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
+def test_shutdown_of_the_task_manager_stops_running_steps(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     porter = SkillManagerInterface("/porter", "tests")
     request = cell.achieve()
@@ -195,7 +195,7 @@ def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
     porter.shutdown()
 
 
-def test_a_task_manager_that_ends_answers_goals_whose_steps_do_not_stop(ros: Ros) -> None:
+def test_shutdown_of_the_task_manager_ends_goals_whose_steps_do_not_stop(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(running)
@@ -228,23 +228,23 @@ def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None
     porter.shutdown()
 
 
-def test_goals_that_cannot_be_are_answered_with_the_reason(ros: Ros) -> None:
+def test_impossible_goals_are_rejected_with_the_reason(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     washed = f"(skiros:Washed {cell.products[0]})"
     for goal, options, state, message in [
         ("(skiros:contain", {}, AchieveResult.FAILED, "goal, line 1, column"),
         (f"(skiros:contain {cell.products[0]} {cell.bench})", {}, AchieveResult.IMPOSSIBLE, "cannot be reached"),
-        (washed, {"wish": "miracle"}, AchieveResult.FAILED, "'miracle'"),
+        (washed, {"quality": "miracle"}, AchieveResult.FAILED, "'miracle'"),
         (washed, {"seconds": float("nan")}, AchieveResult.FAILED, "seconds is nan"),
         (washed, {"seconds": -1.0}, AchieveResult.FAILED, "seconds is -1.0"),
     ]:
         result = cell.achieve(goal, **options).result
         assert (result.state, message in result.message) == (state, True), f"{goal}: {result.message}"
         assert json.loads(result.done) == []
-    for wish in ("first", "best", "optimal"):
+    for quality in ("first", "best", "optimal"):
         cell.wm.set_relation(cell.shelf, "skiros:contain", cell.products[0], True)
         cell.wm.set_relation(cell.store, "skiros:contain", cell.products[0], False)
-        request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", wish=wish, seconds=2.0)
+        request = cell.achieve(f"(skiros:contain {cell.store} {cell.products[0]})", quality=quality, seconds=2.0)
         assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
         assert [step["label"] for step in request.done] == ["carry"]
 

@@ -38,7 +38,7 @@ class Planted:
     becomes: str
 
     def plant(self, folder: Path) -> Path:
-        """Copies the package to the folder, changed. Returns what is to be on Python's path."""
+        """Copies the package to the folder with changes. Returns the entry for Python's path."""
         source = next(ROOT.glob(f"skiros2*/{self.package}/src/{self.package}"))
         copy = Path(tempfile.mkdtemp(dir=folder)) / self.package
         shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
@@ -113,7 +113,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
         ("world_model", [(None, 0, "as recorded"), (WORLD_MODEL, 1, "skiros:at")]),
     ],
 )
-def test_a_replay_finds_what_was_changed_and_nothing_else(
+def test_replay_finds_exactly_the_planted_changes(
     kind: str, cases: list[tuple[Planted | None, int, str]], tmp_path: Path
 ) -> None:
     with ThreadPoolExecutor(2) as pool:
@@ -130,7 +130,7 @@ def test_a_replay_finds_what_was_changed_and_nothing_else(
     ],
     ids=["program", "pytest"],
 )
-def test_a_replay_that_is_told_to_end_takes_its_nodes_with_it(
+def test_terminated_replay_ends_its_nodes(
     arguments: tuple[str, ...], number: int, status: int, tmp_path: Path
 ) -> None:
     temporary = tmp_path / "tmp"

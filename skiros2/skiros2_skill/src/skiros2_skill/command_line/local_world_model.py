@@ -1,0 +1,85 @@
+"""A world model in this process with the ontologies of packages and a workspace."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import rospkg
+
+from skiros2_common.core.errors import ConfigurationError
+from skiros2_world_model.core.knowledge_base import is_knowledge_file
+from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
+from skiros2_world_model.core.world_model import WorldModel
+
+#: The folders of a package that may have ontologies.
+_FOLDERS = ("owl", "ontology", "ontologies")
+
+
+@contextmanager
+def world_model_of(
+    packages: Sequence[str], workspace: Path | None, author: str, scene: Path | None = None
+) -> Iterator[LocalWorldModel]:
+    """Yields a world model with the ontologies of the platform, of packages and of a workspace.
+
+    :param packages: Python packages.
+    :param workspace: a folder, or None.
+    :param author: of changes.
+    :param scene: a scene file; None: a blank scene.
+    :raises ConfigurationError: the workspace does not exist, or the scene cannot be read.
+    :raises WmException: the scene is refused.
+    """
+    if workspace is not None and not workspace.is_dir():
+        raise ConfigurationError(f"workspace {workspace}: there is no such folder")
+    with tempfile.TemporaryDirectory(prefix="skiros-") as folder:
+        _gather([*_folders(packages), *([workspace] if workspace else [])], Path(folder))
+        wm = LocalWorldModel(author, WorldModel(_ontologies(), Path(folder)))
+        if scene is not None:
+            try:
+                shutil.copyfile(scene, Path(folder, scene.name))
+            except OSError as error:
+                raise ConfigurationError(f"scene {scene}: {error.strerror}") from None
+            wm.load(scene.name)
+        yield wm
+
+
+def _folders(packages: Sequence[str]) -> Iterator[Path]:
+    """The ontology folders of packages."""
+    packs = rospkg.RosPack()
+    for package in packages:
+        try:
+            root = Path(packs.get_path(package.partition(".")[0]))
+        except rospkg.ResourceNotFound:
+            found = _root(package)
+            if found is None:
+                continue
+            root = found
+        yield from (root / name for name in _FOLDERS if (root / name).is_dir())
+
+
+def _root(package: str) -> Path | None:
+    """The folder of the ROS package that contains a Python package; None when there is none."""
+    spec = importlib.util.find_spec(package.partition(".")[0])
+    if spec is None or not spec.origin:
+        return None
+    return next((folder for folder in Path(spec.origin).parents if (folder / "package.xml").is_file()), None)
+
+
+def _gather(folders: Sequence[Path], into: Path) -> None:
+    """Copies the ontologies of folders into one folder."""
+    for number, folder in enumerate(folders):
+        for file in sorted(folder.rglob("*")):
+            if file.is_file() and is_knowledge_file(file.name):
+                shutil.copyfile(file, into / f"{number:03}_{file.name}")
+
+
+def _ontologies() -> Path:
+    """The folder of the platform's own ontologies."""
+    try:
+        return Path(rospkg.RosPack().get_path("skiros2")) / "ontologies"
+    except rospkg.ResourceNotFound:
+        return source_ontologies()

@@ -280,7 +280,7 @@ def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
         desk.qtbot.keyClick(desk.tab.finder.line, Qt.Key_Return)
         seen.append(desk.tab.presenter.selected)
     assert seen == [first, second, first]
-    assert desk.tab.finder.said.text() == "1 of 2"
+    assert desk.tab.finder.message.text() == "1 of 2"
 
 
 def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
@@ -293,7 +293,7 @@ def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
     assert desk.tab.presenter.selected == box
     query.box.setPlainText("SELECT ?what WHERE {\n  ?what skiros:contain\n}")
     query.run.click()
-    assert query.said.text().startswith("⚠ Line 3, column 1: ")
+    assert query.message.text().startswith("⚠ Line 3, column 1: ")
     assert query.table.model().rowCount() == 0
     assert [s.cursor.blockNumber() for s in query.box.extraSelections()] == [2]
 
@@ -312,7 +312,7 @@ def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
 def test_a_world_model_without_a_journal_says_so_in_the_history(desk: Desk) -> None:
     desk.select(desk.add())
     desk.tab.pages.setCurrentWidget(desk.tab.history)
-    assert desk.tab.history.said.text() == "The world model has no journal, so its history is unknown"
+    assert desk.tab.history.message.text() == "The world model has no journal, so its history is unknown"
 
 
 def test_several_are_selected_and_removed_together(desk: Desk) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_gui.display import display_trouble, virtual_display
+from skiros2_gui.display import display_problem, virtual_display
 from skiros2_gui.launcher import rqt_command
 from support.programs import Program
 from support.ros import ROOT
@@ -49,7 +49,7 @@ def test_no_plugin_where_this_python_cannot_import_rqt(rqt_package: None) -> Non
 
 
 @pytest.mark.parametrize(
-    ("environment", "trouble"),
+    ("environment", "problem"),
     [
         ({}, "DISPLAY is not set"),
         ({"DISPLAY": ":9999"}, "the display :9999 (DISPLAY) cannot be opened"),
@@ -59,22 +59,22 @@ def test_no_plugin_where_this_python_cannot_import_rqt(rqt_package: None) -> Non
     ],
 )
 def test_it_says_why_no_window_can_be_drawn(
-    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], trouble: str
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], problem: str
 ) -> None:
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    assert trouble in display_trouble()
-    assert bool(display_trouble()) == bool(trouble)
+    assert problem in display_problem()
+    assert bool(display_problem()) == bool(problem)
 
 
 def test_a_virtual_display_is_one_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     with virtual_display():
-        assert display_trouble() == ""
-    assert "DISPLAY is not set" in display_trouble()
+        assert display_problem() == ""
+    assert "DISPLAY is not set" in display_problem()
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ def test_what_is_under_a_folded_node_is_not_drawn_but_counted() -> None:
     drawing = Drawing(shape, {100})
     assert [shape.name(place) for place in drawing.drawn] == ["task 5", "pick", "place"]
     assert drawing.hidden == {1: 2}
-    assert drawing.shown_for(shape.index_by_id[102]) == shape.index_by_id[100]
+    assert drawing.visible_node(shape.index_by_id[102]) == shape.index_by_id[100]
     assert [list(column.nodes) for column in drawing.columns] == [[0], [1, 4]]
 
 

@@ -1,4 +1,4 @@
-"""Primitives that have an action server do the work, against real servers in one process."""
+"""Primitives that use an action server, with servers in one process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bag that `rosbag record` made of a SkiROS2 system, read by the commands on bags."""
+"""A bag recorded by `rosbag record` from a SkiROS2 system, read by the bag commands."""
 
 from __future__ import annotations
 

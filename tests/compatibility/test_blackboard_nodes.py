@@ -1,4 +1,4 @@
-"""A library in the idioms of pick and place on a real manager. Compatibility, section 2."""
+"""A pick-and-place library on a skill manager. Compatibility, section 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The world model client answers as programs written for SkiROS2 expect."""
+"""The world model client, as programs written for SkiROS2 use it."""
 
 import pytest
 

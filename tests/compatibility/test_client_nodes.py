@@ -1,4 +1,4 @@
-"""The world model client on a real node."""
+"""The world model client with a node."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Conditions as libraries make, evaluate and read them. Compatibility, sections 2 and 7."""
+"""Conditions as libraries create, evaluate and read them. Compatibility, sections 2 and 7."""
 
 from unittest.mock import Mock
 

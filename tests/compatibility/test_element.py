@@ -1,4 +1,4 @@
-"""Elements as libraries make, read and change them. Compatibility, section 6."""
+"""Elements as libraries create, read and change them. Compatibility, section 6."""
 
 import copy
 import datetime
@@ -87,7 +87,7 @@ def test_add_relation_once(box):
 
 
 @rule("element", "`addRelation` with an `Element` keeps it in `_local_relations` as `{'src': '-1', 'type', 'dst'}`")
-def test_an_element_as_object_is_kept_aside(box):
+def test_element_as_object_is_a_local_relation(box):
     part = Element("skiros:Part")
     before = list(box._relations)
     box.addRelation("anything", "skiros:contain", part)

@@ -1,4 +1,4 @@
-"""How elements and programs find reasoners. Compatibility, section 9."""
+"""Lookup of reasoners by elements and programs. Compatibility, section 9."""
 
 import subprocess
 import sys

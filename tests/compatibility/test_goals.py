@@ -1,4 +1,4 @@
-"""What goals and abstract relations mean: templates, and the names of managers."""
+"""Templates in goals and abstract relations, and the names of managers."""
 
 from __future__ import annotations
 

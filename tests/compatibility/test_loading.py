@@ -1,4 +1,4 @@
-"""Choosing and loading implementations: libraries as they are in the field, loaded and run in one process."""
+"""Loading and selecting implementations of existing libraries, in one process."""
 
 from __future__ import annotations
 

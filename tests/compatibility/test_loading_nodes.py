@@ -1,4 +1,4 @@
-"""Loading libraries by a manager's node, and checking and reloading them from the command line."""
+"""Loading, checking and reloading libraries with a skill manager node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans: what stands in them, and who takes them."""
+"""Plans: their content and their use by programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans of third-party skills, on real nodes: asked for, read, and run as programs written for SkiROS2 do it."""
+"""Plans of third-party skills: requested, read and run by programs written for SkiROS2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preempting tasks of a manager's node."""
+"""Preemption of tasks on a skill manager node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a task reports of its nodes. Compatibility, section 14."""
+"""Progress messages of tasks. Compatibility, section 14."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The life of reasoners in the world model server, as a library with a reasoner of its own sees it."""
+"""The life cycle of reasoners in the world model server."""
 
 from __future__ import annotations
 

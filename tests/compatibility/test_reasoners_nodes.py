@@ -1,4 +1,4 @@
-"""A package of reasoners written for SkiROS2, tests/libraries/belt_reasoners, unchanged in the world model node."""
+"""The unchanged reasoners in tests/libraries/belt_reasoners on a world model node."""
 
 from __future__ import annotations
 

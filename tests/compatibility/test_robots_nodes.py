@@ -1,4 +1,4 @@
-"""The names of managers in scenes: without slash, and with one."""
+"""Names of managers in scenes, with and without a slash."""
 
 from __future__ import annotations
 

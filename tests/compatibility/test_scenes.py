@@ -1,4 +1,4 @@
-"""Scenes with flaws, missing and broken ones."""
+"""Scenes with flaws, missing scenes and broken scenes."""
 
 import logging
 import re

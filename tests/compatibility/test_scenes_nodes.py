@@ -1,4 +1,4 @@
-"""The world model node with scenes that are missing or broken."""
+"""The world model node with missing and broken scenes."""
 
 from pathlib import Path
 

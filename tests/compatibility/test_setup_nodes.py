@@ -1,4 +1,4 @@
-"""What launch files written for SkiROS2 systems find after the set-up."""
+"""Programs and packages that launch files written for SkiROS2 need."""
 
 from __future__ import annotations
 

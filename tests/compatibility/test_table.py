@@ -1,4 +1,4 @@
-"""docs/compatibility.md says what the tests of this folder check."""
+"""docs/compatibility.md matches the tests of this folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The logger, stop-watches and the plugin loader as libraries use them. Compatibility, section 11."""
+"""The logger, stopwatches and the plugin loader as libraries use them. Compatibility, section 11."""
 
 import subprocess
 import sys

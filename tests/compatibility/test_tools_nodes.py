@@ -1,4 +1,4 @@
-"""Reasoners and the logger in programs on a real master that set up nothing. Compatibility, sections 9 and 11."""
+"""Reasoners and the logger in programs without set-up. Compatibility, sections 9 and 11."""
 
 import os
 import subprocess

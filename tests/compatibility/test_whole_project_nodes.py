@@ -1,4 +1,4 @@
-"""A project as others have it: its ontology, scene, launch file, skills and clients run unchanged."""
+"""An unchanged project: ontology, scene, launch file, skills and clients."""
 
 from __future__ import annotations
 

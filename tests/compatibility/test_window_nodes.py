@@ -1,4 +1,4 @@
-"""A window written for SkiROS2, in the idioms of such windows, beside the running system."""
+"""A window written for SkiROS2, with the running system."""
 
 from __future__ import annotations
 

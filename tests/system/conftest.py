@@ -1,4 +1,4 @@
-"""A simulator that the tests of a file share, as it was at its start for each."""
+"""A simulator that the tests of a file share, reset before each test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The action `~achieve`: robots with different skills reach goals together, on real nodes."""
+"""The action `~achieve`: robots with different skills reach goals together."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize("finished", [1, 5])
-def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ros, finished: int) -> None:
+def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> None:
     cell = Cell(ros, CREW)
     request = cell.achieve()
     # The one that has just begun a step, held so that it is still at it when it is killed.
@@ -144,7 +144,7 @@ def test_a_manager_is_killed_in_the_middle_and_the_goal_is_still_reached(ros: Ro
     assert victim not in {step["robot"] for step in after}
 
 
-def test_a_manager_that_nobody_can_replace_is_waited_for(ros: Ros) -> None:
+def test_goal_waits_for_an_irreplaceable_manager(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(lambda f: any(step["robot"] == "/washer" for step in running(f)))
@@ -155,7 +155,7 @@ def test_a_manager_that_nobody_can_replace_is_waited_for(ros: Ros) -> None:
     assert cell.is_done
 
 
-def test_what_others_change_in_the_world_is_planned_with(ros: Ros) -> None:
+def test_external_changes_trigger_replanning(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     product = request.wait_for(lambda f: [s for s in json.loads(f.plan) if s["label"] == "wash"])[-1]["arguments"][
@@ -171,7 +171,7 @@ def test_what_others_change_in_the_world_is_planned_with(ros: Ros) -> None:
     assert product not in {step["arguments"]["Object"] for step in request.done}
 
 
-def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ros) -> None:
+def test_cancelled_goal_stops_its_steps_and_the_next_goal_succeeds(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(running)
@@ -181,7 +181,7 @@ def test_a_goal_that_is_cancelled_ends_with_its_steps_and_the_next_works(ros: Ro
     assert cell.achieve(f"(skiros:contain {cell.bench} {cell.products[0]})").result.state == AchieveResult.SUCCEEDED
 
 
-def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
+def test_shutdown_of_the_task_manager_stops_running_steps(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     porter = SkillManagerInterface("/porter", "tests")
     request = cell.achieve()
@@ -195,7 +195,7 @@ def test_a_task_manager_that_ends_stops_what_runs(ros: Ros) -> None:
     porter.shutdown()
 
 
-def test_a_task_manager_that_ends_answers_goals_whose_steps_do_not_stop(ros: Ros) -> None:
+def test_shutdown_of_the_task_manager_ends_goals_whose_steps_do_not_stop(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     request = cell.achieve()
     request.wait_for(running)
@@ -228,7 +228,7 @@ def test_of_two_goals_the_more_urgent_one_gets_the_robot_first(ros: Ros) -> None
     porter.shutdown()
 
 
-def test_goals_that_cannot_be_are_answered_with_the_reason(ros: Ros) -> None:
+def test_impossible_goals_are_rejected_with_the_reason(ros: Ros) -> None:
     cell = Cell(ros, SPECIALISTS)
     washed = f"(skiros:Washed {cell.products[0]})"
     for goal, options, state, message in [

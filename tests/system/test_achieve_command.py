@@ -52,7 +52,7 @@ def start(ros: Ros, cell: Ros) -> Start:
     return lambda *arguments: ros.run("skiros2_task", "achieve", *arguments)
 
 
-def test_a_goal_is_reached_and_what_is_done_for_it_is_told(run: Run) -> None:
+def test_achieve_prints_the_steps_and_reaches_the_goal(run: Run) -> None:
     done = run(TO_TRAY_B)
     assert (done.returncode, done.stderr) == (0, ""), done
     told = [line.partition(" s  ")[2].split() for line in done.stdout.splitlines() if " s  " in line]
@@ -72,7 +72,7 @@ def test_a_goal_is_reached_and_what_is_done_for_it_is_told(run: Run) -> None:
     assert [(step["label"], step["state"]) for step in result["done"]][-1] == ("place", "succeeded")
 
 
-def test_why_a_goal_cannot_be_reached_is_told(run: Run) -> None:
+def test_achieve_prints_why_a_goal_is_unreachable(run: Run) -> None:
     refused = run("(skiros:contain demo:Tray-12 demo:Tray-10)")
     assert (refused.returncode, refused.stderr) == (1, "")
     assert "demo:Tray-10 is no skiros:Manipulatable" in refused.stdout
@@ -81,7 +81,7 @@ def test_why_a_goal_cannot_be_reached_is_told(run: Run) -> None:
     assert "unknown element 'skiros:Product-99'" in unknown.stdout
 
 
-def test_interrupting_it_cancels_the_goal(start: Start, run: Run) -> None:
+def test_interrupting_achieve_cancels_the_goal(start: Start, run: Run) -> None:
     achieving = start("(skiros:contain demo:Tray-12 skiros:Product-15)")
     achieving.wait_for_line("▶ 1 ")
     achieving.interrupt()
@@ -91,7 +91,7 @@ def test_interrupting_it_cancels_the_goal(start: Start, run: Run) -> None:
     assert run("(skiros:at cora:Robot-1 skiros:Location-5)").returncode == 0
 
 
-def test_without_a_task_manager_it_is_said(run: Run) -> None:
+def test_achieve_without_a_task_manager_fails_with_a_message(run: Run) -> None:
     refused = run("(a b)", ROS_NAMESPACE="nowhere")
     assert (refused.returncode, refused.stdout) == (3, "")
     assert refused.stderr.startswith("achieve: there is no task manager /nowhere/tm on the master ")

@@ -1,4 +1,4 @@
-"""What a skill manager is told or made to run that it should not: it says why, lives, and runs the next task."""
+"""Invalid commands and misbehaving skills: a skill manager reports the reason and runs the next task."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def manager(ros: Ros) -> Any:
     manager.client.shutdown()
 
 
-def test_modules_that_cannot_be_imported_are_named_with_the_line_and_the_rest_loads(manager: Manager) -> None:
+def test_modules_with_import_errors_are_skipped_and_logged_with_the_line(manager: Manager) -> None:
     for named in (
         r"unruly_skills\.exits cannot be imported.*exits\.py, line 5: SystemExit: nothing to do",
         r"unruly_skills\.imports_nothing cannot .*line 3: ModuleNotFoundError: No module named 'no_such_module'",
@@ -110,7 +110,7 @@ def said_about(hook: str) -> dict[str, str]:
     }
 
 
-def test_whatever_a_hook_does_its_task_ends_with_a_reason_and_the_next_runs(manager: Manager) -> None:
+def test_misbehaving_hook_fails_its_task_with_a_reason_and_the_next_task_runs(manager: Manager) -> None:
     for hook in ("onStart", "execute", "onEnd", "onPreempt"):
         for what, message in said_about(hook).items():
             task = manager.start("unruly", Where=hook, What=what)
@@ -133,7 +133,7 @@ def test_a_skill_may_remove_its_own_element(manager: Manager) -> None:
     assert manager.lives()
 
 
-def test_a_robot_that_is_removed_while_a_task_runs_is_made_anew(manager: Manager) -> None:
+def test_robot_removed_during_a_task_is_created_again(manager: Manager) -> None:
     """The task fails and names it; a new one runs, or is refused until the robot is there again."""
     task = manager.start("wait", Duration=60.0)
     robots = manager.wmi.resolve_elements(Element("cora:Robot"))
@@ -172,7 +172,7 @@ BAD_PARAMS: list[tuple[Any, str]] = [
 ]
 
 
-def test_params_that_cannot_be_read_or_do_not_fit_are_refused_by_name(manager: Manager) -> None:
+def test_unreadable_or_wrong_parameters_are_rejected_by_name(manager: Manager) -> None:
     for bad, named in BAD_PARAMS:
         text = bad if isinstance(bad, str) else json.dumps({**PARAM, **bad})
         skill = msgs.ResourceDescription("skiros:Counter", "counter", [msgs.Param(text)])
@@ -180,7 +180,7 @@ def test_params_that_cannot_be_read_or_do_not_fit_are_refused_by_name(manager: M
     assert manager.lives()
 
 
-def test_elements_that_are_not_there_are_refused_by_name(manager: Manager) -> None:
+def test_missing_elements_are_rejected_by_name(manager: Manager) -> None:
     holder = manager.client.get_skill("unruly")
     holder.ph.specify("Thing", Element("skiros:Product", "", "skiros:Product-4711"))
     assert manager.client.execute(skill_list=[holder]) == -1
@@ -188,7 +188,7 @@ def test_elements_that_are_not_there_are_refused_by_name(manager: Manager) -> No
     assert manager.lives()
 
 
-def test_commands_that_do_not_fit_the_task_are_refused_and_leave_it_alone(manager: Manager) -> None:
+def test_invalid_task_commands_are_rejected_without_effect(manager: Manager) -> None:
     task = manager.start("wait", Duration=60.0)
     assert f"task {task} runs already" in manager.refusal(action="start", execution_id=task)
     assert f"task {task} runs already" in manager.refusal(action="tick_once", execution_id=task)
@@ -207,7 +207,7 @@ def test_commands_that_do_not_fit_the_task_are_refused_and_leave_it_alone(manage
     assert manager.lives()
 
 
-def test_trees_that_are_deep_wide_or_without_end(manager: Manager) -> None:
+def test_deep_wide_and_endless_trees(manager: Manager) -> None:
     deep = manager.run("deep", Depth=1000)
     assert (deep[0].state, len(deep)) == (SUCCESS, 1003)
     endless = manager.run("deep", Depth=-1)
@@ -219,7 +219,7 @@ def test_trees_that_are_deep_wide_or_without_end(manager: Manager) -> None:
     assert manager.lives()
 
 
-def test_a_hundred_thousand_nodes_in_one_life_leave_no_memory_behind(manager: Manager, ros: Ros) -> None:
+def test_a_hundred_thousand_nodes_do_not_leak_memory(manager: Manager, ros: Ros) -> None:
     pid = ros.master.node_pid(ROBOT)
     manager.run("wide", Width=10_000)
     before = resident(pid)

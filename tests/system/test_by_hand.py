@@ -1,4 +1,4 @@
-"""The section "Run a skill by hand" of docs/skills.md: its commands, one after the other, and what they print there."""
+"""The commands of the section "Run a skill by hand" in docs/skills.md, with their output."""
 
 import doctest
 import re
@@ -36,7 +36,7 @@ def manager(ros: Ros) -> Program:
 
 
 @pytest.mark.usefixtures("manager")
-def test_the_commands_print_what_the_document_says(ros: Ros) -> None:
+def test_commands_print_the_documented_output(ros: Ros) -> None:
     waiting: list[Program] = []
     for block in code("")[1:]:
         for command, wanted in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE):

@@ -1,4 +1,4 @@
-"""The trees of the catalogue over ROS: one manager runs them all, and tells what they do in one process."""
+"""The trees of the catalogue on a skill manager: its progress messages match the traces."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def robot(ros: Ros) -> Iterator[SkillManagerInterface]:
     client.shutdown()
 
 
-def test_one_manager_does_what_all_the_traces_say(
+def test_one_manager_reproduces_all_traces(
     ros: Ros, robot: SkillManagerInterface, servers: CatalogueServers
 ) -> None:
     messages = _listen(ros, robot)
@@ -74,7 +74,7 @@ def test_one_manager_does_what_all_the_traces_say(
     assert not differ, "\n\n".join(differ)
 
 
-def test_many_at_once_do_what_each_does_alone(ros: Ros, robot: SkillManagerInterface) -> None:
+def test_parallel_tasks_have_the_same_traces_as_single_ones(ros: Ros, robot: SkillManagerInterface) -> None:
     """At the manager's own rate; those that need nothing of the world. Names are not looked at: which implementation is
     free depends on the others."""
     messages = _listen(ros, robot)
@@ -117,7 +117,7 @@ def _start(robot: SkillManagerInterface, case: Case) -> int:
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.servers], ids=lambda case: case.name)
-def test_clients_of_servers_do_the_same_in_one_process(
+def test_traces_of_server_clients_are_the_same_in_one_process(
     servers: CatalogueServers, skill_bench: SkillBench, case: Case
 ) -> None:
     task = case.play(skill_bench)

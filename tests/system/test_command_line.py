@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_world_model` on a real node."""
+"""The commands of `rosrun skiros2_world_model` on a node."""
 
 from __future__ import annotations
 
@@ -67,13 +67,13 @@ def test_the_scene_is_shown_changed_saved_and_compared(run: Run, workspace: Path
     assert run("diff", "lab.ttl").returncode == 0
 
 
-def test_what_is_refused_is_said_in_one_line(run: Run) -> None:
+def test_refusal_is_printed_in_one_line(run: Run) -> None:
     far = run("set", "skiros:LargeBox-80", "PositionX", "far")
     for refused in (run("get", "skiros:Part-7"), far, run("query", "?")):
         assert (refused.returncode, refused.stdout, refused.stderr.count("\n")) == (1, "", 1), refused
 
 
-def test_the_world_model_may_have_another_name(run: Run) -> None:
+def test_world_model_with_another_name_is_reached(run: Run) -> None:
     found = run("get", "skiros:LargeBox-80", "label", "--wm", "/cell/wm", ROS_NAMESPACE="/elsewhere")
     assert found.stdout == "tray\n"
     missing = run("view", "--wm", "robots", ROS_NAMESPACE="/elsewhere")
@@ -81,7 +81,9 @@ def test_the_world_model_may_have_another_name(run: Run) -> None:
     assert "there is no world model /elsewhere/robots on the master" in missing.stderr
 
 
-def test_without_a_master_or_server_it_says_so(run: Run, ros: Ros, ros_master: RosMaster, tmp_path: Path) -> None:
+def test_command_without_master_or_server_fails_with_a_message(
+    run: Run, ros: Ros, ros_master: RosMaster, tmp_path: Path
+) -> None:
     lonely = run("view", ROS_MASTER_URI="http://localhost:1")
     assert (lonely.returncode, lonely.stdout, lonely.stderr.count("\n")) == (3, "", 1)
     params = {"workspace_dir": str(tmp_path), "journal": False}
@@ -95,7 +97,7 @@ def test_without_a_master_or_server_it_says_so(run: Run, ros: Ros, ros_master: R
     assert dead.returncode == 3 and "does not answer" in dead.stderr and dead.stderr.count("\n") == 1
 
 
-def test_who_reads_may_stop_early(ros_master: RosMaster, run: Run) -> None:
+def test_reader_may_close_the_pipe_early(ros_master: RosMaster, run: Run) -> None:
     env = {**ros_master.env, "ROS_NAMESPACE": "cell"}
     command = "rosrun skiros2_world_model view --all --json | head -1"
     shown = subprocess.run(["bash", "-o", "pipefail", "-c", command], env=env, capture_output=True, text=True)

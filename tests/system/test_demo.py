@@ -1,4 +1,4 @@
-"""The demo with motions that only take time: from nothing to a proven pick-and-place, with nothing left behind."""
+"""The demo without physics: a verified pick-and-place that leaves no process behind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run(tmp_path: Path) -> Iterator[DemoRun]:
         run.program.stop()
 
 
-def test_product_a_gets_into_tray_b_as_the_bag_alone_proves(run: DemoRun) -> None:
+def test_bag_proves_that_product_a_is_in_tray_b(run: DemoRun) -> None:
     program = run.start()
     program.wait_for_line("The tree as it runs")
     run.family = descendants(program.pid)
@@ -47,14 +47,14 @@ def test_product_a_gets_into_tray_b_as_the_bag_alone_proves(run: DemoRun) -> Non
     assert all(finding.holds for finding in check(recorded))
 
 
-def test_a_goal_that_is_reached_already_runs_nothing(run: DemoRun) -> None:
+def test_satisfied_goal_runs_nothing(run: DemoRun) -> None:
     status, shown = run.end("--product", "Product A", "--tray", "Tray A")
     assert status == 0, shown
     assert "  nothing to do" in shown
     assert "The tree as it runs" not in shown
 
 
-def test_ctrl_c_in_the_middle_ends_everything(run: DemoRun) -> None:
+def test_ctrl_c_ends_all_processes(run: DemoRun) -> None:
     program = run.start()
     program.wait_for_line("▶ move_base_timed")
     run.family = descendants(program.pid)
@@ -67,7 +67,7 @@ def test_ctrl_c_in_the_middle_ends_everything(run: DemoRun) -> None:
 
 
 @pytest.mark.parametrize("line", ["Starting a system", "are ready"])
-def test_a_request_to_terminate_does_so_at_any_time(run: DemoRun, line: str) -> None:
+def test_sigterm_ends_the_demo_at_any_time(run: DemoRun, line: str) -> None:
     program = run.start()
     program.wait_for_line(line)
     run.family = descendants(program.pid)
@@ -91,7 +91,7 @@ def test_a_port_in_use_is_named(run: DemoRun) -> None:
         (["--scene", "missing.ttl"], "missing.ttl"),
     ],
 )
-def test_what_is_not_there_is_named(run: DemoRun, arguments: list[str], culprit: str) -> None:
+def test_missing_element_is_named(run: DemoRun, arguments: list[str], culprit: str) -> None:
     status, shown = run.end(*arguments)
     assert status == 1
     (line,) = [line for line in shown.splitlines() if line.startswith("pick_place_demo: ")]
@@ -99,12 +99,12 @@ def test_what_is_not_there_is_named(run: DemoRun, arguments: list[str], culprit:
     assert run.nothing_left()
 
 
-def test_no_way_to_the_goal_is_told(run: DemoRun) -> None:
+def test_unreachable_goal_is_reported(run: DemoRun) -> None:
     status, shown = run.end("--product", "Workstation 1", "--tray", "Tray B")
     assert status == 1
     assert re.search(r"pick_place_demo: the goal was not reached \(impossible after .* s\): no plan", shown)
 
 
-def test_the_checker_names_a_bag_that_is_not_there(run: DemoRun) -> None:
+def test_checker_names_a_missing_bag(run: DemoRun) -> None:
     status, shown = run.check_run(run.folder / "none.bag")
     assert (status, shown) == (2, f"check_run: {run.folder / 'none.bag'}: there is no such file")

@@ -1,4 +1,4 @@
-"""Nodes that are told to end, whatever they are at."""
+"""Nodes shut down on a signal, even while the main thread holds a lock."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ run_node("busy", main)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_shutdown_of_a_node_waits_for_what_its_main_thread_holds(ros: Ros, number: int) -> None:
+def test_shutdown_waits_for_a_lock_of_the_main_thread(ros: Ros, number: int) -> None:
     node = ros.program(str(ROOT / ".venv/bin/python3"), "-c", HELD_UP)
     node.wait_for_line("busy")
     node.signal(number)

@@ -1,4 +1,4 @@
-"""A world model node whose RDF side is a SPARQL endpoint over HTTP, and one with limits for queries."""
+"""A world model node with a SPARQL endpoint over HTTP, and one with query limits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def start(ros: Ros, tmp_path):
     return start
 
 
-def test_the_scene_is_in_the_endpoint_and_goes_on_without_it(ros: Ros, start):
+def test_scene_is_in_the_endpoint_and_stays_available_without_it(ros: Ros, start):
     with SparqlEndpoint() as endpoint:
         start(sparql_endpoint=endpoint.url, sparql_update_endpoint=endpoint.url)
         wm = WorldModelInterface("tester", make_cache=True)
@@ -59,7 +59,7 @@ def test_mistakes_in_the_parameters_end_the_node(start, params, said):
     assert said.format(port=port) in node.output
 
 
-def test_a_query_that_takes_too_long_is_given_up_and_the_node_goes_on(ros: Ros, start):
+def test_query_is_abandoned_after_its_timeout(ros: Ros, start):
     start(query_seconds=0.3, query_rows=1000)
     wm = WorldModelInterface("tester")
     query = ros.service("/wm/ontology/query", srvs.WoQuery)

@@ -1,4 +1,4 @@
-"""The action `~execute` and the services `~why` and `~inspect` of a skill manager, on real nodes."""
+"""The action `~execute` and the services `~why` and `~inspect` of a skill manager."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def skill(robot, label, **values):
 # -- what goals become -------------------------------------------------------------------------------------------------
 
 
-def test_a_goal_succeeds_with_the_parameters_as_they_are_at_the_end(robot):
+def test_successful_goal_returns_the_final_parameters(robot):
     run = robot.run([skill(robot, "add", A=2.0, B=3.0)])
     result = run.result(30)
     assert (result.state, result.code, result.message) == (msgs.SkillProgress.SUCCESS, 1, "End")
@@ -61,7 +61,7 @@ def test_a_goal_succeeds_with_the_parameters_as_they_are_at_the_end(robot):
     assert run.task == result.task_id >= 0
 
 
-def test_the_parameters_that_were_inferred_are_in_the_result(robot):
+def test_result_contains_inferred_parameters(robot):
     wmi = WorldModelInterface("tests")
     box, product = boxed_product(wmi)
     run = robot.run([skill(robot, "weigh", Container=box)])
@@ -69,7 +69,7 @@ def test_the_parameters_that_were_inferred_are_in_the_result(robot):
     assert run.params()["Object"].value.id == product.id
 
 
-def test_a_goal_that_fails_is_answered_with_code_message_and_explanation(robot):
+def test_failed_goal_returns_code_message_and_explanation(robot):
     run = robot.run([skill(robot, "add", B=1.0), skill(robot, "give_up")])
     result = run.result(30)
     assert (result.state, result.code) == (msgs.SkillProgress.FAILURE, -7)
@@ -79,7 +79,7 @@ def test_a_goal_that_fails_is_answered_with_code_message_and_explanation(robot):
     assert run.params()["Sum"].value == 2.0, "what was done before the failure is told too"
 
 
-def test_goals_run_side_by_side_and_cancelling_one_leaves_the_others(robot):
+def test_cancelling_one_of_several_goals_keeps_the_others(robot):
     runs = [robot.run([skill(robot, "stay")]) for _ in range(3)]
     tasks = [run.wait_for_task(30) for run in runs]
     assert len(set(tasks)) == 3
@@ -118,7 +118,7 @@ def test_an_actionlib_client_sees_the_states_of_the_protocol(robot):
     client.action_client.stop()
 
 
-def test_feedback_tells_the_tree_when_something_changes_and_only_then(ros, robot):
+def test_feedback_is_published_only_on_change(ros, robot):
     monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
     fed = []
     run = robot.run([skill(robot, "add", B=1.0), skill(robot, "stay")], monitor_cb=fed.append)
@@ -136,7 +136,7 @@ def test_feedback_tells_the_tree_when_something_changes_and_only_then(ros, robot
     assert {feedback.task_id for feedback in fed} == {task}
 
 
-def test_a_task_goes_on_when_its_client_disappears(ros, robot):
+def test_task_continues_without_its_client(ros, robot):
     other = SkillManagerInterface(ROBOT, "somebody else")
     task = other.run([skill(robot, "stay")]).wait_for_task(30)
     other.shutdown()
@@ -146,7 +146,7 @@ def test_a_task_goes_on_when_its_client_disappears(ros, robot):
     monitor.wait_for(lambda m: m.progress[0].id == task and m.progress[0].progress_code == -1)
 
 
-def test_goals_are_answered_when_the_manager_ends(ros, robot):
+def test_goals_end_when_the_manager_shuts_down(ros, robot):
     run = robot.run([skill(robot, "stay")])
     run.wait_for_task(30)
     ros.stop()
@@ -167,7 +167,7 @@ REFUSED = [
 ]
 
 
-def test_goals_that_cannot_be_followed_are_rejected_with_the_reason_and_the_manager_lives(robot):
+def test_invalid_goals_are_rejected_with_the_reason(robot):
     client = actionlib.SimpleActionClient(f"{ROBOT}/execute", msgs.ExecuteSkillsAction)
     assert client.wait_for_server(rospy.Duration(30))
     for skills, named in REFUSED:
@@ -189,7 +189,7 @@ def test_goals_that_cannot_be_followed_are_rejected_with_the_reason_and_the_mana
 # -- why --------------------------------------------------------------------------------------------------------------
 
 
-def test_why_tells_of_a_task_that_has_failed(ros, robot):
+def test_why_explains_a_failed_task(ros, robot):
     monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
     wait_until(monitor._subscriber.get_num_connections, what="the monitor")
     wmi = WorldModelInterface("tests")
@@ -208,7 +208,7 @@ def test_why_tells_of_a_task_that_has_failed(ros, robot):
     assert why == run.explanations()[0]
 
 
-def test_why_names_who_last_changed_what_a_condition_speaks_of(robot):
+def test_why_names_the_author_of_the_last_change_of_a_condition(robot):
     cleaner = WorldModelInterface("/cleaner")
     box = Element("skiros:LargeBox", "a box")
     product = Element("skiros:Product", "a product")
@@ -222,7 +222,7 @@ def test_why_names_who_last_changed_what_a_condition_speaks_of(robot):
     assert [(c.element, c.author) for c in why.all_changes()] == [(box.id, "/cleaner"), (product.id, "/cleaner")]
 
 
-def test_why_without_a_task_tells_of_the_one_that_failed_last(ros, robot):
+def test_why_without_a_task_explains_the_last_failure(ros, robot):
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(-1)
     assert (answer.ok, answer.text) == (False, "no task has failed or was refused")
     robot.run([skill(robot, "give_up")]).result(30)
@@ -232,7 +232,7 @@ def test_why_without_a_task_tells_of_the_one_that_failed_last(ros, robot):
     assert robot.why().startswith("a task by tests was refused: skiros:Add-add: required parameter 'B'")
 
 
-def test_why_tells_of_tasks_that_run_and_of_unknown_ones(ros, robot):
+def test_why_reports_running_and_unknown_tasks(ros, robot):
     task = robot.run([skill(robot, "stay")]).wait_for_task(30)
     assert robot.why(task) == f"task {task} by tests runs: nothing has failed"
     answer = ros.service(f"{ROBOT}/why", srvs.SkillWhy)(4711)
@@ -243,7 +243,7 @@ def test_why_tells_of_tasks_that_run_and_of_unknown_ones(ros, robot):
 # -- inspect ----------------------------------------------------------------------------------------------------------
 
 
-def test_inspect_tells_of_a_node_of_a_running_task_and_what_there_is_not(robot):
+def test_inspect_reports_a_node_of_a_running_task(robot):
     task = robot.run([skill(robot, "stay")]).wait_for_task(30)
     manager = Manager(ROBOT, "tests")
     ((_, node, *_),) = manager.tasks(task)
@@ -261,7 +261,7 @@ def test_inspect_tells_of_a_node_of_a_running_task_and_what_there_is_not(robot):
 # -- breakpoints ------------------------------------------------------------------------------------------------------
 
 
-def test_a_breakpoint_pauses_the_task_that_comes_to_it(ros, robot):
+def test_breakpoint_pauses_the_task(ros, robot):
     monitor = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
     number = robot.set_breakpoint("node", "give_up")
     assert [(n, b.kind, b.pattern, b.when) for n, b in robot.breakpoints().items()] == [
@@ -277,7 +277,7 @@ def test_a_breakpoint_pauses_the_task_that_comes_to_it(ros, robot):
     assert run.result(30).code == -7
 
 
-def test_breakpoints_that_cannot_be_are_refused_with_the_reason(ros, robot):
+def test_invalid_breakpoints_are_rejected_with_the_reason(ros, robot):
     service = ros.service(f"{ROBOT}/breakpoint", srvs.SkillBreakpoint)
     for request, named in (
         ({"action": "dance"}, "unknown action 'dance', expected one of: add, remove, list"),
@@ -302,7 +302,7 @@ def test_breakpoints_that_cannot_be_are_refused_with_the_reason(ros, robot):
         ({"preempt_timeout": -1.5}, "parameter /test_robot/preempt_timeout is -1.5, expected a number above 0"),
     ],
 )
-def test_a_rate_or_a_time_that_cannot_be_ends_the_node_with_one_line(ros, arguments, named):
+def test_invalid_rate_or_time_ends_the_node_with_one_line(ros, arguments, named):
     launch = ros.launch("skiros2", "skill_mgr.launch", libraries_list="[skiros2_std_skills]", **arguments)
     launch.wait_for_line(named.replace("[", r"\["))
     launch.wait()
@@ -327,7 +327,7 @@ def test_the_tick_rate_is_that_of_the_parameter(ros):
 # -- managers that die, goals that are odd ----------------------------------------------------------------------------
 
 
-def test_a_goal_of_a_manager_that_was_killed_is_known_to_be_lost(ros, robot):
+def test_goal_of_a_killed_manager_is_lost(ros, robot):
     run = robot.run([skill(robot, "stay")])
     task = run.wait_for_task(30)
     ros.kill_node(ROBOT)  # it is started anew
@@ -338,7 +338,7 @@ def test_a_goal_of_a_manager_that_was_killed_is_known_to_be_lost(ros, robot):
     assert robot.execute(skill_list=[skill(robot, "add", B=1.0)]) >= 0, "commands reach the new one too"
 
 
-def test_a_manager_that_is_gone_is_not_waited_for(ros, robot):
+def test_client_does_not_wait_for_a_missing_manager(ros, robot):
     run = robot.run([skill(robot, "stay")])
     run.wait_for_task(30)
     with pytest.raises(TimedOut, match=r"no result within 0\.1 s"):
@@ -352,7 +352,7 @@ def test_a_manager_that_is_gone_is_not_waited_for(ros, robot):
         os.kill(pid, signal.SIGCONT)
 
 
-def test_a_cancellation_that_comes_before_its_goal_or_for_none_harms_nobody(ros, robot):
+def test_early_or_unknown_cancellation_has_no_effect(ros, robot):
     run = robot.run([skill(robot, "stay")])
     run.wait_for_task(30)
     results = ros.messages(f"{ROBOT}/execute/result", msgs.ExecuteSkillsActionResult)
@@ -377,7 +377,7 @@ def test_a_cancellation_that_comes_before_its_goal_or_for_none_harms_nobody(ros,
     goals.unregister()
 
 
-def test_hundreds_of_goals_at_once_are_all_answered(robot):
+def test_hundreds_of_simultaneous_goals_all_end(robot):
     stays = [robot.run([skill(robot, "stay")]) for _ in range(400)]
     for run in stays:
         run.wait_for_task(60)

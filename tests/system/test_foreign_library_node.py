@@ -1,4 +1,4 @@
-"""A library as others write it, in a real skill manager, unchanged: it loads without an error and does its work."""
+"""An unchanged third-party library on a skill manager."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kit for skill authors as it is installed: with the ontologies of the install space, in a folder of its own."""
+"""The installed test kit for skill authors, in a separate folder."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ TEST = """
 from skiros2_common.core.abstract_skill import State
 
 
-def test_it_counts(fake_clock, skill_bench):
+def test_counter_succeeds_at_its_target(fake_clock, skill_bench):
     skill_bench.import_libraries("skiros2_std_skills")
     tray = skill_bench.add("skiros:LargeBox", "tray")
     assert "skiros:Container" in skill_bench.wmi.get_super_class(tray.type)

@@ -1,4 +1,4 @@
-"""The journal of the world model node: a killed node comes back as it was, and the service tells the past."""
+"""The journal of the world model node: recovery of a killed node, and the service `~history`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def kill(ros: Ros, node: Program) -> None:
 
 
 @pytest.mark.parametrize("make_cache", [False, True])
-def test_a_node_that_was_killed_comes_back_with_its_scene_and_clients_go_on(
+def test_killed_node_recovers_its_scene_and_clients_continue(
     ros: Ros, start: Callable[..., Program], make_cache: bool
 ) -> None:
     node = start()
@@ -66,7 +66,7 @@ def test_a_node_that_was_killed_comes_back_with_its_scene_and_clients_go_on(
     assert client.get_element(part.id).getProperty("skiros:Weight").value == 2.0
 
 
-def test_a_node_that_ended_in_order_starts_from_its_files(ros: Ros, start: Callable[..., Program]) -> None:
+def test_node_after_a_clean_shutdown_starts_from_its_files(ros: Ros, start: Callable[..., Program]) -> None:
     node = start()
     WorldModelInterface("tester").add_element(Element("skiros:Part", "first life"))
     node.stop()
@@ -76,7 +76,7 @@ def test_a_node_that_ended_in_order_starts_from_its_files(ros: Ros, start: Calla
     assert [e.label for entry in client.history() for e in entry.after if e.type == "skiros:Part"] == ["first life"]
 
 
-def test_a_node_started_from_other_files_does_not_go_on(
+def test_node_with_other_files_does_not_recover(
     ros: Ros, start: Callable[..., Program], tmp_path: Path
 ) -> None:
     node = start()
@@ -90,7 +90,7 @@ def test_a_node_started_from_other_files_does_not_go_on(
     assert not WorldModelInterface("tester").resolve_elements(Element("skiros:Part", "first life"))
 
 
-def test_a_second_node_on_the_same_journal_says_so_and_ends(ros: Ros, start: Callable[..., Program]) -> None:
+def test_second_node_on_the_same_journal_ends_with_a_message(ros: Ros, start: Callable[..., Program]) -> None:
     start(journal=True)
     journal = next(ros.master.home.glob("skiros2/localhost_*/wm.journal"))
     other = ros.run("skiros2_world_model", "world_model_server_node", name="other", params={"journal": str(journal)})
@@ -101,19 +101,19 @@ def test_a_second_node_on_the_same_journal_says_so_and_ends(ros: Ros, start: Cal
 @pytest.mark.parametrize(
     ("name", "value"), [("journal_recover", "sometimes"), ("journal_days", -1), ("journal_megabytes", "much")]
 )
-def test_a_parameter_of_no_use_is_named(start: Callable[..., Program], name: str, value: Any) -> None:
+def test_invalid_journal_parameter_is_named(start: Callable[..., Program], name: str, value: Any) -> None:
     node = start(wait=False, **{name: value})
     assert node.wait() == 78
     assert name in node.output and repr(value) in node.output
 
 
-def test_without_a_journal_the_past_is_not_known(ros: Ros, start: Callable[..., Program]) -> None:
+def test_history_is_unavailable_without_a_journal(ros: Ros, start: Callable[..., Program]) -> None:
     start(journal=False)
     with pytest.raises(WmException, match="has no journal"):
         WorldModelInterface("tester").history()
 
 
-def test_the_service_tells_the_past(ros: Ros, start: Callable[..., Program]) -> None:
+def test_history_service_returns_past_changes(ros: Ros, start: Callable[..., Program]) -> None:
     start()
     mary, paul = WorldModelInterface("mary"), WorldModelInterface("paul")
     part = Element("skiros:Part", "a part")
@@ -145,7 +145,7 @@ def test_the_service_tells_the_past(ros: Ros, start: Callable[..., Program]) -> 
     assert not mary.difference(then, then)
 
 
-def test_the_service_names_what_it_does_not_know(ros: Ros, start: Callable[..., Program]) -> None:
+def test_history_service_names_unknown_arguments(ros: Ros, start: Callable[..., Program]) -> None:
     start()
     client = WorldModelInterface("tester")
     with pytest.raises(WmException, match="no element 'skiros:Part-99'"):

@@ -1,4 +1,4 @@
-"""A world model node that is killed, at any moment, under load, loses nothing that it has acknowledged."""
+"""A world model node that is killed under load loses no acknowledged change."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def start(ros: Ros, tmp_path: Path) -> Any:
 
 
 @pytest.mark.timeout(420)
-def test_nothing_that_was_acknowledged_is_lost_when_the_node_is_killed(start: Any) -> None:
+def test_no_acknowledged_change_is_lost_when_the_node_is_killed(start: Any) -> None:
     seed = random.randrange(1 << 32)
     print(f"seed {seed}")
     chance = random.Random(seed)

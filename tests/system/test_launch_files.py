@@ -1,4 +1,4 @@
-"""How the launch files start nodes: what ends a launch, what is started anew, and where output is shown."""
+"""Launch files: errors that end a launch, restarts, and the output of nodes."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def launch(ros: Ros, package: Path, deploy: bool = True, env: dict[str, str] | N
     return ros.launch_file(file, env=environment)
 
 
-def test_a_node_that_finds_a_mistake_in_the_configuration_ends_the_whole_launch(ros: Ros, package: Path) -> None:
+def test_configuration_error_of_a_node_ends_the_launch(ros: Ros, package: Path) -> None:
     program = launch(ros, package, good="exec sleep 100", bad="echo 'no such scene: x.ttl' >&2; exit 78")
     program.wait()
     assert program.output.count("no such scene: x.ttl") == 1
     assert "restarting process" not in program.output
 
 
-def test_a_node_that_crashes_is_started_anew(ros: Ros, package: Path) -> None:
+def test_crashed_node_is_restarted(ros: Ros, package: Path) -> None:
     program = launch(ros, package, one="echo run $$; exec sleep 100")
     first = int(program.wait_for_line(r"^run (\d+)")[1])
     os.kill(first, signal.SIGKILL)
@@ -62,7 +62,7 @@ def test_a_node_that_crashes_is_started_anew(ros: Ros, package: Path) -> None:
     assert second != first
 
 
-def test_at_the_end_of_a_launch_a_node_has_the_time_to_clean_up(ros: Ros, package: Path) -> None:
+def test_node_can_clean_up_at_the_end_of_a_launch(ros: Ros, package: Path) -> None:
     cleans_up = "trap 'sleep 0.3; echo cleaned up; exit' INT; echo up; while :; do sleep 0.1; done"
     program = launch(ros, package, one=cleans_up)
     program.wait_for_line("^up")
@@ -82,7 +82,7 @@ def xterm(tmp_path: Path) -> dict[str, str]:
     return {"PATH": f"{folder}:{os.environ['PATH']}", "DISPLAY": ":99"}
 
 
-def test_without_deploy_a_node_shows_its_output_in_a_window_of_its_own(
+def test_without_deploy_a_node_has_its_own_output_window(
     ros: Ros, package: Path, xterm: dict[str, str], tmp_path: Path
 ) -> None:
     program = launch(ros, package, deploy=False, env=xterm, talker="echo words; exec sleep 100")
@@ -91,7 +91,7 @@ def test_without_deploy_a_node_shows_its_output_in_a_window_of_its_own(
     assert "words" not in program.output
 
 
-def test_a_mistake_in_the_configuration_is_shown_where_the_launch_was_started(
+def test_configuration_error_is_printed_where_the_launch_was_started(
     ros: Ros, package: Path, xterm: dict[str, str]
 ) -> None:
     program = launch(ros, package, deploy=False, env=xterm, bad="echo 'no such scene: x.ttl' >&2; exit 78")
@@ -114,7 +114,7 @@ def test_without_deploy_and_without_display_the_output_stays_on_the_screen(ros: 
     ],
     ids=["workspace", "library", "primitive", "skill"],
 )
-def test_a_launch_that_names_what_is_not_there_says_so_and_starts_nothing(
+def test_launch_with_unknown_names_fails_before_any_node_starts(
     ros: Ros, arguments: dict[str, Any], culprit: str
 ) -> None:
     program = ros.launch("skiros2", "skiros.launch", gui=False, **arguments)
@@ -133,7 +133,7 @@ def test_a_launch_that_names_what_is_not_there_says_so_and_starts_nothing(
         ("broken.ttl", "broken.ttl, line 2: expected Turtle"),
     ],
 )
-def test_launch_warns_of_a_scene_that_cannot_be_read_and_starts(
+def test_launch_with_an_unreadable_scene_warns_and_starts(
     ros: Ros, tmp_path: Path, scene: str, culprit: str
 ) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix a: <urn:a#> .\na:b broken .\n")
@@ -145,7 +145,7 @@ def test_launch_warns_of_a_scene_that_cannot_be_read_and_starts(
     program.wait_for_line("the world model is ready")
 
 
-def test_reason_that_a_node_finds_is_the_last_line_of_the_launch(ros: Ros) -> None:
+def test_reason_of_a_failed_launch_is_its_last_line(ros: Ros) -> None:
     program = ros.launch("skiros2", "task_mgr.launch", deploy=True, max_replans="many")
     program.wait()
     reason = "/tm: parameter /tm/max_replans is 'many', expected a number of plans"
@@ -198,7 +198,7 @@ def test_without_deploy_each_node_has_an_xterm(
     assert "cannot load font" not in program.output
 
 
-def test_without_a_display_the_launch_says_so_in_one_line_and_goes_on(ros: Ros) -> None:
+def test_launch_without_a_display_warns_and_continues(ros: Ros) -> None:
     without = {key: value for key, value in ros.master.env.items() if key not in ("DISPLAY", "QT_QPA_PLATFORM")}
     window = ros.program("rosrun", "skiros2_gui", "skiros_gui", "--launched", env=without)
     window.wait_for_line("there is no display to open the window on")

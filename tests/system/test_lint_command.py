@@ -1,4 +1,4 @@
-"""`rosrun skiros2_skill lint`, as it is called in CI: no master, no world model."""
+"""`rosrun skiros2_skill lint` without a master and a world model, as in CI."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_the_installed_libraries_have_no_faults() -> None:
     assert (done.stdout, done.stderr, done.returncode) == ("0 errors, 0 warnings\n", "", 0)
 
 
-def test_faults_are_told_with_file_and_line_from_here() -> None:
+def test_faults_have_a_relative_file_and_line() -> None:
     done = lint("faulty_skills")
     assert done.returncode == 1
     *lines, summary = done.stdout.splitlines()
@@ -39,7 +39,7 @@ def test_faults_as_json() -> None:
     assert {"severity", "code", "skill", "text", "file", "line", "done"} == set(faults[0])
 
 
-def test_a_package_that_is_not_there_is_wrong_usage() -> None:
+def test_missing_package_is_a_usage_error() -> None:
     done = lint("nobodys_skills")
     assert (done.stderr, done.returncode) == (
         "lint: library 'nobodys_skills': there is no Python package of that name\n",

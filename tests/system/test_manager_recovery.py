@@ -1,4 +1,4 @@
-"""Skill managers that are killed, stopped for a while and started anew: what the world model and others do."""
+"""Skill managers that are killed, suspended and restarted."""
 
 from __future__ import annotations
 
@@ -180,13 +180,13 @@ def layer() -> Iterator[SkillLayerInterface]:
 # -- a manager that dies -----------------------------------------------------------------------------------------------
 
 
-def test_a_manager_that_is_killed_leaves_the_world_model(cell: Cell, ros: Ros) -> None:
+def test_killed_manager_is_removed_from_the_world_model(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node(ROBOT)
     cell.has_buried()
 
 
-def test_one_that_ends_in_order_has_nothing_left_to_be_done(cell: Cell, ros: Ros) -> None:
+def test_last_will_is_empty_after_a_clean_shutdown(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     cell.manager.interrupt()
     cell.manager.wait()
@@ -196,7 +196,7 @@ def test_one_that_ends_in_order_has_nothing_left_to_be_done(cell: Cell, ros: Ros
     assert cell.was_never_buried()
 
 
-def test_one_that_is_stopped_for_a_while_goes_on(cell: Cell) -> None:
+def test_suspended_manager_continues(cell: Cell) -> None:
     cell.moves_for_long()
     process = cell.ros.master.node_pid(ROBOT)
     os.kill(process, signal.SIGSTOP)
@@ -210,7 +210,7 @@ def test_one_that_is_stopped_for_a_while_goes_on(cell: Cell) -> None:
     assert cell.was_never_buried()
 
 
-def test_others_see_no_more_of_it_and_nothing_is_planned_with_its_skills(
+def test_skills_of_a_killed_manager_are_gone_for_clients_and_planning(
     cell: Cell, ros: Ros, layer: SkillLayerInterface
 ) -> None:
     ros.run("skiros2_task", "task_manager_node", name="tm")
@@ -230,7 +230,7 @@ def test_others_see_no_more_of_it_and_nothing_is_planned_with_its_skills(
     assert plan(goal) == PLAN
 
 
-def test_that_is_so_too_while_simulated_time_stands_still(ros: Ros, tmp_path: Path) -> None:
+def test_killed_manager_is_noticed_while_simulated_time_is_paused(ros: Ros, tmp_path: Path) -> None:
     ros.master.set_parameter("/use_sim_time", True)
     cell = Cell(ros, tmp_path)
     cell.start_manager()
@@ -272,7 +272,7 @@ def plan(goal: str) -> int:
 # -- and comes back ----------------------------------------------------------------------------------------------------
 
 
-def test_a_manager_that_is_started_anew_is_there_once_and_works(ros: Ros, tmp_path: Path) -> None:
+def test_restarted_manager_is_registered_once_and_works(ros: Ros, tmp_path: Path) -> None:
     cell = Cell(ros, tmp_path)
     ros.launch(
         "skiros2", "skill_mgr.launch", robot_name=ROBOT[1:], deploy=True, env=cell.env, libraries_list="[arm_skills]",
@@ -287,7 +287,7 @@ def test_a_manager_that_is_started_anew_is_there_once_and_works(ros: Ros, tmp_pa
         assert cell.works()
 
 
-def test_clients_know_another_life_from_the_former_one(cell: Cell, ros: Ros, layer: SkillLayerInterface) -> None:
+def test_clients_distinguish_a_restarted_manager(cell: Cell, ros: Ros, layer: SkillLayerInterface) -> None:
     wait_until(lambda: ROBOT in layer.agents, what="the manager")
     former = layer.agents[ROBOT]
     wait_until(lambda: former._monitor_sub.get_num_connections(), what="the connection to the manager")
@@ -307,7 +307,7 @@ def is_other_process(ros: Ros, process: int) -> bool:
         return False
 
 
-def test_one_that_was_started_anew_before_its_end_was_noticed_frees_its_locks(cell: Cell, ros: Ros) -> None:
+def test_quickly_restarted_manager_frees_its_locks(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     world_model = ros.master.node_pid("/wm")
     os.kill(world_model, signal.SIGSTOP)
@@ -331,7 +331,7 @@ def is_there(ros: Ros) -> bool:
 # -- a world model that dies -------------------------------------------------------------------------------------------
 
 
-def test_a_manager_that_dies_while_the_world_model_is_away_is_taken_away_afterwards(cell: Cell, ros: Ros) -> None:
+def test_manager_that_dies_without_world_model_is_removed_later(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node("/wm")
     ros.kill_node(ROBOT)
@@ -339,7 +339,7 @@ def test_a_manager_that_dies_while_the_world_model_is_away_is_taken_away_afterwa
     cell.has_buried()
 
 
-def test_a_world_model_that_goes_on_from_its_journal_takes_no_living_manager_away(cell: Cell, ros: Ros) -> None:
+def test_recovered_world_model_keeps_running_managers(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node("/wm")
     cell.start_world_model()
@@ -352,7 +352,7 @@ def test_a_world_model_that_goes_on_from_its_journal_takes_no_living_manager_awa
     cell.has_buried()
 
 
-def test_one_that_begins_anew_hears_from_its_managers_what_to_do(cell: Cell, ros: Ros) -> None:
+def test_blank_world_model_receives_the_last_wills_again(cell: Cell, ros: Ros) -> None:
     ros.master.set_parameter("/wm/journal_recover", "never")
     ros.kill_node("/wm")
     cell.start_world_model()
@@ -366,7 +366,7 @@ def test_one_that_begins_anew_hears_from_its_managers_what_to_do(cell: Cell, ros
     cell.has_buried()
 
 
-def test_a_release_that_a_world_model_missed_is_made_good(cell: Cell, ros: Ros) -> None:
+def test_missed_release_of_a_lock_is_repeated(cell: Cell, ros: Ros) -> None:
     cell.moves_for_long()
     ros.kill_node("/wm")
     heard = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
@@ -382,7 +382,7 @@ def test_a_release_that_a_world_model_missed_is_made_good(cell: Cell, ros: Ros) 
 # -- the service -------------------------------------------------------------------------------------------------------
 
 
-def test_a_will_that_makes_no_sense_is_refused(ros: Ros, tmp_path: Path) -> None:
+def test_invalid_last_will_is_rejected(ros: Ros, tmp_path: Path) -> None:
     Cell(ros, tmp_path)
     leave: Callable[..., Any] = ros.service("/wm/last_will", srvs.WmLastWill)
     fitting = msgs.WmBequest(key=HOLDER, value="/me")

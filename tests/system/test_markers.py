@@ -1,4 +1,4 @@
-"""The elements of a scene in rviz, on real nodes: what is sent, an element that is dragged, and what is to be seen."""
+"""Elements of a scene in rviz: markers, dragging and drawing."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def x_of(world: WorldModelInterface, eid: str) -> float:
     return pose.position[0]
 
 
-def test_who_subscribes_gets_all_and_then_what_changes(ros: Ros, world: WorldModelInterface) -> None:
+def test_subscriber_receives_all_markers_and_then_changes(ros: Ros, world: WorldModelInterface) -> None:
     ros.run("skiros2_gui", "markers_node", name="markers")
     early = ros.messages("/skiros/markers", MarkerArray)
     told = early.wait_for(lambda m: {"Product A", "Tray B"} <= {marker.text for marker in m.markers})
@@ -125,7 +125,7 @@ def test_who_subscribes_gets_all_and_then_what_changes(ros: Ros, world: WorldMod
     late.wait_for(lambda m: "Later" in {marker.text for marker in m.markers})
 
 
-def test_the_element_is_where_its_marker_was_dragged_to(world: WorldModelInterface, drag: Drag) -> None:
+def test_dragged_marker_moves_the_element(world: WorldModelInterface, drag: Drag) -> None:
     path = [step / 100 for step in range(1, 31)]
     drag.over(drag.marker(PRODUCT), path)
     wait_until(lambda: x_of(world, PRODUCT) == 0.3, what="the product where it was dragged to")
@@ -134,7 +134,7 @@ def test_the_element_is_where_its_marker_was_dragged_to(world: WorldModelInterfa
     assert drag.marker(PRODUCT, 0.3).header.frame_id == TRAY
 
 
-def test_rviz_opens_with_the_system_and_draws_its_elements(ros: Ros) -> None:
+def test_rviz_starts_with_the_system_and_draws_elements(ros: Ros) -> None:
     with Display() as display:
         env = {**ros.master.env, **display.env}
         nodes = dict.fromkeys(("gui", "skill_mgr_on", "task_mgr_on"), False)
@@ -153,7 +153,7 @@ def green(display: Display) -> float:
     return float(np.mean((greens > red + 15) & (greens > blue + 15)))
 
 
-def test_rviz_within_the_window_draws_what_is_selected_there(
+def test_embedded_rviz_draws_the_selection(
     ros: Ros, world: WorldModelInterface, tmp_path: Path
 ) -> None:
     with Display() as display:

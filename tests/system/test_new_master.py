@@ -1,4 +1,4 @@
-"""A ROS master that is killed and started anew, with real nodes: all go on, none has to be started again."""
+"""All nodes continue with a restarted ROS master."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Client:
         self._process.communicate()
 
 
-def test_nodes_and_clients_go_on_with_a_new_master(cell: Ros, client: Client) -> None:
+def test_nodes_and_clients_continue_with_a_new_master(cell: Ros, client: Client) -> None:
     client.ask("add before")
     wait_until(lambda: client.ask("skills") == {ROBOT: ["counter"]}, what="the manager's skills")
     registered = cell.master.registrations(NODES)
@@ -113,7 +113,7 @@ def test_nodes_and_clients_go_on_with_a_new_master(cell: Ros, client: Client) ->
         newcomer.close()
 
 
-def test_a_world_model_that_is_killed_after_a_new_master_came_is_found_again(
+def test_world_model_killed_after_a_new_master_is_found_again(
     cell: Ros, client: Client, tmp_path: Path
 ) -> None:
     registered = cell.master.registrations(NODES)

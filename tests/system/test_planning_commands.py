@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_task`, with a world model that runs and without."""
+"""The commands of `rosrun skiros2_task`, with and without a world model."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run(ros: Ros, tmp_path: Path) -> Run:
     return run
 
 
-def test_goals_are_planned_for_in_the_running_world_model_which_stays_as_it_is(run: Run, world: PlanningWorld) -> None:
+def test_planning_does_not_change_the_running_world_model(run: Run, world: PlanningWorld) -> None:
     before = {e.id: e.printState(verbose=True) for e in world.wm.resolve_elements(Element())}
     goal = f"(skiros:contain {world.places[1]} {world.products[0]})"
     planned = run("plan", goal)
@@ -54,7 +54,7 @@ def test_goals_are_planned_for_in_the_running_world_model_which_stays_as_it_is(r
     assert {e.id: e.printState(verbose=True) for e in world.wm.resolve_elements(Element())} == before
 
 
-def test_a_robot_is_planned_for_alone(run: Run, world: PlanningWorld) -> None:
+def test_plan_for_a_single_robot(run: Run, world: PlanningWorld) -> None:
     goal = f"(skiros:contain {world.places[1]} {world.products[0]})"
     planned = json.loads(run("plan", goal, "--robot", "beta", "--json").stdout)
     assert {step["robot"] for step in planned["steps"]} == {"/beta"}
@@ -63,7 +63,7 @@ def test_a_robot_is_planned_for_alone(run: Run, world: PlanningWorld) -> None:
     assert unknown.stderr == "plan: no robot /gamma offers skills; there are: /alpha, /beta\n"
 
 
-def test_why_there_is_no_plan_is_told(run: Run, world: PlanningWorld) -> None:
+def test_plan_command_explains_why_there_is_no_plan(run: Run, world: PlanningWorld) -> None:
     for robot, gripper in zip(world.robots, world.grippers, strict=True):
         world.wm.set_relation(robot, "skiros:hasA", gripper, False)
     explained = run("explain", f"(skiros:contain {world.places[1]} {world.products[0]})")
@@ -73,13 +73,13 @@ def test_why_there_is_no_plan_is_told(run: Run, world: PlanningWorld) -> None:
     assert explained.stdout.splitlines()[first].startswith("  (skiros:hasA ")
 
 
-def test_skills_are_shown_as_planning_understands_them(run: Run, world: PlanningWorld) -> None:
+def test_domain_command_shows_the_actions_of_skills(run: Run, world: PlanningWorld) -> None:
     shown = run("domain")
     assert (shown.returncode, shown.stderr) == (0, "")
     assert "skiros:Drive (drive) of /alpha, /beta" in shown.stdout.splitlines()
 
 
-def test_without_a_world_model_it_is_said(run: Run) -> None:
+def test_command_without_a_world_model_fails_with_a_message(run: Run) -> None:
     for command in ("plan", "preview", "explain", "domain"):
         refused = run(command, "(a b)")
         assert (refused.returncode, refused.stdout) == (3, "")

@@ -1,4 +1,4 @@
-"""Recording a run from before there is a master, and in its middle; putting it back; playing what others recorded."""
+"""Recording a run, from before the master or later; restoring it; playing foreign bags."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _label(bag: Path) -> str:
     return node.label if node is not None else ""
 
 
-def test_from_before_the_master_nothing_is_missing(recorded: Recorded) -> None:
+def test_recorder_started_before_the_master_misses_nothing(recorded: Recorded) -> None:
     run = recorded.whole
     assert run.damage == ""
     assert [f.text for f in check(run) if not f.holds] == []
@@ -120,7 +120,7 @@ def test_from_before_the_master_nothing_is_missing(recorded: Recorded) -> None:
     assert "move_base_timed" in parameters.content.data
 
 
-def test_the_run_is_in_the_bag(recorded: Recorded) -> None:
+def test_bag_contains_the_run(recorded: Recorded) -> None:
     run = recorded.whole
     (goal,) = run.goals()
     assert (goal.goals, goal.state) == (GOAL, "succeeded")
@@ -131,7 +131,7 @@ def test_the_run_is_in_the_bag(recorded: Recorded) -> None:
     assert run.world().related(ROBOT_ID, "skiros:at", WORKSTATION)
 
 
-def test_a_recorder_that_comes_late_asks_for_the_scene(recorded: Recorded) -> None:
+def test_late_recorder_requests_the_scene(recorded: Recorded) -> None:
     run = recorded.late
     first, *others = run.changes()
     assert (first.change.author, first.change.action) == ("recorder", "reset")
@@ -140,7 +140,7 @@ def test_a_recorder_that_comes_late_asks_for_the_scene(recorded: Recorded) -> No
     assert run.world().node(ROBOT_ID).label == "Robbie"
 
 
-def test_a_launch_file_records_what_it_starts(recorded: Recorded) -> None:
+def test_launch_file_records_its_run(recorded: Recorded) -> None:
     run = recorded.launched
     assert run.damage == ""
     assert [timed.gap for timed in run.changes() if timed.gap] == []
@@ -148,12 +148,12 @@ def test_a_launch_file_records_what_it_starts(recorded: Recorded) -> None:
     assert len(run.changes()) > len(recorded.whole.changes())  # it saw the end
 
 
-def test_a_running_world_model_is_made_as_it_was(recorded: Recorded) -> None:
+def test_restore_sets_a_running_world_model_to_a_past_state(recorded: Recorded) -> None:
     assert "0 added, 1 changed, 0 removed" in recorded.restored
     assert recorded.place.strip() == STATION
 
 
-def test_what_others_recorded_plays_to_whoever_listens(ros: Ros, tmp_path: Path) -> None:
+def test_foreign_bag_can_be_played(ros: Ros, tmp_path: Path) -> None:
     recorder = ros.run("skiros2_bags", "record", "-o", str(tmp_path / "again.bag"), "--robots", ROBOT)
     recorder.wait_for_line("recording to")
     options = ("--quiet", "--rate", "10", "--wait-for-subscribers")

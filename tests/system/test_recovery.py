@@ -1,4 +1,4 @@
-"""A world model that is killed or gets another scene while skill managers run: they are in it again by themselves."""
+"""Skill managers register again after the world model was killed or loaded another scene."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def runs_a_task(ros: Ros, robot: SkillManagerInterface) -> bool:
     return bool(last.progress[0].state == msgs.SkillProgress.SUCCESS)
 
 
-def test_a_manager_is_in_a_world_model_that_was_killed_and_knows_nothing(
+def test_manager_registers_again_with_a_blank_world_model(
     ros: Ros, start: Callable[..., None], wmi: WorldModelInterface, robot: SkillManagerInterface
 ) -> None:
     ros.kill_node("/wm")
@@ -89,7 +89,7 @@ def test_a_manager_is_in_a_world_model_that_was_killed_and_knows_nothing(
     assert runs_a_task(ros, robot)
 
 
-def test_a_manager_is_in_a_scene_that_was_loaded_while_it_ran(
+def test_manager_registers_again_after_a_scene_is_loaded(
     ros: Ros, wmi: WorldModelInterface, robot: SkillManagerInterface, tmp_path: Path
 ) -> None:
     (tmp_path / "cell.ttl").write_text(
@@ -101,7 +101,7 @@ def test_a_manager_is_in_a_scene_that_was_loaded_while_it_ran(
     assert runs_a_task(ros, robot)
 
 
-def test_a_world_model_that_goes_on_from_its_journal_has_its_managers_as_they_were(
+def test_recovered_world_model_keeps_its_managers(
     ros: Ros, start: Callable[..., None]
 ) -> None:
     start()
@@ -125,7 +125,7 @@ def looks_whether_it_is_registered() -> bool:
     return any(thread.name == "register" for thread in threading.enumerate())
 
 
-def test_a_manager_that_did_not_hear_of_the_new_scene_sees_the_gap(ros_master: Any) -> None:
+def test_manager_that_missed_a_load_notices_the_gap(ros_master: Any) -> None:
     wmi = LocalWorldModel("tests")
     manager = SkillManager("test_robot", wmi=wmi)
     manager.load(["skiros2_std_skills"], ["wait"])

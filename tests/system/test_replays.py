@@ -113,7 +113,7 @@ def played(kind: str, change: Planted | None, folder: Path) -> tuple[int, str]:
         ("world_model", [(None, 0, "as recorded"), (WORLD_MODEL, 1, "skiros:at")]),
     ],
 )
-def test_a_replay_finds_what_was_changed_and_nothing_else(
+def test_replay_finds_exactly_the_planted_changes(
     kind: str, cases: list[tuple[Planted | None, int, str]], tmp_path: Path
 ) -> None:
     with ThreadPoolExecutor(2) as pool:
@@ -130,7 +130,7 @@ def test_a_replay_finds_what_was_changed_and_nothing_else(
     ],
     ids=["program", "pytest"],
 )
-def test_a_replay_that_is_told_to_end_takes_its_nodes_with_it(
+def test_terminated_replay_ends_its_nodes(
     arguments: tuple[str, ...], number: int, status: int, tmp_path: Path
 ) -> None:
     temporary = tmp_path / "tmp"

@@ -1,4 +1,4 @@
-"""The program that takes the pictures of the window for the README."""
+"""The program that takes the screenshots for the README."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def start(folder: Path) -> Program:
     return Program(["rosrun", "skiros2_gui", "screenshots", str(folder / "pictures")], env)
 
 
-def test_it_shows_each_tab_during_a_run(tmp_path: Path) -> None:
+def test_screenshots_show_each_tab_during_a_run(tmp_path: Path) -> None:
     program = start(tmp_path)
     assert program.wait(100.0) == 0, program.output
     for name in PICTURES:
@@ -38,7 +38,7 @@ def test_it_shows_each_tab_during_a_run(tmp_path: Path) -> None:
         assert is_dark == (name in ("dark", "rviz"))
 
 
-def test_told_to_end_it_takes_all_that_it_has_started_with_it(tmp_path: Path) -> None:
+def test_terminated_screenshot_program_ends_its_processes(tmp_path: Path) -> None:
     program = start(tmp_path)
     program.wait_for_line("QStandardPaths|skiros")
     family = descendants(program.pid)

@@ -1,4 +1,4 @@
-"""The skills of the simulated robot on real nodes: by their own commands, with poses that come by tf."""
+"""The skills of the simulated robot, with poses from tf."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROBOT = "/mobile_manipulator"
 PRODUCT, GRIPPER, STATION_1 = "skiros:Product-14", "rparts:GripperEffector-4", "demo:Workstation-6"
 
 
-def test_what_is_picked_goes_where_the_gripper_goes_until_it_is_lost(ros: Ros) -> None:
+def test_picked_object_follows_the_gripper_until_it_is_lost(ros: Ros) -> None:
     ros.launch("skiros2_sim_skills", "demo.launch", gui=False, rate=4.0)
     ros.service(f"{ROBOT}/command", srvs.SkillCommand)
     get_pose = ros.service("/sim/get_pose", GetPose)

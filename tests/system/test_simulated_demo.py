@@ -1,4 +1,4 @@
-"""The demo in the simulated world, as `make demo` runs it, and what disturbs it: the goal is reached all the same."""
+"""The demo with physics, as `make demo` runs it, with and without disturbances."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def proven(shown: str) -> None:
 
 
 @pytest.mark.timeout(180)
-def test_a_product_gets_into_the_other_tray_in_the_world_model_and_in_truth(run: DemoRun) -> None:
+def test_product_is_in_the_other_tray_in_world_model_and_simulator(run: DemoRun) -> None:
     program = run.start("--seed", "3")
     program.wait_for_line("The tree as it runs", 60)
     run.family = descendants(program.pid)
@@ -63,7 +63,7 @@ def test_a_product_gets_into_the_other_tray_in_the_world_model_and_in_truth(run:
 
 
 @pytest.mark.timeout(240)  # three plans, on a machine that is busy
-def test_disturbances_are_noticed_and_the_goal_is_reached_on_another_way(run: DemoRun) -> None:
+def test_goal_is_reached_despite_disturbances(run: DemoRun) -> None:
     status, shown = run.end("--no-pictures", "--disturb", "moved", "--disturb", "slip", "--seed", "5", timeout=200)
     assert status == 0, shown
     moved, slipped = (shown.index(f"  ! {told}\n") for told in (MOVED, SLIPPED))
@@ -74,7 +74,7 @@ def test_disturbances_are_noticed_and_the_goal_is_reached_on_another_way(run: De
     proven(shown)
 
 
-def test_ctrl_c_while_the_robot_drives_ends_everything_in_order(run: DemoRun) -> None:
+def test_ctrl_c_while_driving_ends_all_processes_in_order(run: DemoRun) -> None:
     program = run.start("--no-pictures")
     program.wait_for_line("▶ drive", 60)
     run.family = descendants(program.pid)
@@ -84,7 +84,7 @@ def test_ctrl_c_while_the_robot_drives_ends_everything_in_order(run: DemoRun) ->
     wait_until(run.nothing_left, 5)
 
 
-def test_a_window_or_a_disturbance_without_a_simulated_world_is_refused(run: DemoRun) -> None:
+def test_window_and_disturbance_require_the_simulator(run: DemoRun) -> None:
     status, shown = run.end("--timed", "--disturb", "slip")
     assert status == 2
     assert "--timed has no simulated world to disturb or to show" in shown

@@ -1,4 +1,4 @@
-"""The actions of simulated robots: what drivers offer, on a simulator's node."""
+"""The actions of simulated robots."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def drive(sim: SimulatorClient, target: Any) -> Request:
 # -- goals that are reached -------------------------------------------------------------------------------------------
 
 
-def test_an_arm_follows_a_trajectory_and_tells_of_it(sim: SimulatorClient) -> None:
+def test_arm_follows_a_trajectory_with_feedback(sim: SimulatorClient) -> None:
     request = move_arm(sim)
     request.wait_until_active()
     with sim.running():
@@ -148,7 +148,7 @@ def test_a_base_drives_to_a_place_in_any_frame(sim: SimulatorClient) -> None:
 # -- goals that end before their time ---------------------------------------------------------------------------------
 
 
-def test_a_new_goal_takes_the_place_of_the_old_one(sim: SimulatorClient) -> None:
+def test_new_goal_replaces_the_old_one(sim: SimulatorClient) -> None:
     first = move_arm(sim)
     first.wait_until_active()
     sim.step(120)
@@ -159,7 +159,7 @@ def test_a_new_goal_takes_the_place_of_the_old_one(sim: SimulatorClient) -> None
         assert second.wait().error_code == FollowJointTrajectoryResult.SUCCESSFUL
 
 
-def test_a_goal_that_is_cancelled_ends_with_the_device_at_rest(sim: SimulatorClient) -> None:
+def test_cancelled_goal_ends_with_the_device_at_rest(sim: SimulatorClient) -> None:
     for send in (lambda: move_arm(sim), lambda: drive(sim, pose_stamped((1.0, 0.0, 0.0)))):
         request = send()
         request.wait_until_active()
@@ -195,7 +195,7 @@ def test_goals_are_aborted_when_the_world_is_reset(sim: SimulatorClient) -> None
     assert request.status == GoalStatus.ABORTED
 
 
-def test_a_trajectory_that_is_stepped_is_the_same_after_a_reset(sim: SimulatorClient) -> None:
+def test_stepped_trajectory_is_repeatable_after_a_reset(sim: SimulatorClient) -> None:
     def run() -> list[tuple[float, ...]]:
         sim.reset()
         way = []
@@ -236,7 +236,7 @@ REFUSED: dict[str, tuple[Send, str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_goals_that_cannot_be_are_rejected_with_the_reason_and_nothing_moves(
+def test_impossible_goals_are_rejected_without_motion(
     shared_sim: SimulatorClient, case: str
 ) -> None:
     send, reason = REFUSED[case]

@@ -1,4 +1,4 @@
-"""The simulator's node: what it publishes, its services, and how it ends."""
+"""The simulator node: topics, services, shutdown."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_clock_ticks_at_least_50_times_a_simulated_second_and_never_goes_bac
     assert end > begin + rospy.Duration(1)
 
 
-def test_joints_odometry_wrench_and_frames_tell_of_one_robot(ros: Ros, sim: SimulatorClient) -> None:
+def test_joints_odometry_wrench_and_frames_are_published(ros: Ros, sim: SimulatorClient) -> None:
     topics = (("joint_states", JointState), ("odom", Odometry), ("arm/wrench", WrenchStamped))
     joints, odometry, wrench = (ros.messages(f"/mobile_manipulator/{name}", kind) for name, kind in topics)
     transforms = Transforms()
@@ -80,7 +80,7 @@ def test_joints_odometry_wrench_and_frames_tell_of_one_robot(ros: Ros, sim: Simu
     assert transforms.find("mobile_manipulator/odom", "mobile_manipulator/camera") is not None
 
 
-def test_contacts_are_there_for_who_comes_later_and_told_when_they_change(ros: Ros, sim: SimulatorClient) -> None:
+def test_contacts_are_latched_and_published_on_change(ros: Ros, sim: SimulatorClient) -> None:
     sim.step(240)
     contacts = ros.messages("/sim/contacts", Contacts)
 
@@ -94,7 +94,7 @@ def test_contacts_are_there_for_who_comes_later_and_told_when_they_change(ros: R
     contacts.wait_for(lambda message: message.contacts and not lies_in_the_tray(message))
 
 
-def test_pictures_are_published_while_somebody_looks(ros: Ros, sim: SimulatorClient) -> None:
+def test_images_are_published_only_with_subscribers(ros: Ros, sim: SimulatorClient) -> None:
     colour = ros.messages("/mobile_manipulator/camera/color/image_raw", Image)
     depth = ros.messages("/mobile_manipulator/camera/depth/image_raw", Image)
     info = ros.messages("/mobile_manipulator/camera/depth/camera_info", CameraInfo)
@@ -111,12 +111,12 @@ def test_pictures_are_published_while_somebody_looks(ros: Ros, sim: SimulatorCli
 # -- time -------------------------------------------------------------------------------------------------------------
 
 
-def test_servers_are_not_silent_while_the_world_is_paused(ros: Ros, sim: SimulatorClient) -> None:
+def test_action_servers_publish_their_status_while_paused(ros: Ros, sim: SimulatorClient) -> None:
     status = ros.messages("/mobile_manipulator/move_base/status", GoalStatusArray)
     wait_until(lambda: len(status.all) > 3, what="status of an action")
 
 
-def test_a_run_that_is_stepped_is_the_same_after_a_reset(sim: SimulatorClient) -> None:
+def test_stepped_run_is_repeatable_after_a_reset(sim: SimulatorClient) -> None:
     def run(seed: int) -> list[tuple[float, ...]]:
         sim.reset(seed)
         assert sim.push(PRODUCT, Wrench(Vector3(4, 1, 0), Vector3()), rospy.Duration.from_sec(0.1)).ok
@@ -127,7 +127,7 @@ def test_a_run_that_is_stepped_is_the_same_after_a_reset(sim: SimulatorClient) -
     assert first == run(seed=5)
 
 
-def test_time_goes_on_by_itself_only_while_it_is_not_paused(sim: SimulatorClient) -> None:
+def test_time_advances_only_while_not_paused(sim: SimulatorClient) -> None:
     before = sim.step(0).stamp
     with sim.running():
         wait_until(lambda: sim.get_pose(ROBOT, "").pose.header.stamp > before + rospy.Duration(1), WAIT)
@@ -149,7 +149,7 @@ def test_poses_are_given_in_any_frame(sim: SimulatorClient) -> None:
     assert sim.position(PRODUCT) == pytest.approx((of_robot[0] + 1.0, of_robot[1], 0.05), abs=1e-4)
 
 
-def test_what_is_pushed_moves(sim: SimulatorClient) -> None:
+def test_pushed_body_moves(sim: SimulatorClient) -> None:
     sim.step(120)
     before = sim.position(PRODUCT)
     assert sim.push(PRODUCT, Wrench(Vector3(0, 0, 20), Vector3()), rospy.Duration.from_sec(0.1)).ok
@@ -157,7 +157,7 @@ def test_what_is_pushed_moves(sim: SimulatorClient) -> None:
     assert sim.position(PRODUCT)[2] > before[2] + 0.01
 
 
-def test_a_late_sensor_tells_what_was(ros: Ros, sim: SimulatorClient) -> None:
+def test_delayed_sensor_reports_the_past(ros: Ros, sim: SimulatorClient) -> None:
     joints = ros.messages("/mobile_manipulator/joint_states", JointState)
     wait_until(lambda: sim.step(24).ok and joints.all, WAIT, "joint states")
     assert sim.set_fault("late_sensor", ARM, True, 1.0, 0.0).ok
@@ -216,7 +216,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("service", "arguments", "reason"), REFUSED)
-def test_requests_that_cannot_be_are_answered_with_the_reason(
+def test_impossible_requests_are_rejected_with_the_reason(
     shared_sim: SimulatorClient, service: str, arguments: tuple[Any, ...], reason: str
 ) -> None:
     answer = getattr(shared_sim, service)(*arguments)
@@ -242,7 +242,7 @@ def other(other_master: RosMaster) -> Iterator[Ros]:
 
 
 @pytest.mark.parametrize("arguments", [{"rate": -1.0}, {"scene": "nothing.ttl"}], ids=["rate", "scene"])
-def test_a_parameter_that_cannot_be_ends_the_node_with_one_line(other: Ros, arguments: dict[str, Any]) -> None:
+def test_invalid_parameter_ends_the_node_with_one_line(other: Ros, arguments: dict[str, Any]) -> None:
     params = {"workspace": str(WORKSPACE), "scene": SCENE} | arguments
     program = other.run("skiros2_sim", "simulator_node", name="sim", params=params)
     assert program.wait(WAIT) == EXIT_CONFIGURATION
@@ -250,7 +250,7 @@ def test_a_parameter_that_cannot_be_ends_the_node_with_one_line(other: Ros, argu
     assert "Traceback" not in program.output
 
 
-def test_without_a_display_and_with_a_broken_scene_it_runs_and_ends_when_it_is_told(other: Ros, tmp_path: Path) -> None:
+def test_simulator_with_a_broken_scene_and_no_display_runs_until_terminated(other: Ros, tmp_path: Path) -> None:
     text = (WORKSPACE / SCENE).read_text()
     for right, wrong in (
         ("franka_panda/panda.urdf", "nowhere.urdf"),

@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_skill` on real nodes: the robot of the demo, with compounds that drive and pick."""
+"""The commands of `rosrun skiros2_skill` on the robot of the demo."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_skills_are_listed_and_described(run: Run) -> None:
     assert (missing.returncode, missing.stderr) == (1, "describe: there is no skill 'pik'; did you mean 'pick'?\n")
 
 
-def test_skills_run_in_a_row_with_elements_by_label_and_others_see_it(run: Run, start: Start, ros: Ros) -> None:
+def test_skills_run_in_sequence_with_elements_by_label(run: Run, start: Start, ros: Ros) -> None:
     watching = start("watch")
     as_json = start("watch", "--json")
     watchers = ros.master.subscribers(f"{ROBOT}/monitor")
@@ -102,7 +102,7 @@ def test_skills_run_in_a_row_with_elements_by_label_and_others_see_it(run: Run, 
         assert program.wait() == 0
 
 
-def test_a_failure_is_explained_at_once_and_afterwards(run: Run) -> None:
+def test_failure_is_explained_at_once_and_later(run: Run) -> None:
     failed = run("run", "place", "Object=Product A", "Container=Tray B")
     assert failed.returncode == 1
     task = re.search(r"^task (\d+) has failed after", failed.stdout, re.M)
@@ -117,7 +117,7 @@ def test_a_failure_is_explained_at_once_and_afterwards(run: Run) -> None:
     assert (explained["type"], explained["label"], explained["code"]) == ("skiros:Place", "place", -1)
 
 
-def test_what_does_not_fit_is_refused_before_anything_runs(run: Run) -> None:
+def test_invalid_arguments_are_rejected_before_the_start(run: Run) -> None:
     for arguments, told in (
         (["wm_set_properties"], "wm_set_properties needs Properties (dict"),
         (["wait", "Duration=soon"], "wait, parameter Duration: 'soon' is no float"),
@@ -142,12 +142,12 @@ def test_a_task_is_paused_ticked_once_resumed_and_stopped(run: Run, start: Start
     assert shown[0] == f"task {task} on {ROBOT}: running: paused"
     assert shown[1].startswith("▶ wait  running")
     assert run("step").stdout == f"task {task} was ticked once\n"
-    assert run("resume").stdout == f"task {task} goes on\n"
+    assert run("resume").stdout == f"task {task} is resumed\n"
     again = run("resume", task)
     assert (again.returncode, again.stdout) == (1, "")
     assert "runs already" in again.stderr
     assert json.loads(run("watch", task, "--once", "--json").stdout)[0]["message"] == ""
-    assert run("stop", task).stdout == f"task {task} is told to end\n"
+    assert run("stop", task).stdout == f"task {task} is being preempted\n"
     watching.wait_for_line(f"task {task} on {ROBOT}: failure: Preempted")
     assert watching.wait() == 1
     for name in ("stop", "pause", "resume", "step", "watch"):
@@ -155,7 +155,7 @@ def test_a_task_is_paused_ticked_once_resumed_and_stopped(run: Run, start: Start
         assert (gone.returncode, gone.stdout, gone.stderr.count("\n")) == (1, "", 1), gone
 
 
-def test_a_task_pauses_at_a_breakpoint_and_goes_on(run: Run, start: Start) -> None:
+def test_task_pauses_at_a_breakpoint_and_resumes(run: Run, start: Start) -> None:
     added = run("breakpoint", "add", "node", "Wait")
     number = re.fullmatch(r"breakpoint (\d+): node Wait start\n", added.stdout)
     assert number, added
@@ -163,7 +163,7 @@ def test_a_task_pauses_at_a_breakpoint_and_goes_on(run: Run, start: Start) -> No
     task = task_of(run("run", "wait", "Duration=0.1", "wait", "Duration=60", "--detach"))
     paused = f"running: paused at breakpoint {number[1]}: before the start of skiros:Wait"
     wait_until(lambda: paused in run("watch", task, "--once").stdout, what="a task that is paused")
-    assert run("breakpoint", "remove", number[1]).stdout == f"breakpoint {number[1]} is gone\n"
+    assert run("breakpoint", "remove", number[1]).stdout == f"breakpoint {number[1]} is removed\n"
     assert run("breakpoint").stdout == "no breakpoints\n"
     watching = start("watch", task)
     watching.wait_for_line("task")
@@ -173,7 +173,7 @@ def test_a_task_pauses_at_a_breakpoint_and_goes_on(run: Run, start: Start) -> No
     assert run("breakpoint", "remove", number[1]).returncode == 1
 
 
-def test_ctrl_c_preempts_what_runs(run: Run, start: Start) -> None:
+def test_ctrl_c_preempts_the_task(run: Run, start: Start) -> None:
     running = start("run", "wait", "Duration=60")
     task = running.wait_for_line(r"task (\d+) on")[1]
     running.wait_for_line("▶ wait")
@@ -200,7 +200,7 @@ def test_a_terminal_shows_a_live_tree_with_hold_conditions(run: Run, ros_master:
     assert re.search(r"\x1b\[\d+A\x1b\[J", terminal.written), "it is drawn anew in place"
 
 
-def test_several_managers_have_to_be_told_apart_and_a_killed_one_is_noticed(run: Run, ros: Ros, start: Start) -> None:
+def test_several_managers_require_a_name_and_a_killed_one_is_noticed(run: Run, ros: Ros, start: Start) -> None:
     params = {"libraries_list": ["skiros2_std_skills"], "primitive_list": ["wait"]}
     ros.run("skiros2_skill", "skill_manager_node", name="test_robot", params=params)
     ros.service("/test_robot/command", srvs.SkillCommand)
@@ -227,12 +227,12 @@ def test_several_managers_have_to_be_told_apart_and_a_killed_one_is_noticed(run:
 
 
 @pytest.mark.parametrize("name", ["list", "watch", "stop", "why"])
-def test_without_a_master_it_says_so_in_one_line(run: Run, name: str) -> None:
+def test_command_without_a_master_fails_with_one_line(run: Run, name: str) -> None:
     lonely = run(name, ROS_MASTER_URI="http://localhost:1")
     assert (lonely.returncode, lonely.stdout, lonely.stderr.count("\n")) == (3, "", 1)
 
 
-def test_a_master_without_managers_is_told(run: Run, tmp_path: Path) -> None:
+def test_command_without_managers_fails_with_a_message(run: Run, tmp_path: Path) -> None:
     with RosMaster(tmp_path) as empty:
         alone = run("list", ROS_MASTER_URI=empty.uri)
     assert (alone.returncode, alone.stderr) == (3, f"list: there is no skill manager on the master {empty.uri}\n")

@@ -1,4 +1,4 @@
-"""Skill managers as real nodes: what they offer, tasks, commands, several robots in one world."""
+"""Skill manager nodes: services, tasks, commands, several robots."""
 
 import json
 
@@ -53,13 +53,13 @@ def command(ros, **request):
     return ros.service(f"{ROBOT}/command", srvs.SkillCommand)(author="tests", **request)
 
 
-def test_a_manager_tells_its_skills_with_their_parameters(robot):
+def test_manager_lists_its_skills_with_parameters(robot):
     holder = robot.get_skill("wait")
     assert holder.type == "skiros:Wait"
     assert list(holder.ph.keys()) == ["Duration", "Robot"]
 
 
-def test_a_task_runs_to_its_end_and_its_last_message_says_so(robot, progress):
+def test_last_progress_message_has_the_final_state(robot, progress):
     task = robot.execute(skill_list=[skill(robot, "counter", CountTarget=3)])
     last = end_of(progress, task)
     root, counter = last.progress
@@ -67,7 +67,7 @@ def test_a_task_runs_to_its_end_and_its_last_message_says_so(robot, progress):
     assert (counter.label, counter.state, counter.parent_id) == ("counter", msgs.SkillProgress.SUCCESS, root.id)
 
 
-def test_parameters_travel_when_debugging(ros, robot, progress):
+def test_progress_contains_parameters_in_debug_mode(ros, robot, progress):
     robot.set_debug(True)
 
     def has_parameters():
@@ -78,7 +78,7 @@ def test_parameters_travel_when_debugging(ros, robot, progress):
     assert {p["key"]: p["values"] for p in params}["CountTarget"] == [2]
 
 
-def test_two_tasks_run_at_once_and_stopping_one_leaves_the_other(robot, progress):
+def test_stopping_one_of_two_tasks_keeps_the_other(robot, progress):
     first = robot.execute(skill_list=[skill(robot, "wait", Duration=60.0)])
     second = robot.execute(skill_list=[skill(robot, "counter", CountTarget=10)])
     assert first != second
@@ -90,7 +90,7 @@ def test_two_tasks_run_at_once_and_stopping_one_leaves_the_other(robot, progress
     assert ended.progress[0].progress_message == "Preempted"
 
 
-def test_a_task_that_was_stopped_can_be_run_again(robot, progress):
+def test_stopped_task_can_run_again(robot, progress):
     task = robot.execute(skill_list=[skill(robot, "wait", Duration=60.0)])
     robot.preempt_one(task)
     end_of(progress, task)
@@ -145,7 +145,7 @@ def test_a_skill_s_changes_reach_the_world_model(robot, progress):
         ),
     ],
 )
-def test_a_command_that_cannot_be_followed_is_answered_with_the_reason(ros, robot, request_, named):
+def test_invalid_command_is_rejected_with_the_reason(ros, robot, request_, named):
     with pytest.raises(rospy.ServiceException) as refused:
         command(ros, **request_)
     assert named in str(refused.value)
@@ -158,12 +158,12 @@ def test_after_a_refused_command_the_next_task_runs(ros, robot, progress):
     assert end_of(progress, task).progress[0].state == msgs.SkillProgress.SUCCESS
 
 
-def test_a_client_is_told_why_a_command_was_refused(robot):
+def test_client_receives_the_reason_of_a_refused_command(robot):
     assert not robot.preempt_one(4711)
     assert "no task 4711" in robot.last_error
 
 
-def test_the_skills_are_in_the_world_model_while_the_manager_runs_and_gone_after(ros):
+def test_skills_are_in_the_world_model_only_while_the_manager_runs(ros):
     ros.launch("skiros2", "world_model_server.launch", gui=False)
     manager = ros.launch(
         "skiros2", "skill_mgr.launch", libraries_list="[skiros2_std_skills]", primitive_list="[wait]"
@@ -179,7 +179,7 @@ def test_the_skills_are_in_the_world_model_while_the_manager_runs_and_gone_after
     assert wmi.resolve_elements(Element("skiros:Parameter")) == []
 
 
-def test_two_robots_in_one_world_ground_robot_each_to_itself(ros):
+def test_two_robots_bind_robot_each_to_itself(ros):
     ros.launch("skiros2_demo_skills", "demo.launch", gui=False)
     ros.service("/mobile_manipulator/command", srvs.SkillCommand)
     ros.launch(
@@ -207,7 +207,7 @@ def _robot_of_a_run(agent, heard):
     return params["Robot"].value if "Robot" in params else None
 
 
-def test_a_manager_that_ends_is_seen_to_be_gone(ros, robot):
+def test_ended_manager_is_gone_for_clients(ros, robot):
     layer = SkillLayerInterface("tests")
     try:
         wait_until(lambda: ROBOT in layer.agents, what="the manager")
@@ -229,7 +229,7 @@ def test_a_manager_that_ends_is_seen_to_be_gone(ros, robot):
         ({"robot_name": "nobody"}, "robot skiros:nobody: the scene has no cora:Robot with that label"),
     ],
 )
-def test_a_mistake_in_the_configuration_ends_the_launch_with_one_line_that_is_also_the_last(ros, arguments, named):
+def test_configuration_error_is_the_last_line_of_the_launch(ros, arguments, named):
     launch = ros.launch("skiros2", "skiros.launch", gui=False, task_mgr_on=False, **arguments)
     launch.wait_for_line(named.replace("[", r"\["))
     launch.wait()
@@ -238,7 +238,7 @@ def test_a_mistake_in_the_configuration_ends_the_launch_with_one_line_that_is_al
     assert "Traceback" not in launch.output
 
 
-def test_without_a_master_a_node_says_so(ros, tmp_path):
+def test_node_without_a_master_fails_with_a_message(ros, tmp_path):
     env = {**ros.master.env, "ROS_MASTER_URI": "http://localhost:1"}
     program = ros.run("skiros2_skill", "skill_manager_node", env=env)
     assert program.wait() != 0

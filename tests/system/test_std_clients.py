@@ -1,4 +1,4 @@
-"""The client primitives of the standard skills, against real action and service servers, in one process."""
+"""The client primitives of the standard skills, with action and service servers in one process."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def run(skill: Any, until: Callable[[], bool] = lambda: False) -> State:
 
 
 @pytest.mark.parametrize("on_start", [True, False])
-def test_an_action_that_succeeds_is_a_success_with_the_servers_text(server: Server, on_start: bool) -> None:
+def test_successful_action_is_a_success_with_the_server_text(server: Server, on_start: bool) -> None:
     skill = loaded(job_action, build_client_onstart=on_start)
     for _ in range(2):
         skill.heard.clear()
@@ -138,7 +138,7 @@ def test_an_action_that_succeeds_is_a_success_with_the_servers_text(server: Serv
     assert server.goals == ["good", "good"]
 
 
-def test_an_action_that_aborts_is_a_failure_with_its_status_as_code(server: Server) -> None:
+def test_aborted_action_is_a_failure_with_its_status_as_code(server: Server) -> None:
     skill = loaded(job_action, wish="bad")
     skill.start()
     assert run(skill) is State.Failure
@@ -155,7 +155,7 @@ def test_a_preempted_action_is_cancelled(server: Server) -> None:
     assert server.cancelled.wait(5)
 
 
-def test_nothing_of_a_preempted_goal_reaches_the_next_one(server: Server) -> None:
+def test_result_of_a_preempted_goal_does_not_reach_the_next_one(server: Server) -> None:
     skill = loaded(job_action, wish="long", build_client_onstart=False)
     skill.start()
     run(skill, until=lambda: bool(server.goals))
@@ -181,7 +181,7 @@ def test_an_action_may_be_restarted_with_another_goal(server: Server) -> None:
     assert server.goals == ["bad", "good"]
 
 
-def test_a_feedback_may_end_the_skill(server: Server) -> None:
+def test_feedback_may_end_the_skill(server: Server) -> None:
     class impatient(job_action):
         def onFeedback(self, msg: AssignTaskFeedback) -> State:
             return self.fail("half is not enough", -7)
@@ -194,7 +194,7 @@ def test_a_feedback_may_end_the_skill(server: Server) -> None:
     assert (skill.progress_msg, skill.progress_code) == ("half is not enough", -7)
 
 
-def test_a_library_may_send_the_goal_in_its_own_on_start(server: Server) -> None:
+def test_on_start_of_a_library_may_send_the_goal(server: Server) -> None:
     class own_start(job_action):
         def onStart(self) -> bool:
             self.client = self.buildClient()
@@ -208,7 +208,7 @@ def test_a_library_may_send_the_goal_in_its_own_on_start(server: Server) -> None
         assert run(skill) is State.Success
 
 
-def test_an_end_that_actionlib_does_not_tell_of_is_noticed(server: Server) -> None:
+def test_unreported_end_of_a_goal_is_noticed(server: Server) -> None:
     class deaf(job_action):
         def _doneCb(self, status: int, msg: Any) -> None:
             """As when the end comes before send_goal has returned."""
@@ -219,7 +219,7 @@ def test_an_end_that_actionlib_does_not_tell_of_is_noticed(server: Server) -> No
     assert skill.progress_msg == "all done"
 
 
-def test_a_missing_server_is_named_without_holding_up_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_server_is_named_without_blocking_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 0.5)
     skill = loaded(job_action)
     began_at = time.monotonic()
@@ -230,7 +230,7 @@ def test_a_missing_server_is_named_without_holding_up_the_tree(monkeypatch: pyte
     assert (skill.progress_msg, skill.progress_code) == ("Action server /job is not available.", -101)
 
 
-def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silent_server_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 1.0)
     skill = loaded(job_action, wish="long")
     skill.start()
@@ -240,7 +240,7 @@ def test_a_server_that_falls_silent_is_noticed(server: Server, monkeypatch: pyte
     assert "has not been heard of" in skill.progress_msg
 
 
-def test_a_goal_that_does_not_reach_its_server_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_undelivered_goal_is_noticed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(action_client_primitive, "SERVER_TIMEOUT", 1.0)
     skill = loaded(job_action)
     skill.start()
@@ -319,7 +319,7 @@ def switch() -> Iterator[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("on_start", [True, False])
-def test_the_answer_of_a_service_decides(switch: dict[str, Any], on_start: bool) -> None:
+def test_response_of_a_service_determines_the_state(switch: dict[str, Any], on_start: bool) -> None:
     skill = loaded(job_service, build_client_onstart=on_start)
     skill.start()
     assert run(skill) is State.Success
@@ -331,13 +331,13 @@ def test_the_answer_of_a_service_decides(switch: dict[str, Any], on_start: bool)
     assert (skill.progress_msg, skill.progress_code) == ("stuck", -3)
 
 
-def test_the_answer_of_a_service_wakes_the_tree(switch: dict[str, Any], slow_ticker: Scheduler) -> None:
+def test_response_of_a_service_wakes_the_tree(switch: dict[str, Any], slow_ticker: Scheduler) -> None:
     task = started(slow_ticker, job_service)
     assert task.ended.wait(15)
     assert task.root.children[0].progress_msg == "on"
 
 
-def test_a_service_that_raises_is_a_failure_with_its_text(switch: dict[str, Any]) -> None:
+def test_service_error_is_a_failure_with_its_text(switch: dict[str, Any]) -> None:
     switch["answer"] = rospy.ServiceException("fuse is gone")
     skill = loaded(job_service)
     skill.start()
@@ -345,14 +345,14 @@ def test_a_service_that_raises_is_a_failure_with_its_text(switch: dict[str, Any]
     assert "fuse is gone" in skill.progress_msg
 
 
-def test_a_service_that_is_not_there_is_a_failure() -> None:
+def test_missing_service_is_a_failure() -> None:
     skill = loaded(job_service)
     skill.start()
     assert run(skill) is State.Failure
     assert "/switch" in skill.progress_msg
 
 
-def test_a_slow_service_holds_nothing_up_and_times_out(switch: dict[str, Any]) -> None:
+def test_slow_service_times_out_without_blocking_the_tree(switch: dict[str, Any]) -> None:
     switch["held"].clear()
     skill = loaded(job_service, call_timeout_sec=0.3)
     began_at = time.monotonic()
@@ -363,7 +363,7 @@ def test_a_slow_service_holds_nothing_up_and_times_out(switch: dict[str, Any]) -
     assert skill.progress_msg == "No answer from /switch within 0.3 s"
 
 
-def test_the_answer_to_a_call_that_was_given_up_is_dropped(switch: dict[str, Any]) -> None:
+def test_response_to_an_abandoned_call_is_discarded(switch: dict[str, Any]) -> None:
     switch["held"].clear()
     skill = loaded(job_service)
     skill.start()

@@ -1,4 +1,4 @@
-"""The task manager's node: goals in, plans or reasons out."""
+"""The task manager node: goals in, plans or reasons out."""
 
 from __future__ import annotations
 
@@ -89,13 +89,13 @@ def test_a_goal_becomes_a_task_for_a_skill_manager(client: Any, world: PlanningW
     assert (value(place, "Robot"), value(place, "Gripper")) == (world.robots[0], world.grippers[0])
 
 
-def test_a_goal_that_holds_needs_nothing(client: Any, world: PlanningWorld) -> None:
+def test_satisfied_goal_needs_no_plan(client: Any, world: PlanningWorld) -> None:
     handle = ask(client, f"(skiros:at {world.robots[0]} {world.places[0]})")
     assert answer(handle) == (NOTHING_TO_DO, "the goal holds already")
     assert handle.get_goal_status() == GoalStatus.SUCCEEDED
 
 
-def test_a_goal_that_gives_no_plan_fails_with_the_reason(client: Any, world: PlanningWorld) -> None:
+def test_goal_without_a_plan_is_aborted_with_the_reason(client: Any, world: PlanningWorld) -> None:
     (robot,), (start, place), (product,) = world.robots, world.places, world.products
     for goal, expected in [
         (f"(skiros:contain {place} ", "goal, line 1, column"),
@@ -115,14 +115,14 @@ def test_a_goal_that_gives_no_plan_fails_with_the_reason(client: Any, world: Pla
     assert answer(ask(client, bring(world)))[0] == PLAN
 
 
-def test_what_is_done_comes_as_feedback(client: Any, world: PlanningWorld) -> None:
+def test_planning_phases_are_published_as_feedback(client: Any, world: PlanningWorld) -> None:
     told: list[str] = []
     answer(ask(client, bring(world), on_feedback=lambda handle, feedback: told.append(feedback.progress_message)))
     assert any("reading the world model" in text for text in told)
     assert any("planning with" in text for text in told)
 
 
-def test_the_plan_follows_the_world(client: Any, world: PlanningWorld) -> None:
+def test_plan_uses_the_current_scene(client: Any, world: PlanningWorld) -> None:
     """Each request looks at the world model anew."""
     world.wm.set_relation(world.robots[0], "skiros:at", world.places[0], False)
     world.wm.set_relation(world.robots[0], "skiros:at", world.places[1], True)
@@ -139,7 +139,7 @@ def test_a_skill_manager_gets_a_plan_for_its_own_robot(client: Any, world: Plann
         assert {step.manager for step in deserialize_skill(message).children} == {name}
 
 
-def test_several_clients_at_once_get_their_own_answers(client: Any, world: PlanningWorld) -> None:
+def test_concurrent_clients_get_their_own_results(client: Any, world: PlanningWorld) -> None:
     handles = [ask(client, bring(world)) for _ in range(3)]
     other = ask(client, f"(skiros:at {world.robots[0]} {world.places[1]})")
     wrong = ask(client, "(nonsense")
@@ -196,7 +196,7 @@ def test_a_request_can_be_cancelled(ros: Ros, hard: tuple[Any, str]) -> None:
     wait_for_end(engines)
 
 
-def test_a_node_that_ends_ends_what_it_plans(ros: Ros, hard: tuple[Any, str]) -> None:
+def test_shutdown_ends_planning(ros: Ros, hard: tuple[Any, str]) -> None:
     client, goals = hard
     ask(client, goals)
     engines = running_engines(ros)
@@ -205,7 +205,7 @@ def test_a_node_that_ends_ends_what_it_plans(ros: Ros, hard: tuple[Any, str]) ->
     wait_for_end(engines)
 
 
-def test_a_planner_out_of_time_is_told(ros: Ros, wm: WorldModelInterface) -> None:
+def test_planner_timeout_is_reported(ros: Ros, wm: WorldModelInterface) -> None:
     world = transport_world(4, 12, 14, wm=wm)
     ros.launch("skiros2", "task_mgr.launch", planner="fast-downward-opt", planning_time=1, max_replans=0)
     client = actionlib.ActionClient("tm/task_plan", AssignTaskAction)
@@ -216,7 +216,7 @@ def test_a_planner_out_of_time_is_told(ros: Ros, wm: WorldModelInterface) -> Non
     assert message.startswith("no plan (timed out): the planner found no plan in its time")
 
 
-def test_a_time_that_is_none_is_refused(ros: Ros) -> None:
+def test_invalid_time_is_rejected(ros: Ros) -> None:
     program = ros.run("skiros2_task", "task_manager_node", name="tm", params={"planning_time": "soon"})
     assert program.wait(WAIT) == 78
     assert "/tm: parameter /tm/planning_time is 'soon', expected seconds" in program.output
@@ -262,6 +262,6 @@ def test_the_interface_ends_a_request(ros: Ros, hard: tuple[Any, str]) -> None:
     wait_for_end(engines)
 
 
-def test_without_a_task_manager_the_interface_does_not_wait_for_ever(ros: Ros) -> None:
+def test_interface_without_a_task_manager_does_not_block(ros: Ros) -> None:
     with pytest.raises(TimedOut, match="no task manager answers on /tm/achieve"):
         TaskManagerInterface().achieve("(skiros:at a b)")

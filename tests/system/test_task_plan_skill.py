@@ -1,4 +1,4 @@
-"""Planning as a skill, on the demo's robot: it plans, runs the plan as its children, and never holds up other tasks."""
+"""Planning as a skill: plans, runs the plan as its children, and does not block other tasks."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def manager(ros: Ros) -> Manager:
     return Manager(ros)
 
 
-def test_a_goal_becomes_the_skills_that_reach_it(ros: Ros, manager: Manager) -> None:
+def test_task_plan_runs_the_planned_skills(ros: Ros, manager: Manager) -> None:
     nodes = manager.end(manager.start("skiros:TaskPlan", "task_plan", Goal=f"(skiros:contain {TRAY_B} {PRODUCT_A})"))
     assert nodes[0].state == SkillProgress.SUCCESS, nodes[0].progress_message
     plan = next(node for node in nodes if node.label == "task_plan")
@@ -90,7 +90,7 @@ def test_a_goal_without_a_plan_fails_with_the_reason(manager: Manager, goal: str
     assert reason in nodes[1].progress_message
 
 
-def test_without_a_task_manager_it_fails_and_other_tasks_go_on(ros: Ros) -> None:
+def test_task_plan_without_a_task_manager_fails_and_other_tasks_continue(ros: Ros) -> None:
     ros.launch("skiros2", "skiros.launch", gui=False, task_mgr_on=False, robot_name="mobile_manipulator",
                robot_ontology_prefix="demo", workspace_dir=INSTALL / "share" / "skiros2_demo_skills" / "owl",
                init_scene="pick_place_scene.ttl", libraries_list=["skiros2_std_skills"])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Three simulated robots share a cell and one goal, in physics."""
+"""Three simulated robots share a cell and a goal, with physics."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_three_robots_share_a_cell_and_one_goal(ros: Ros) -> None:
 
 def in_truth(simulation: Simulation, product: Element, tray: Element) -> None:
     """The product lies in the tray, at rest, and nothing holds it."""
-    findings = simulation.judged(*(Thing(e.id, e.type, e.label, sizes_of(e)) for e in (product, tray)))
+    findings = simulation.check_placement(*(Thing(e.id, e.type, e.label, sizes_of(e)) for e in (product, tray)))
     assert all(finding.holds for finding in findings), findings
 
 

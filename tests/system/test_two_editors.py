@@ -1,4 +1,4 @@
-"""Two programs that change the same elements for a minute see the same in the end, and it is what the scene is."""
+"""Two programs that change the same elements for a minute end with the same scene as the world model."""
 
 from __future__ import annotations
 

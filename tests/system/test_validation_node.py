@@ -1,4 +1,4 @@
-"""A world model node validates what it loads, beside its other work; the service `~validation`."""
+"""Validation by a world model node: on load, and by the service `~validation`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SIZE = ("violation", "skiros:LargeBox-80", "skiros:SizeX", "a size is a finite n
 WEIGHT = ("warning", "skiros:LargeBox-80", "skiros:Weight", "a box is weighed")
 
 
-def test_files_are_validated_when_they_are_loaded_and_the_scene_when_asked_for(ros: Ros, start, workspace):
+def test_files_are_validated_on_load_and_the_scene_on_request(ros: Ros, start, workspace):
     node = start()
     node.wait_for_line(r"lab\.ttl: 1 violation, 1 warning")
     ask = ros.service("/wm/validation", srvs.WmValidation)
@@ -87,20 +87,20 @@ def test_a_strict_node_keeps_its_scene(ros: Ros, start):
     assert wm.get_element("skiros:LargeBox-80").value_of("skiros:SizeX") == 1
 
 
-def test_files_are_not_validated_when_that_is_not_wanted(ros: Ros, start):
+def test_validation_on_load_can_be_disabled(ros: Ros, start):
     node = start(validate=False)
     assert told(ros.service("/wm/validation", srvs.WmValidation)().findings) == {SIZE, WEIGHT}
     assert "lab.ttl: 1 violation" not in node.output
 
 
-def test_a_broken_file_of_shapes_ends_the_node_with_its_name_and_line(start, workspace):
+def test_broken_shapes_file_ends_the_node_with_name_and_line(start, workspace):
     (workspace / "cell.shapes.ttl").write_text("@prefix sh: <http://www.w3.org/ns/shacl#> .\n<urn:S> a sh: ;;")
     node = start()
     assert node.wait() == 78
     assert "cell.shapes.ttl, line 2" in node.output
 
 
-def test_an_element_of_a_class_that_was_declared_meanwhile_is_validated(start):
+def test_element_of_a_class_declared_later_is_validated(start):
     start()
     wm = WorldModelInterface("tester")
     wm.add_class("skiros:Crate", "skiros:LargeBox")

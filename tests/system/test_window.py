@@ -1,4 +1,4 @@
-"""The window beside real nodes: used by clicks and keys, and while parts of the system are killed and come back."""
+"""The window with nodes: mouse and keyboard, and restarts of parts of the system."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_a_skill_is_started_watched_and_stopped_by_clicks(window: Driver, demo: 
     window.wait_for_row("taskList", "wait", "failed")
 
 
-def test_a_start_that_is_refused_is_explained_before_and_after(window: Driver) -> None:
+def test_refused_start_is_explained_before_and_after(window: Driver) -> None:
     window.open_tab("Skills")
     window.choose("skillTree", "pick")
     window.choose("param_Object", "Product A")
@@ -109,7 +109,7 @@ def test_a_goal_is_reached_from_the_goal_line(window: Driver) -> None:
     assert WorldModelInterface("/test_window").get_element("skiros:Product-14").getRelations("demo:Tray-12")
 
 
-def test_an_edit_is_seen_in_the_world_model(window: Driver) -> None:
+def test_edit_changes_the_world_model(window: Driver) -> None:
     wmi = WorldModelInterface("/test_window")
     window.open_tab("World model")
     window.choose("sceneTree", "Product C")
@@ -125,7 +125,7 @@ def test_an_edit_is_seen_in_the_world_model(window: Driver) -> None:
 
 
 @pytest.mark.parametrize(("node", "kind"), [("/wm", "world model"), (ROBOT, "robot"), ("/tm", "task manager")])
-def test_a_part_that_is_killed_is_missed_and_found_again(window: Driver, demo: Ros, node: str, kind: str) -> None:
+def test_killed_part_is_reported_and_found_again(window: Driver, demo: Ros, node: str, kind: str) -> None:
     def part() -> Part:
         return next(part for part in window.window.system.parts if part.kind == kind)
 
@@ -139,7 +139,7 @@ def test_a_part_that_is_killed_is_missed_and_found_again(window: Driver, demo: R
     assert label.text().startswith("●")
 
 
-def test_a_master_that_is_killed_is_missed_and_its_successor_found(tmp_path: Path) -> None:
+def test_killed_master_is_reported_and_its_successor_found(tmp_path: Path) -> None:
     with RosMaster(tmp_path) as master:
         ros = Ros(master)
         try:
@@ -155,7 +155,7 @@ def test_a_master_that_is_killed_is_missed_and_its_successor_found(tmp_path: Pat
             ros.stop()
 
 
-def test_two_instances_in_one_rqt_go_their_own_ways(
+def test_two_instances_in_one_rqt_are_independent(
     demo: Ros, shown: Driver, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     provide_rqt(monkeypatch)
@@ -183,7 +183,7 @@ def test_two_instances_in_one_rqt_go_their_own_ways(
         second.close()
 
 
-def test_a_window_by_itself_ends_as_other_nodes_do_when_its_node_is_told_to(ros: Ros) -> None:
+def test_standalone_window_ends_with_its_node(ros: Ros) -> None:
     env = {**ros.master.env, "QT_QPA_PLATFORM": "offscreen"}
     program = ros.run("skiros2_gui", "skiros_gui", name="a_window", env=env)
     ros.wait_for_node("/a_window")

@@ -1,4 +1,4 @@
-"""The section "The services by hand" of docs/world_model.md: its commands, one after the other, and what they print."""
+"""The commands of the section "The services by hand" in docs/world_model.md, with their output."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def code() -> list[str]:
     return re.findall(r"^```\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
 
 
-def test_the_services_answer_what_the_document_says(ros: Ros, tmp_path: Path) -> None:
+def test_services_return_the_documented_results(ros: Ros, tmp_path: Path) -> None:
     start, *blocks = code()
     _, package, file, *arguments = start.split()
     given = dict(argument.split(":=") for argument in arguments)

@@ -1,4 +1,4 @@
-"""The world model node under random and hostile messages: it answers each, keeps what it has said, and goes on."""
+"""Random and hostile messages to the world model node."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ class OverRos(WorldModelMachine):
             assert before.snapshot_id == after.prev_snapshot_id
 
 
-def test_random_requests_do_what_a_plain_model_does(node: Node) -> None:
+def test_random_requests_match_a_plain_model(node: Node) -> None:
     OverRos.node = node
     run_state_machine_as_test(OverRos, settings=fuzz_settings(40, 25))
     assert "Traceback" not in node.program.output
@@ -313,7 +313,7 @@ def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
     }
 
 
-def test_hostile_requests_are_refused_by_name_and_change_nothing(node: Node) -> None:
+def test_hostile_requests_are_rejected_without_effect(node: Node) -> None:
     (node.workspace / "picture.ttl").write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00")
     (node.workspace / "folder").mkdir(exist_ok=True)
     node.call("load_and_save", "load", "blank.ttl", "scene")
@@ -333,7 +333,7 @@ def test_hostile_requests_are_refused_by_name_and_change_nothing(node: Node) -> 
     assert "Traceback" not in node.program.output
 
 
-def test_a_request_of_100_000_elements_is_refused_whole_or_carried_out_whole(node: Node) -> None:
+def test_request_of_100_000_elements_is_atomic(node: Node) -> None:
     node.call("load_and_save", "load", "blank.ttl", "scene")
     before = node.state()[0]
     contained = [msgs.Relation(SCENE, "skiros:contain", "-1")]

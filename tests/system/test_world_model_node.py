@@ -1,4 +1,4 @@
-"""The world model node as others see it: its services and topic as in the field, its parameters, its end and return."""
+"""The world model node: services, topics, parameters, shutdown and restart."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def refusal(call, *arguments, **fields):
 # -- the services --------------------------------------------------------------------------------------------------
 
 
-def test_an_element_is_read_by_its_id_with_relations_both_ways(wm):
+def test_element_is_read_by_id_with_relations_in_both_directions(wm):
     tray = wm.element("skiros:LargeBox-80")
     assert (tray.id, tray.type, tray.label) == ("skiros:LargeBox-80", "skiros:LargeBox", "tray")
     assert values(tray) == {"skiros:SizeX": [0.5]}
@@ -155,7 +155,7 @@ def test_elements_are_resolved_by_type_label_and_properties(wm):
     assert found(etype="skiros:Container", SizeX=0.4) == []
 
 
-def test_a_branch_is_read_along_a_relation(wm):
+def test_branch_is_read_along_a_relation(wm):
     def found(**filters):
         return [e.id for e in wm.get("get_recursive", message(SCENE), **filters).elements]
 
@@ -164,7 +164,7 @@ def test_a_branch_is_read_along_a_relation(wm):
     assert found(relation_filter="skiros:contain", type_filter="skiros:Product") == ["skiros:Starter-81"]
 
 
-def test_an_added_element_is_answered_with_its_id(wm):
+def test_add_returns_the_new_id(wm):
     relation = ("skiros:LargeBox-80", "skiros:contain", "-1")
     (added,) = wm.modify("add", message(etype="skiros:Starter", label="new", relations=[relation], Weight=2.5))
     assert added.id == "skiros:Starter-82"
@@ -173,20 +173,20 @@ def test_an_added_element_is_answered_with_its_id(wm):
     assert clash.id == "skiros:Product-83"
 
 
-def test_an_update_writes_the_whole_element(wm):
+def test_update_writes_the_whole_element(wm):
     tray = message("skiros:LargeBox-80", "skiros:LargeBox", "renamed", [(SCENE, "skiros:contain", "-1")], SizeY=2.0)
     (answer,) = wm.modify("update", tray)
     assert (answer.label, values(answer)) == ("renamed", {"skiros:SizeY": [2.0]})
     assert [r.subjectId for r in answer.relations] == [SCENE]
 
 
-def test_an_update_of_properties_leaves_relations(wm):
+def test_update_of_properties_keeps_relations(wm):
     (answer,) = wm.modify("update_properties", message("skiros:LargeBox-80", "skiros:LargeBox", "tray", SizeY=2.0))
     assert values(answer) == {"skiros:SizeY": [2.0]}
     assert len(answer.relations) == 2
 
 
-def test_removal_takes_one_element_or_what_is_under_it(wm):
+def test_remove_removes_an_element_or_its_branch(wm):
     wm.modify("remove", message("skiros:LargeBox-80"))
     assert wm.element("skiros:Starter-81").relations == []
     (tray,) = wm.modify(
@@ -196,7 +196,7 @@ def test_removal_takes_one_element_or_what_is_under_it(wm):
     assert wm.get("resolve", message(etype="skiros:Manipulatable")).elements == []
 
 
-def test_relations_are_set_and_asked_for(wm):
+def test_relations_are_set_and_queried(wm):
     relation = msgs.Relation("skiros:Starter-81", "skiros:at", "skiros:LargeBox-80")
     assert wm.call("scene/set_relation", srvs.WmSetRelation, "field", relation, True).ok
     ask = srvs.WmQueryRelationsRequest(msgs.Relation("skiros:Starter-81", "skiros:conditionProperty", ""))
@@ -206,7 +206,7 @@ def test_relations_are_set_and_asked_for(wm):
     assert wm.call("scene/query_relations", srvs.WmQueryRelations, ask).matches == []
 
 
-def test_ontologies_are_asked_and_added_to(wm):
+def test_ontologies_are_queried_and_extended(wm):
     query = "SELECT ?x ?y WHERE { ?x rdfs:label ?y . ?x a/rdfs:subClassOf* skiros:Container }"
     assert wm.call("ontology/query", srvs.WoQuery, query, "", True).answer == ["skiros:LargeBox-80 tray "]
     iri = "<http://rvmi.aau.dk/ontologies/skiros.owl#LargeBox-80>"
@@ -245,7 +245,7 @@ def test_scenes_are_saved_and_loaded(wm):
     assert (wm.workspace / "saved.ttl").read_text().startswith("@prefix")
 
 
-def test_the_lock_is_waited_for_and_given_back_once(ros: Ros, wm):
+def test_lock_is_granted_in_turn_and_released_once(ros: Ros, wm):
     lock = ros.service("/shared/wm/lock", SetBool)
     assert lock(True).success
     taken = threading.Event()
@@ -259,7 +259,7 @@ def test_the_lock_is_waited_for_and_given_back_once(ros: Ros, wm):
     assert not lock(False).success
 
 
-def test_the_lock_of_a_node_that_died_is_free(ros: Ros, wm):
+def test_lock_of_a_dead_node_is_released(ros: Ros, wm):
     code = (
         "import rospy; from std_srvs.srv import SetBool; rospy.init_node('holder'); "
         "rospy.ServiceProxy('/shared/wm/lock', SetBool)(True); print('locked', flush=True); rospy.spin()"
@@ -275,7 +275,7 @@ def test_the_lock_of_a_node_that_died_is_free(ros: Ros, wm):
 # -- the monitor ---------------------------------------------------------------------------------------------------
 
 
-def test_every_change_is_published_in_a_chain(ros: Ros, wm):
+def test_changes_are_published_as_a_chain(ros: Ros, wm):
     monitor = ros.messages("/shared/wm/monitor", msgs.WmMonitor)
     before = wm.get(element=message(SCENE)).snapshot_id
     monitor.wait_for(lambda m: m.snapshot_id == before)  # the latched one
@@ -300,7 +300,7 @@ def test_every_change_is_published_in_a_chain(ros: Ros, wm):
     assert wm.get(element=message(SCENE)).snapshot_id == told[-1].snapshot_id
 
 
-def test_who_comes_later_gets_the_last_change(ros: Ros, wm):
+def test_late_subscriber_receives_the_last_change(ros: Ros, wm):
     (part,) = wm.modify("add", message(etype="skiros:Part", label="part"))
     last = ros.messages("/shared/wm/monitor", msgs.WmMonitor).wait_for()
     assert [e.id for e in last.elements] == [part.id]
@@ -375,7 +375,7 @@ def bad_requests():
     }
 
 
-def test_bad_requests_are_answered_with_what_is_wrong_and_change_nothing(wm):
+def test_bad_requests_are_rejected_with_the_reason_and_without_effect(wm):
     (wm.workspace / "broken.ttl").write_text("this is no Turtle")
     before = wm.get("get_recursive", message(SCENE), relation_filter="skiros:sceneProperty")
     for what, (request, wanted) in bad_requests().items():
@@ -387,7 +387,7 @@ def test_bad_requests_are_answered_with_what_is_wrong_and_change_nothing(wm):
     assert "Traceback" not in wm.ros.programs[0].output, "a refusal is no crash"
 
 
-def test_a_request_of_many_elements_with_a_bad_one_is_refused_whole(wm):
+def test_request_with_one_bad_element_is_rejected_as_a_whole(wm):
     elements = [message(etype="skiros:Part", label=str(i)) for i in range(2000)]
     elements[-1] = message(etype="skiros:Part", PositionX="left")
     assert "PositionX" in refusal(wm.modify, "add", *elements)
@@ -409,13 +409,13 @@ def test_contexts_are_loaded_at_start(ros: Ros, start):
     assert "skiros:Starter-81" in refusal(services.element, "skiros:Starter-81")
 
 
-def test_unknown_names_are_warned_of_or_refused(ros: Ros, start):
+def test_unknown_names_are_logged_or_rejected(ros: Ros, start):
     node = start()
     Services(ros).modify("add", message(etype="skiros:Pump", label="pump"))
     node.wait_for_line("field: unknown class skiros:Pump .*pump")
 
 
-def test_with_strict_unknown_names_are_refused(ros: Ros, start):
+def test_strict_rejects_unknown_names(ros: Ros, start):
     start(strict=True)
     assert "unknown class skiros:Pump" in refusal(Services(ros).modify, "add", message(etype="skiros:Pump"))
 
@@ -429,7 +429,7 @@ def test_with_strict_unknown_names_are_refused(ros: Ros, start):
         ({"reasoners_pkgs": ["no_such_reasoners"]}, "no_such_reasoners"),
     ],
 )
-def test_what_no_restart_can_mend_ends_the_node_with_one_line(ros: Ros, workspace, params, culprit):
+def test_configuration_error_ends_the_node_with_one_line(ros: Ros, workspace, params, culprit):
     params = {"workspace_dir": str(workspace), **params}
     node = ros.run("skiros2_world_model", "world_model_server_node", name="wm", params=params)
     assert node.wait() == 78
@@ -468,7 +468,7 @@ def test_the_ontology_node_serves_ontologies_alone(ros: Ros, workspace):
 
 
 @pytest.mark.parametrize("make_cache", [False, True])
-def test_a_client_goes_on_with_a_server_that_was_killed_and_is_back(ros: Ros, start, make_cache):
+def test_client_continues_with_a_restarted_server(ros: Ros, start, make_cache):
     start(init_scene="scenes/lab.ttl", journal=False)
     client = WorldModelInterface("tester", make_cache=make_cache)
     client.add_element(Element("skiros:Part", "first life"))
@@ -482,7 +482,7 @@ def test_a_client_goes_on_with_a_server_that_was_killed_and_is_back(ros: Ros, st
 
 
 @pytest.mark.parametrize("make_cache", [False, True])
-def test_a_client_that_missed_a_change_of_the_ontologies_asks_anew(ros: Ros, start, make_cache):
+def test_client_that_missed_an_ontology_change_queries_again(ros: Ros, start, make_cache):
     start()
     client, other = (WorldModelInterface(name, make_cache) for name in ("tester", "other"))
     assert not client.is_subclass("skiros:OddPart", "skiros:Part")
@@ -494,7 +494,7 @@ def test_a_client_that_missed_a_change_of_the_ontologies_asks_anew(ros: Ros, sta
     assert client.resolve_element(Element("skiros:Part")).label == "odd"
 
 
-def test_a_replica_and_the_ontologies_that_it_is_read_with_are_of_the_same_time(ros: Ros, start):
+def test_replica_and_ontologies_have_the_same_revision(ros: Ros, start):
     start()
     client, other = WorldModelInterface("tester", make_cache=True), WorldModelInterface("other")
     assert not client.is_subclass("skiros:OddPart", "skiros:Part")
@@ -505,7 +505,7 @@ def test_a_replica_and_the_ontologies_that_it_is_read_with_are_of_the_same_time(
     assert client.resolve_element(Element("skiros:Part")).label == "odd"
 
 
-def test_without_a_server_a_call_says_so(ros: Ros, start):
+def test_call_without_a_server_raises(ros: Ros, start):
     node = start()
     client = WorldModelInterface("tester")
     client._get_service.patience = client._query_service.patience = 0.2
@@ -524,7 +524,7 @@ def test_a_client_waits_for_the_server(ros: Ros, start):
     assert made and made[0].is_subclass("skiros:LargeBox", "sumo:Object")
 
 
-def test_calls_of_many_threads_do_not_mix(ros: Ros, start):
+def test_calls_of_many_threads_are_independent(ros: Ros, start):
     start()
     client = WorldModelInterface("tester")
     elements = [Element("skiros:Part", f"part {i}") for i in range(8)]
@@ -547,7 +547,7 @@ def test_calls_of_many_threads_do_not_mix(ros: Ros, start):
 
 @pytest.mark.timeout(45)  # of the 60 s that rospy listens to a stranger
 @pytest.mark.parametrize("words", [b"", b"\x10\x00", b"POST /RPC2 HTTP/1.1\r\nHost: localhost\r\n\r\n"])
-def test_who_connects_and_does_not_speak_ros_keeps_nobody_waiting(ros: Ros, start, words):
+def test_foreign_connections_do_not_block_others(ros: Ros, start, words):
     start()
     get = rospy.ServiceProxy("/wm/get", srvs.WmGet)
     address = ros.master.service_address("/wm/get")
@@ -560,7 +560,7 @@ def test_who_connects_and_does_not_speak_ros_keeps_nobody_waiting(ros: Ros, star
                 stranger.recv(1)
 
 
-def test_two_writers_that_change_different_properties_of_one_element_lose_nothing(ros: Ros, start):
+def test_concurrent_writers_of_different_properties_lose_nothing(ros: Ros, start):
     start()
     clients = [WorldModelInterface(name, make_cache=True) for name in ("one", "two")]
     part = Element("skiros:Part", "part")
@@ -585,7 +585,7 @@ def test_two_writers_that_change_different_properties_of_one_element_lose_nothin
         assert [found.value_of(key) for key in keys] == [100, 100]
 
 
-def test_the_properties_of_a_reasoner_are_written_alone(ros: Ros, start):
+def test_reasoner_properties_are_written_alone(ros: Ros, start):
     start(init_scene="scenes/lab.ttl", reasoners_pkgs=["skiros2_std_reasoners"])
     services = Services(ros)
     tray = message("skiros:LargeBox-80", "skiros:LargeBox", "renamed", SizeX=0.7, SizeY=0.8, Weight=1.5)
@@ -598,7 +598,7 @@ def test_the_properties_of_a_reasoner_are_written_alone(ros: Ros, start):
 # -- tf ------------------------------------------------------------------------------------------------------------
 
 
-def test_elements_are_published_on_tf_at_25_hz_under_the_frame_above_them(ros: Ros, start):
+def test_elements_are_published_on_tf_at_25_hz_under_their_parent_frame(ros: Ros, start):
     start(reasoners_pkgs=["skiros2_std_reasoners"])
     wm = WorldModelInterface("tester", make_cache=True)
     tray, hidden = Element("skiros:LargeBox", "tray"), Element("skiros:LargeBox", "hidden")
@@ -621,7 +621,7 @@ def test_elements_are_published_on_tf_at_25_hz_under_the_frame_above_them(ros: R
     assert 22.0 < rate < 28.0
 
 
-def test_tf_is_known_at_any_time_also_of_what_begins_to_move_is_moved_and_removed(ros: Ros, start):
+def test_tf_is_available_for_moving_moved_and_removed_elements(ros: Ros, start):
     start(reasoners_pkgs=["skiros2_std_reasoners"])
     wm = WorldModelInterface("tester", make_cache=True)
     buffer = tf2_ros.Buffer()
@@ -661,7 +661,7 @@ def test_tf_is_known_at_any_time_also_of_what_begins_to_move_is_moved_and_remove
     assert [t.child_frame_id for t in gone.transforms] == [still.id]
 
 
-def test_poses_are_rebased_with_transforms_that_others_publish(ros: Ros, start):
+def test_poses_are_rebased_with_external_transforms(ros: Ros, start):
     start(reasoners_pkgs=["skiros2_std_reasoners"])
     wm = WorldModelInterface("tester", make_cache=True)
     part = Element("skiros:Part", "seen by a camera")
@@ -678,7 +678,7 @@ def test_poses_are_rebased_with_transforms_that_others_publish(ros: Ros, start):
     assert position == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_the_node_ends_in_its_own_time(ros: Ros, start):
+def test_node_shuts_down_in_time(ros: Ros, start):
     node = start(reasoners_pkgs=["skiros2_std_reasoners"])
     begin = time.monotonic()
     node.interrupt()

@@ -1,4 +1,4 @@
-"""Explanations of failures: plain data, as text and as JSON."""
+"""Explanations of failures, as text and as JSON."""
 
 import json
 
@@ -76,15 +76,15 @@ explanations = st.builds(
 
 
 @given(explanations)
-def test_an_explanation_comes_back_from_json_as_it_was(explanation):
+def test_explanation_round_trips_through_json(explanation):
     assert Explanation.from_json(explanation.to_json()) == explanation
 
 
-def test_the_example_comes_back_too():
+def test_full_example_round_trips_through_json():
     assert Explanation.from_json(EXAMPLE.to_json()) == EXAMPLE
 
 
-def test_the_text_tells_what_was_expected_found_and_changed_and_where_the_values_came_from():
+def test_text_has_expected_and_found_state_changes_and_provenance():
     text = str(EXAMPLE)
     for part in (
         "transport > pick_fast failed (pre, code -1, 4 times)",
@@ -100,7 +100,7 @@ def test_the_text_tells_what_was_expected_found_and_changed_and_where_the_values
         assert part in text
 
 
-def test_all_changes_are_found_also_in_what_was_tried():
+def test_all_changes_includes_rejected_implementations():
     outer = Explanation("start", "skiros:Pick", "", -1, -1, "", tried=[EXAMPLE])
     assert [c.author for c in outer.all_changes()] == ["/robot_2"]
 
@@ -118,6 +118,6 @@ def test_all_changes_are_found_also_in_what_was_tried():
         (json.dumps({"findings": [{"values": {"A": 1}}]}), WrongType, r"explanation.findings\[0\].values.A"),
     ],
 )
-def test_json_of_another_form_is_refused_by_name(text, error, named):
+def test_json_of_wrong_form_is_rejected_with_the_field_name(text, error, named):
     with pytest.raises(error, match=named):
         Explanation.from_json(text)

@@ -1,4 +1,4 @@
-"""Messages of any content are read, or refused with an error that names their place."""
+"""Arbitrary messages are read, or rejected with an error that names the position."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def read_or_refused(read, *arguments):
 
 @settings(deadline=None, derandomize=True)
 @given(params | json_values)
-def test_any_json_is_a_parameter_or_refused(value):
+def test_random_json_is_a_parameter_or_rejected(value):
     read_or_refused(utils.deserializeParamMap, [msgs.Param(json.dumps(value))])
 
 
@@ -64,7 +64,7 @@ def test_any_json_is_a_parameter_or_refused(value):
 @given(elements | json_values)
 @example({"id": "", "label": "", "type": "", "last_update": "soon", "properties": {}, "relations": []})
 @example({"id": "", "label": "", "type": "", "last_update": 10**400, "properties": {}, "relations": []})
-def test_any_json_is_an_element_or_refused(value):
+def test_random_json_is_an_element_or_rejected(value):
     read_or_refused(utils.decodeElement, json.dumps(value))
 
 
@@ -73,7 +73,7 @@ def test_any_json_is_an_element_or_refused(value):
 @example("float", f"[{10**400}]")
 @example("float", f"[{'9' * 5000}]")
 @example("str", '["\\ud800"]')
-def test_any_text_is_a_property_or_refused(kind, text):
+def test_random_text_is_a_property_or_rejected(kind, text):
     message = msgs.Property("skiros:anything", text, kind)
     read_or_refused(utils.msg2element, msgs.WmElement("", "skiros:Part", "", [message], []))
 
@@ -87,7 +87,7 @@ def recursion_limit(request):
 
 
 @pytest.mark.parametrize("kind", TYPES)
-def test_nesting_without_end_is_refused(kind, recursion_limit):
+def test_endless_nesting_is_rejected(kind, recursion_limit):
     message = msgs.WmElement("", "skiros:Part", "", [msgs.Property("skiros:anything", ENDLESS, kind)], [])
     for read, argument in (
         (utils.msg2element, message),
@@ -98,6 +98,6 @@ def test_nesting_without_end_is_refused(kind, recursion_limit):
             read(argument)
 
 
-def test_brackets_in_texts_are_no_nesting():
+def test_brackets_in_strings_do_not_count_as_nesting():
     text = json.dumps(["[" * 1000, '\\"[{' * 500, [[]] * 600])
     assert utils.json_loads_byteified(text) == json.loads(text)

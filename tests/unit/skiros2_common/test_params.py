@@ -18,32 +18,32 @@ def test_print_state_is_key_and_values_with_a_space_after_each():
     assert handler(MyDict=dict, MyFloat=1.0).printState() == "MyDict:[] MyFloat:[1.0] "
 
 
-def test_a_type_is_no_default_and_a_value_is_one():
+def test_value_is_a_default_and_type_is_not():
     assert not Param("A", "", str, ParamTypes.Required).hasSpecifiedDefault()
     assert Param("A", "", "x", ParamTypes.Required).default == "x"
 
 
-def test_an_abstract_element_is_a_default_that_binds_nothing():
+def test_abstract_element_is_a_default_but_not_bound():
     param = Param("Object", "", Element("skiros:Product"), ParamTypes.Inferred)
     assert not param.is_bound()
     assert not param.has_bound_default()
     assert param.element_type == "skiros:Product"
 
 
-def test_changing_an_abstract_value_leaves_the_declared_one_alone():
+def test_changing_an_abstract_value_keeps_the_default():
     param = Param("Object", "", Element("skiros:Product"), ParamTypes.Inferred)
     param.setDefault()
     param.value.setProperty("skiros:Weight", 1.0)
     assert not param.default.hasProperty("skiros:Weight")
 
 
-def test_has_changes_tells_whether_it_was_set_since():
+def test_has_changes_is_true_after_a_setter_call():
     param = Param("A", "", 1, ParamTypes.Required)
     assert not param.hasChanges(param.last_update)
     assert param.hasChanges(time.time() - 1.0)
 
 
-def test_an_unknown_key_logs_and_gives_none(caplog):
+def test_unknown_key_is_logged_and_returns_none(caplog):
     params = handler(A=1)
     with caplog.at_level(logging.ERROR):
         assert params["B"] is None
@@ -57,7 +57,7 @@ def test_remap_renames_a_key():
     assert params["X"].key == "X"
 
 
-def test_specify_params_keeps_a_default_that_is_no_abstract_element():
+def test_specify_params_keeps_a_concrete_default():
     params = handler(A=1, E=Element("skiros:Product"))
     other = handler(A=2, E=Element("skiros:Product", "", "skiros:Product-1"), Z=3)
     params.specifyParams(other, keep_default=True)
@@ -68,7 +68,7 @@ def test_specify_params_keeps_a_default_that_is_no_abstract_element():
     assert not params.hasParam("Z")
 
 
-def test_get_copy_shares_nothing_that_can_be_set():
+def test_get_copy_is_independent():
     params = handler(A=1)
     params.getCopy()["A"].value = 2
     assert params.getParamValue("A") == 1
@@ -84,7 +84,7 @@ def test_filter_by_type():
     assert list(params.getElementParams()) == ["C"]
 
 
-def test_the_world_model_form_of_a_parameter():
+def test_to_element_of_a_plain_parameter():
     element = Param("Speed", "how fast", 0.5, ParamTypes.Optional).toElement()
     assert (element.type, element.label) == ("skiros:Parameter", "Speed")
     assert element.getProperty("rdfs:comment").value == "how fast"
@@ -95,7 +95,7 @@ def test_the_world_model_form_of_a_parameter():
     assert element.getProperty("skiros:Value").values == [0.5]
 
 
-def test_the_world_model_form_of_an_element_parameter():
+def test_to_element_of_an_element_parameter():
     param = Param("Object", "", Element("skiros:Product"), ParamTypes.Required)
     assert param.toElement().getProperty("skiros:DataType").value == "skiros:Product"
     param.value = Element("skiros:Product", "", "skiros:Product-4")

@@ -1,4 +1,4 @@
-"""Plugins are found in a package and everything below it; what cannot be imported is reported."""
+"""Finding plugins in a package and its subpackages."""
 
 import sys
 
@@ -49,12 +49,12 @@ def test_subclasses_of_a_package_and_its_subpackages_are_found(package):
     assert len(loader.create()) == 2
 
 
-def test_a_class_that_a_module_only_imports_is_not_its_plugin(package):
+def test_imported_class_is_not_a_plugin_of_the_module(package):
     name = package("lib_imports", arm=PLUGIN.format("Arm"), user="from lib_imports.arm import Arm\n")
     assert len(PluginLoader().find(name, Base)) == 1
 
 
-def test_a_module_that_cannot_be_imported_is_reported_with_its_cause_and_the_rest_loads(package):
+def test_module_with_import_error_is_skipped_and_logged_with_its_cause(package):
     name = package("lib_broken", arm=PLUGIN.format("Arm"), bad="def f(:\n", worse="import no_such_thing\n")
     loader = PluginLoader()
     assert [p.__name__ for p in loader.find(name, Base)] == ["Arm"]
@@ -62,7 +62,7 @@ def test_a_module_that_cannot_be_imported_is_reported_with_its_cause_and_the_res
     assert "No module named 'no_such_thing'" in loader.failures["lib_broken.worse"]
 
 
-def test_a_module_that_exits_is_reported_like_any_other(package, tmp_path):
+def test_module_that_exits_is_skipped_and_logged(package, tmp_path):
     """As a script without a guard does; also when it is a package."""
     leaves = "import sys\nsys.exit('nothing to do')\n"
     name = package("lib_exits", arm=PLUGIN.format("Arm"), script=leaves, tools__arm=PLUGIN.format("Arm"))
@@ -73,12 +73,12 @@ def test_a_module_that_exits_is_reported_like_any_other(package, tmp_path):
     assert "SystemExit: nothing to do" in loader.failures["lib_exits.tools"]
 
 
-def test_a_package_that_does_not_exist_is_a_configuration_error_that_names_it():
+def test_missing_package_raises_a_configuration_error_with_its_name():
     with pytest.raises(ConfigurationError, match="library 'no_such_library': there is no Python package of that name"):
         PluginLoader().load("no_such_library", Base)
 
 
-def test_a_package_that_cannot_be_imported_is_a_configuration_error_that_tells_why(package):
+def test_package_with_import_error_raises_a_configuration_error_with_the_cause(package):
     name = package("lib_dead", __init__="1 / 0\n")
     with pytest.raises(ConfigurationError, match=r"lib_dead.*line 1: ZeroDivisionError"):
         PluginLoader().load(name, Base)

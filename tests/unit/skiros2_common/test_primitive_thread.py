@@ -1,4 +1,4 @@
-"""Primitives that work in a thread: what they tell while it runs, and how its end becomes theirs."""
+"""Primitives with a thread: progress and result."""
 
 import threading
 
@@ -52,7 +52,7 @@ def end(skill, answer):
     return skill.tick()
 
 
-def test_it_runs_and_tells_its_status_until_the_thread_has_its_result(skill):
+def test_thread_primitive_reports_its_status_until_the_thread_ends(skill):
     assert skill.start()
     while skill.progress_msg != "digs":
         assert skill.tick() is State.Running
@@ -63,13 +63,13 @@ def test_it_runs_and_tells_its_status_until_the_thread_has_its_result(skill):
     assert skill.tick() is State.Success  # and stays so
 
 
-def test_a_failure_has_the_message_and_the_code_that_run_gave(skill):
+def test_failure_has_the_message_and_code_of_run(skill):
     skill.start()
     assert end(skill, lambda self: self.fail("a rock", 7)) is State.Failure
     assert (skill.progress_msg, skill.progress_code) == ("a rock", -7)
 
 
-def test_what_run_raises_is_a_failure_with_its_text(skill):
+def test_exception_in_run_is_a_failure_with_its_text(skill):
     skill.start()
     assert end(skill, RuntimeError("the spade broke")) is State.Failure
     assert "RuntimeError: the spade broke" in skill.progress_msg
@@ -77,19 +77,19 @@ def test_what_run_raises_is_a_failure_with_its_text(skill):
 
 
 @pytest.mark.parametrize("answer", [None, State.Running, State.Idle, 7, "done"])
-def test_an_answer_that_is_no_end_is_a_failure_that_names_it(skill, answer):
+def test_result_of_run_that_is_not_final_is_a_failure(skill, answer):
     skill.start()
     assert end(skill, answer) is State.Failure
     assert f"dig.run returned {answer!r}, expected success(...) or fail(...)" in skill.progress_msg
 
 
 @pytest.mark.parametrize(("answer", "state"), [(State.Success, State.Success), (State.Failure, State.Failure)])
-def test_a_bare_state_will_do(skill, answer, state):
+def test_run_may_return_a_bare_state(skill, answer, state):
     skill.start()
     assert end(skill, answer) is state
 
 
-def test_a_pre_start_that_says_no_starts_no_thread(skill):
+def test_pre_start_that_returns_false_prevents_the_thread(skill):
     skill.willing = False
     before = threading.active_count()
     assert skill.start() is State.Failure
@@ -97,7 +97,7 @@ def test_a_pre_start_that_says_no_starts_no_thread(skill):
     assert skill.state is State.Failure
 
 
-def test_it_starts_again_after_its_end(skill):
+def test_thread_primitive_can_start_again_after_its_end(skill):
     for answer in (State.Failure, State.Success):
         skill.go_on.clear()
         assert skill.start()
@@ -105,7 +105,7 @@ def test_it_starts_again_after_its_end(skill):
         skill.reset()
 
 
-def test_it_does_not_start_while_its_thread_still_runs(skill):
+def test_thread_primitive_does_not_start_while_its_thread_runs(skill):
     """Used by hand; in a task another instance is taken."""
     skill.start()
     assert skill.preempt() is State.Failure

@@ -27,7 +27,7 @@ def test_the_first_value_fixes_the_type():
     ("start", "refused"),
     [(1, "one"), (1.0, "1.0"), ("a", 1), (True, 1), ([1, 2], "x"), ({}, [])],
 )
-def test_a_value_of_another_type_is_refused_with_a_logged_error_and_changes_nothing(start, refused, caplog):
+def test_value_of_another_type_is_rejected_with_a_logged_error(start, refused, caplog):
     prop = Property("P", start)
     before = list(prop.values)
     with caplog.at_level(logging.ERROR):
@@ -36,7 +36,7 @@ def test_a_value_of_another_type_is_refused_with_a_logged_error_and_changes_noth
     assert "P" in caplog.text
 
 
-def test_assign_raises_where_the_setters_log():
+def test_assign_raises_for_a_wrong_type():
     prop = Property("P", [1, 2])
     with pytest.raises(WrongType, match="P: expected a value of type int, got str 'x'"):
         prop.assign([3, "x"])
@@ -47,7 +47,7 @@ def test_assign_raises_where_the_setters_log():
     ("start", "given", "kept"),
     [(1.5, 2, 2.0), (1.5, numpy.float32(0.5), 0.5), (1, numpy.int64(3), 3), (True, numpy.bool_(False), False)],
 )
-def test_numbers_of_other_libraries_become_pythons_own(start, given, kept):
+def test_numpy_numbers_are_converted_to_python_numbers(start, given, kept):
     prop = Property("P", start)
     prop.value = given
     assert prop.value == kept
@@ -67,7 +67,7 @@ def test_values_are_set_by_index_added_and_removed():
         prop.getValue(2)
 
 
-def test_texts_are_read_as_the_property_s_type():
+def test_texts_are_parsed_as_the_property_type():
     prop = Property("P", bool)
     prop.setValuesFromStr("True;false")
     assert prop.values == [True, False]
@@ -93,7 +93,7 @@ def test_numbers_and_bools_equal_their_text(one, other, same):
     assert same_value(other, one) is same
 
 
-def test_values_and_type_are_asked_for_in_several_ways():
+def test_accessors_of_values_and_type_agree():
     prop = Property("skiros:P", [1.5, 2.5])
     assert (prop.getValue(), prop.getValue(1), prop.getValues()) == (1.5, 2.5, [1.5, 2.5])
     assert prop.getValuesStr() == "1.5;2.5"
@@ -105,7 +105,7 @@ def test_values_and_type_are_asked_for_in_several_ways():
     assert Property("skiros:P", float).getValue() is None
 
 
-def test_all_values_are_set_at_once_or_taken_away():
+def test_set_values_sets_or_removes_all_values():
     prop = Property("skiros:P", [1, 2])
     prop.setValues([3, 4, 5])
     assert prop.values == [3, 4, 5]

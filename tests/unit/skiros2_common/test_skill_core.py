@@ -1,4 +1,4 @@
-"""Descriptions and primitives as programs use them without a task. Contract, 2 to 5."""
+"""Descriptions and primitives used without a task. Contract, 2 to 5."""
 
 import threading
 
@@ -52,7 +52,7 @@ def skill():
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 
-def test_a_description_is_complete_from_its_construction_on():
+def test_description_is_complete_after_construction():
     description = Say()
     description.generateDefParams()
     description.generateDefConditions()  # once is enough
@@ -61,13 +61,13 @@ def test_a_description_is_complete_from_its_construction_on():
     assert description.getModifiedParams() == {"Listener"}
 
 
-def test_a_description_prints_what_it_says(skill):
+def test_print_info_shows_parameters_and_conditions(skill):
     assert skill.printInfo() == "skiros:Say-say [Text:['words'] Volume:[3] Listener: sumo:Agent- Robot: sumo:Agent-]"
     assert skill.printInfo(verbose=True).splitlines()[1:] == skill.printConditions().splitlines()
     assert [line.split(":")[0] for line in skill.printConditions().splitlines()] == ["Pre", "Hold", "Post"]
 
 
-def test_a_description_is_a_tuple_that_another_takes_a_copy_of(skill):
+def test_set_description_copies_get_description(skill):
     copy = SkillDescription()
     copy.setDescription(*skill.getDescription())
     copy.params.specify("Text", "changed")
@@ -77,7 +77,7 @@ def test_a_description_is_a_tuple_that_another_takes_a_copy_of(skill):
     assert [c.label for c in copy.getDescription()[4]] == ["UnsetListener", "HasListener"]
 
 
-def test_conditions_are_checked_by_hand(skill):
+def test_check_conditions_methods_return_unsatisfied_keys(skill):
     assert skill.hasPreCond() and skill.hasPostCond()
     assert skill.checkPreCond() == skill.checkHoldCond() == skill.checkPostCond() == []
     skill.specifyParam("Listener", Element("sumo:Agent", "Ann", "sumo:Agent-1"))
@@ -90,7 +90,7 @@ def test_conditions_are_checked_by_hand(skill):
 # -- parameters of a skill ---------------------------------------------------------------------------------------------
 
 
-def test_parameters_are_set_one_by_one_or_from_others(skill):
+def test_specify_params_sets_one_or_several_parameters(skill):
     others = ParamHandler()
     others.addParam("Text", "other words", REQUIRED)
     others.addParam("Volume", int, REQUIRED)
@@ -108,7 +108,7 @@ def test_parameters_are_set_one_by_one_or_from_others(skill):
     assert skill.params["Volume"].value == 5
 
 
-def test_defaults_are_told(skill):
+def test_make_default_sets_the_default_values(skill):
     volume = skill.params["Volume"]
     volume.makeDefault([1, 2])
     assert (volume.getDefaultValue(), volume.getDefaultValue(1)) == (1, 2)
@@ -132,33 +132,33 @@ def test_a_primitive_is_started_ticked_and_reset(skill):
     assert skill.calls == ["onStart", "execute", "execute", "execute", "onReset"]
 
 
-def test_a_primitive_is_started_with_parameters_and_tells_them(skill):
+def test_start_sets_the_parameters(skill):
     params = ParamHandler()
     params.addParam("Text", "given", REQUIRED)
     assert skill.start(params) is State.Running
     assert "Text:['given']" in skill.printState(verbose=True)
 
 
-def test_a_primitive_that_does_not_want_to_start_has_failed(skill):
+def test_start_fails_if_on_start_returns_false(skill):
     skill.willing = False
     assert skill.start() is State.Failure
     assert skill.hasState(State.Failure)
 
 
-def test_a_primitive_that_runs_is_not_started_again(skill):
+def test_running_primitive_cannot_be_started(skill):
     skill.start()
     with pytest.raises(Refused, match="skiros:Say-say is already running"):
         skill.start()
 
 
-def test_a_primitive_is_preempted_when_it_runs(skill):
+def test_running_primitive_is_preempted(skill):
     assert skill.preempt() is State.Idle
     skill.start()
     assert skill.preempt() is State.Failure
     assert skill.printProgress() == "-1: Preempted"
 
 
-def test_a_thread_waits_for_a_state_or_for_its_end(skill):
+def test_wait_state_waits_for_a_state_or_its_end(skill):
     seen = []
 
     def watch():
@@ -220,14 +220,14 @@ def params():
         (make.getOnTypeCond("C", "Object", "skiros:Part"), False, lambda p: p["Object"].value.type == "skiros:Product"),
     ],
 )  # fmt: skip
-def test_an_effect_is_applied_to_the_elements_in_the_parameters_where_that_is_possible(
+def test_set_desired_state_applies_possible_effects(
     params, condition, done, looks_so
 ):
     assert condition.setDesiredState(params) is done
     assert looks_so(params)
 
 
-def test_of_several_parts_one_is_made_true(params):
+def test_set_true_of_or_applies_one_part(params):
     either = make.getOrCond(True)
     either.addCondition(make.getPropCond("C", "skiros:Weight", "Object", ">", 2.0, True))
     either.addCondition(make.getPropCond("C", "skiros:Weight", "Object", "=", 2.0, True))

@@ -1,4 +1,4 @@
-"""Programs that are told to end, and the processes that they end."""
+"""Termination signals, and the end of child processes."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def before() -> Iterator[list[object]]:
 
 
 @pytest.mark.parametrize("number", TERMINATION_SIGNALS)
-def test_a_signal_to_end_is_an_exception(number: signal.Signals, before: list[object]) -> None:
+def test_termination_signal_raises_terminated(number: signal.Signals, before: list[object]) -> None:
     with pytest.raises(Terminated, match=number.name) as ended, TerminationSignals():
         signal.raise_signal(number)
     assert exit_status(ended.value) == 128 + number
     assert [signal.getsignal(n) for n in TERMINATION_SIGNALS] == before
 
 
-def test_only_the_first_signal_disturbs(before: list[object]) -> None:
+def test_later_signals_are_ignored(before: list[object]) -> None:
     with pytest.raises(Terminated) as ended, TerminationSignals():
         try:
             signal.raise_signal(signal.SIGTERM)
@@ -40,7 +40,7 @@ def test_only_the_first_signal_disturbs(before: list[object]) -> None:
     assert ended.value.number == signal.SIGTERM
 
 
-def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) -> None:
+def test_deferred_signal_is_raised_at_the_end(before: list[object]) -> None:
     done = []
     with pytest.raises(Terminated), TerminationSignals() as signals:
         with signals.deferred():
@@ -50,14 +50,14 @@ def test_a_signal_waits_for_what_is_not_to_be_disturbed(before: list[object]) ->
     assert done == ["what was held"]
 
 
-def test_a_signal_that_is_ignored_stays_so(before: list[object]) -> None:
+def test_ignored_signal_stays_ignored(before: list[object]) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with TerminationSignals():
         signal.raise_signal(signal.SIGHUP)
     assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
 
 
-def test_processes_end_with_what_they_have_started() -> None:
+def test_end_processes_ends_descendants() -> None:
     deaf = subprocess.Popen(["bash", "-c", "trap '' INT; sleep 1000; true"], start_new_session=True)
     meek = subprocess.Popen(["sleep", "1000"], start_new_session=True)
     wait_until(lambda: descendants(deaf.pid))

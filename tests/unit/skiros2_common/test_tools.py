@@ -1,4 +1,4 @@
-"""Tools: logging functions, numbers in use, stop-watches, decorators."""
+"""Tools: logging functions, ids, stopwatches, decorators."""
 
 import logging
 
@@ -24,7 +24,7 @@ def messages(caplog):
 
 
 @pytest.mark.parametrize("name", ["always", "error", "warn", "ok", "info", "debug", "trace"])
-def test_one_argument_is_the_text_and_two_are_origin_and_text(name, caplog, at_trace):
+def test_log_takes_a_text_or_a_name_and_a_text(name, caplog, at_trace):
     getattr(log, name)("text")
     getattr(log, name)("origin", "text")
     assert messages(caplog) == ["text", "origin               text"]
@@ -40,14 +40,14 @@ def test_one_argument_is_the_text_and_two_are_origin_and_text(name, caplog, at_t
 
 
 @pytest.mark.parametrize("name", ["assertError", "assertWarn", "assertOk", "assertInfo"])
-def test_the_assert_functions_log_failures_or_successes(name, caplog, at_trace):
+def test_assert_functions_log_by_their_condition(name, caplog, at_trace):
     is_failure = name in ("assertError", "assertWarn")
     assert getattr(log, name)(False, "failed") is (not is_failure)
     assert getattr(log, name)(True, "holds") is is_failure
     assert messages(caplog) == ["failed" if is_failure else "holds"]
 
 
-def test_a_level_drops_what_is_below(caplog, at_trace):
+def test_level_discards_less_severe_messages(caplog, at_trace):
     log.setLevel(log.ERROR)
     log.warn("dropped")
     log.error("kept")
@@ -55,7 +55,7 @@ def test_a_level_drops_what_is_below(caplog, at_trace):
     assert log.getLevel() == log.ERROR
 
 
-def test_numbers_are_unique_while_in_use():
+def test_ids_are_unique_while_in_use():
     ids = IdGen()
     assert [ids.getId(), ids.getId(), ids.getId(5), ids.getId(5)] == [0, 1, 5, 6]
     ids.removeId(1)
@@ -65,14 +65,14 @@ def test_numbers_are_unique_while_in_use():
     assert ids.getId() == 0
 
 
-def test_pretty_objects_are_their_class_name():
+def test_pretty_object_prints_its_class_name():
     class Thing(PrettyObject):
         pass
 
     assert str(Thing()) == Thing().class_name == "Thing"
 
 
-def test_prevent_keeps_a_method_from_being_called_while_attributes_have_values():
+def test_prevent_skips_a_method_while_attributes_match():
     class Door:
         locked = True
 
@@ -86,7 +86,7 @@ def test_prevent_keeps_a_method_from_being_called_while_attributes_have_values()
     assert door.open() == "open"
 
 
-def test_time_keepers_average():
+def test_time_keepers_return_the_average():
     keeper = TimeKeeper()
     assert keeper.toc() == 0.0
     assert keeper.get_avg_time() is None
@@ -102,7 +102,7 @@ def test_time_keepers_average():
     assert keepers.printAvgTimings().startswith("tick: ")
 
 
-def test_a_timer_logs_what_passed(caplog):
+def test_timer_logs_elapsed_time(caplog):
     caplog.set_level(logging.INFO)
     timer = Timer("load")
     timer.tic("ontology")
@@ -110,6 +110,6 @@ def test_a_timer_logs_what_passed(caplog):
     assert "[load] ontology" in caplog.text
 
 
-def test_names_of_ontology_types():
+def test_ontology_type_names():
     assert ontology_type2name("skiros:LargeBox") == "skiros_LargeBox"
     assert ontology_type2name_dict("skiros:LargeBox") == {"prefix": "skiros", "name": "LargeBox"}

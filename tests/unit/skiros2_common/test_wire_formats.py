@@ -1,4 +1,4 @@
-"""What travels between nodes: parameters, properties, elements as JSON and as messages."""
+"""Wire formats: parameters, properties and elements as JSON and as messages."""
 
 import json
 
@@ -25,7 +25,7 @@ def through_the_wire(param):
 
 
 @pytest.mark.parametrize("value", ["x", 1, 1.5, True, {"a": 1}, [1, 2], str, dict])
-def test_a_parameter_comes_out_as_it_went_in(value):
+def test_parameter_round_trips(value):
     sent = Param("P", "what it is", value, ParamTypes.Optional)
     got = through_the_wire(sent)
     assert (got.key, got.description, got.paramType) == ("P", "what it is", ParamTypes.Optional)
@@ -33,7 +33,7 @@ def test_a_parameter_comes_out_as_it_went_in(value):
     assert got.dataType() is sent.dataType()
 
 
-def test_the_json_of_a_parameter_is_the_contract_s():
+def test_json_of_a_parameter_matches_the_contract():
     sent = Param("Object", "it", product(), ParamTypes.Inferred)
     encoded = json.loads(utils.serializeParamMap({"Object": sent})[0].param)
     assert {k: encoded[k] for k in ("key", "description", "specType", "type")} == {
@@ -47,7 +47,7 @@ def test_the_json_of_a_parameter_is_the_contract_s():
     ]
 
 
-def test_an_element_comes_out_as_it_went_in():
+def test_element_round_trips():
     for got in (
         through_the_wire(Param("O", "", product(), ParamTypes.Required)).value,
         utils.msg2element(utils.element2msg(product())),
@@ -58,7 +58,7 @@ def test_an_element_comes_out_as_it_went_in():
         assert got.hasRelation("skiros:Tray-1", "skiros:contain", "-1")
 
 
-def test_a_whole_number_in_json_may_be_a_float():
+def test_integer_in_json_is_accepted_for_a_float():
     param = utils.decodeParam('{"key": "D", "specType": 0, "type": "float", "values": [2]}')
     assert param.value == 2.0
     assert isinstance(param.value, float)
@@ -79,12 +79,12 @@ def test_a_whole_number_in_json_may_be_a_float():
         ('{"key": "K", "specType": 0, "type": "int", "values": 5}', WrongValue, "'values'"),
     ],
 )
-def test_broken_parameters_are_refused_by_name(text, error, named):
+def test_broken_parameter_is_rejected_with_its_key(text, error, named):
     with pytest.raises(error, match=named):
         utils.deserializeParamMap([msgs.Param(text)])
 
 
-def test_a_key_given_twice_is_refused():
+def test_duplicate_key_is_rejected():
     param = utils.serializeParamMap({"A": Param("A", "", 1, ParamTypes.Required)})
     with pytest.raises(WrongValue, match="'A' is given twice"):
         utils.deserializeParamMap(param * 2)
@@ -94,19 +94,19 @@ def test_a_key_given_twice_is_refused():
     ("value", "datatype", "named"),
     [("[1", "int", "no JSON list"), ("[1]", "nope", "unknown type name 'nope'"), ('["a"]', "int", "got str 'a'")],
 )
-def test_broken_properties_are_refused(value, datatype, named):
+def test_broken_property_is_rejected(value, datatype, named):
     with pytest.raises(SkirosError, match=named):
         utils.deserializePropertyMap([msgs.Property("skiros:P", value, datatype)])
 
 
-def test_properties_come_out_as_they_went_in():
+def test_properties_round_trip():
     sent = {"skiros:P": Property("skiros:P", [1, 2]), "skiros:Q": Property("skiros:Q", bool)}
     got = utils.deserializePropertyMap(utils.serializePropertyMap(sent))
     assert got["skiros:P"].values == [1, 2]
     assert got["skiros:Q"].dataType() is bool
 
 
-def test_a_registered_class_may_travel():
+def test_value_of_a_registered_class_round_trips():
     class Colour:
         def __init__(self, name):
             self.name = name
@@ -119,12 +119,12 @@ def test_a_registered_class_may_travel():
     assert utils.type_named("test::Colour") is Colour
 
 
-def test_a_class_without_a_wire_name_is_refused():
+def test_class_without_a_wire_name_is_rejected():
     with pytest.raises(UnknownName, match="no wire name"):
         utils.serializeParamMap({"X": Param("X", "", object(), ParamTypes.Required)})
 
 
-def test_parts_of_elements_are_encoded_and_decoded_alone():
+def test_params_properties_and_elements_round_trip_alone():
     encoder = utils.ParamsEncoder()
     param = Param("Speed", "how fast", 0.5, ParamTypes.Optional)
     assert utils.decodeParam(utils.encodeParam(encoder, param)).printState() == "Speed:[0.5]"
@@ -143,7 +143,7 @@ def test_relations_and_statements_as_messages():
     assert (statement.relation, statement.value) == (utils.relation2msg(relation), False)
 
 
-def test_a_class_is_registered_in_three_steps_too():
+def test_class_can_be_registered_in_three_steps():
     class Size:
         def __init__(self, metres):
             self.metres = metres

@@ -1,4 +1,4 @@
-"""Elements: identity, properties, relations, and what was changed since a world model gave them out."""
+"""Elements: identity, properties, relations, and changes since they were read."""
 
 import logging
 
@@ -46,7 +46,7 @@ def test_repr_is_id_and_label_or_type_and_label():
     assert repr(Element("skiros:Product", "a", "skiros:Product-1")) == "skiros:Product-1-a"
 
 
-def test_a_missing_property_is_named():
+def test_missing_property_error_names_the_existing_ones():
     with pytest.raises(UnknownName, match="no property Weight; it has: skiros:Size"):
         given_out(Size=1.0).getProperty("Weight")
 
@@ -75,7 +75,7 @@ def test_an_unknown_datatype_and_an_unusable_value_are_logged(caplog):
         element.setProperty("skiros:P", "red", "xsd:float", force_convertion=True)
 
 
-def test_a_value_of_another_type_is_refused_unless_converted(caplog):
+def test_value_of_another_type_is_rejected_unless_converted(caplog):
     element = given_out(Weight=1.0)
     with caplog.at_level(logging.ERROR):
         element.setProperty("skiros:Weight", "2.5")
@@ -84,7 +84,7 @@ def test_a_value_of_another_type_is_refused_unless_converted(caplog):
     assert element.getProperty("skiros:Weight").value == 2.5
 
 
-def test_has_property_with_a_value_looks_among_all_and_reads_text():
+def test_has_property_compares_all_values_and_their_texts():
     element = given_out(Flag="True", Names=["a", "b"], Nothing=str)
     assert element.hasProperty("skiros:Flag", True)
     assert element.hasProperty("skiros:Names", "b")
@@ -92,7 +92,7 @@ def test_has_property_with_a_value_looks_among_all_and_reads_text():
     assert not element.hasProperty("skiros:Nothing", not_none=True)
 
 
-def test_set_relation_takes_the_place_of_the_one_before():
+def test_set_relation_replaces_the_earlier_one():
     element = given_out()
     element.setRelation("skiros:Tray-2", "contain", "-1")
     assert [r["src"] for r in element.getRelations(pred="skiros:contain", obj="-1")] == ["skiros:Tray-2"]
@@ -101,20 +101,20 @@ def test_set_relation_takes_the_place_of_the_one_before():
     assert element.getRelation("-1", "skiros:at")["dst"] == "skiros:Location-2"
 
 
-def test_an_element_as_object_is_kept_aside():
+def test_element_as_object_is_a_local_relation():
     parent, child = Element("skiros:Tray"), Element("skiros:Product")
     parent.addRelation("-1", "skiros:contain", child)
     assert parent.local_relations == [("-1", "skiros:contain", child)]
     assert parent.getRelations() == []
 
 
-def test_relations_are_removed_by_their_parts():
+def test_remove_relation_by_its_parts():
     element = given_out()
     element.removeRelation2("", "skiros:contain", "-1")
     assert not element.hasRelation("", "skiros:contain", "-1")
 
 
-def test_what_was_given_out_is_never_changed_through_the_element():
+def test_shared_content_is_never_changed_through_the_element():
     shared = {"skiros:Weight": Property("skiros:Weight", 1.0)}
     relations = ({"src": "-1", "type": "skiros:at", "dst": "x", "state": True, "abstract": False},)
     element = Element.shared("skiros:Product", "l", "skiros:Product-1", shared, relations)
@@ -127,7 +127,7 @@ def test_what_was_given_out_is_never_changed_through_the_element():
     assert relations[0]["dst"] == "x"
 
 
-def test_changes_are_exactly_what_differs():
+def test_changes_are_exactly_the_differences():
     element = given_out(Weight=1.0, Size=2.0, Name="a")
     assert not element.may_be_changed
     assert not element.changes()
@@ -146,11 +146,11 @@ def test_changes_are_exactly_what_differs():
     assert changes.label == "other"
 
 
-def test_an_element_made_by_hand_has_no_changes_to_tell():
+def test_changes_of_an_element_without_a_world_model_is_none():
     assert Element("skiros:Product").changes() is None
 
 
-def test_a_view_counts_changes_from_the_view_on():
+def test_changes_of_a_view_start_at_its_creation():
     element = Element("skiros:Product", "l")
     element.setProperty("skiros:Weight", 1.0)
     view = element.view()
@@ -160,7 +160,7 @@ def test_a_view_counts_changes_from_the_view_on():
     assert element.getProperty("skiros:Weight").value == 1.0
 
 
-def test_data_of_a_code_that_no_reasoner_has_is_an_error():
+def test_unknown_reasoner_code_raises():
     with pytest.raises(KeyError, match="no reasoner has the name or owns ':Colour'"):
         Element("skiros:Product").getData(":Colour")
 
@@ -189,7 +189,7 @@ def test_is_instance_compares_values_and_relations():
     assert not given_out(Weight=1.0).isInstance(pattern, FlatClasses())
 
 
-def test_a_value_is_added_to_a_property_which_is_made_where_missing():
+def test_append_property_creates_a_missing_property():
     element = given_out(Weight=[1.0])
     element.appendProperty("skiros:Weight", 2.0)
     element.appendProperty("skiros:Colour", "red")
@@ -232,7 +232,7 @@ def nearness(monkeypatch):
     return reasoner
 
 
-def test_data_go_to_the_reasoner_that_owns_their_code(nearness):
+def test_set_data_uses_the_reasoner_that_owns_the_code(nearness):
     element = Element("skiros:Product")
     nearness.addProperties(element)
     assert not element.hasData(":Distance")
@@ -248,7 +248,7 @@ def test_data_go_to_the_reasoner_that_owns_their_code(nearness):
     assert not element.hasProperty("skiros:DiscreteReasoner", "Nearness")
 
 
-def test_a_reasoner_runs_until_it_is_asked_to_end(nearness):
+def test_reasoner_runs_until_stop(nearness):
     nearness.stop()
     assert nearness.stopRequested
     nearness.execute()

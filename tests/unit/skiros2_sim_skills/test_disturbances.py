@@ -65,13 +65,13 @@ def node(label: str, state: int) -> Any:
 
 
 def test_the_product_is_put_into_an_empty_tray_beside_its_own_while_the_robot_drives() -> None:
-    hand = FakeHand()
-    moved = Moved(hand, world(), "skiros:Product-5", "demo:Tray-9", Random(1))
+    control = FakeHand()
+    moved = Moved(control, world(), "skiros:Product-5", "demo:Tray-9", Random(1))
     assert moved.steps([step("drive", "waiting")]) == ""
     assert moved.tree([node("drive", RUNNING)]) == ""
     assert moved.steps([step("drive", "running")]) == "somebody puts Product A into Tray C"
     assert moved.steps([step("drive", "running")]) == ""  # once
-    ((element, pose),) = hand.done
+    ((element, pose),) = control.done
     assert element == "skiros:Product-5"
     assert pose.position == pytest.approx((1.0, 2.0, 0.832), abs=0.03)
     assert pose.position[2] == pytest.approx(0.832)  # not in the tray
@@ -80,9 +80,9 @@ def test_the_product_is_put_into_an_empty_tray_beside_its_own_while_the_robot_dr
 def test_where_exactly_is_left_to_chance_but_the_same_for_a_seed() -> None:
     poses = []
     for seed in (1, 1, 2):
-        hand = FakeHand()
-        Moved(hand, world(), "skiros:Product-5", "", Random(seed)).steps([step("drive", "running")])
-        poses.append(hand.done[0][1])
+        control = FakeHand()
+        Moved(control, world(), "skiros:Product-5", "", Random(seed)).steps([step("drive", "running")])
+        poses.append(control.done[0][1])
     assert poses[0] == poses[1] != poses[2]
 
 
@@ -93,8 +93,8 @@ def test_without_another_empty_tray_there_is_no_such_disturbance(neighbour: bool
 
 
 def test_the_gripper_slips_while_the_arm_lifts_until_the_failure_is_known() -> None:
-    hand = FakeHand()
-    slip = Slip(hand, Thing("rparts:Gripper-4", "rparts:GripperEffector", "Gripper"))
+    control = FakeHand()
+    slip = Slip(control, Thing("rparts:Gripper-4", "rparts:GripperEffector", "Gripper"))
     assert slip.tree([node("approach", RUNNING), node("lift", IDLE)]) == ""
     assert slip.steps([step("pick", "failed")]) == ""  # not its doing
     assert slip.tree([node("lift", RUNNING)]) == "Gripper loses its grip"
@@ -102,4 +102,4 @@ def test_the_gripper_slips_while_the_arm_lifts_until_the_failure_is_known() -> N
     assert slip.steps([step("pick", "running")]) == ""
     assert slip.steps([step("pick", "failed")]) == "Gripper has its grip back"
     assert slip.tree([node("lift", RUNNING)]) == ""  # the second time it holds
-    assert hand.done == [("rparts:Gripper-4", True), ("rparts:Gripper-4", False)]
+    assert control.done == [("rparts:Gripper-4", True), ("rparts:Gripper-4", False)]

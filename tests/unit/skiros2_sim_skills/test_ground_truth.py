@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from skiros2_demo.ground_truth import Body, judged
+from skiros2_demo.ground_truth import Body, check_placement
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, from_euler
 
 TRAY = Body("Tray B", Pose((2.0, -1.5, 0.77), from_euler(0.0, 0.0, 0.5)), (0.4, 0.3, 0.04))
@@ -17,12 +17,12 @@ def product(x: float = 2.0, y: float = -1.5, z: float = 0.83, roll: float = 0.0,
 
 
 def wrong(body: Body, velocity=STILL, spin=STILL, touched_by=()) -> list[str]:
-    return [finding.text for finding in judged(body, TRAY, velocity, spin, touched_by) if not finding.holds]
+    return [finding.text for finding in check_placement(body, TRAY, velocity, spin, touched_by) if not finding.holds]
 
 
 def test_a_product_that_stands_in_the_tray_is_there() -> None:
     assert wrong(product()) == []
-    assert [finding.text for finding in judged(product(), TRAY, STILL, STILL, ())] == [
+    assert [finding.text for finding in check_placement(product(), TRAY, STILL, STILL, ())] == [
         "Product A is within Tray B, 0 mm from its middle",
         "it stands on it: its underside is 0 mm above the tray's top",
         "it is upright: it leans by 0.0 degrees",

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from skiros2_common.core.errors import Refused
-from skiros2_demo.pictures import Pictures, view_of
+from skiros2_demo.pictures import Pictures, camera_view
 from skiros2_std_reasoners.core.geometry import Vector
 
 PLACES = [(0.0, 0.0, 0.0), (2.0, 1.5, 0.6), (2.0, -1.5, 0.6)]
@@ -41,9 +41,9 @@ def test_a_robot_without_a_camera_takes_none(tmp_path: Path) -> None:
 
 
 def test_the_eye_looks_at_the_middle_of_all_from_above_and_away() -> None:
-    eye, target = view_of(PLACES)
+    eye, target = camera_view(PLACES)
     assert target == (1.0, 0.0, 0.3)
     assert eye[2] > 1.5
     assert all(math.dist(eye, place) > 1.0 for place in PLACES)
-    wide, _ = view_of([(x * 2, y * 2, z) for x, y, z in PLACES])
+    wide, _ = camera_view([(x * 2, y * 2, z) for x, y, z in PLACES])
     assert math.dist(wide, target) > math.dist(eye, target)

@@ -13,7 +13,7 @@ from skiros2_msgs import msg as msgs
 from skiros2_msgs import srv as srvs
 from skiros2_skill.command_line import connection, program, world
 from skiros2_skill.command_line.assignments import read_steps
-from skiros2_skill.command_line.description import choose, read_skill
+from skiros2_skill.command_line.description import find_skill, read_skill
 from skiros2_skill.command_line.world import World
 from skiros2_skill.ros.registration import Registration
 from unit.skiros2_skill.skills import CONTAINER, INFERRED, OBJECT, OPTIONAL, REQUIRED, contains, describe, primitive
@@ -136,7 +136,7 @@ def run(manager, bench, monkeypatch, capsys):
 # -- list, describe, why -----------------------------------------------------------------------------------------------
 
 
-def test_list_shows_what_has_to_be_given_first_and_not_the_robot(run):
+def test_list_shows_what_must_be_given_first_and_not_the_robot(run):
     lines = [line.split(maxsplit=2) for line in run("list").out.splitlines()]
     assert lines[0] == ["skill", "type", "parameters"]
     assert lines[3] == [
@@ -209,13 +209,13 @@ def test_why_asks_for_the_last_failure_or_for_a_task(run, manager):
 
 @pytest.mark.parametrize("name", ["hard grasp", "skiros:Grasp-hard grasp", "Grasp-hard grasp"])
 def test_a_skill_is_named_by_its_label(skills, name):
-    choice = choose(name, skills)
+    choice = find_skill(name, skills)
     assert (choice.type, choice.label) == ("skiros:Grasp", "hard grasp")
 
 
 @pytest.mark.parametrize("name", ["Grasp", ":Grasp", "skiros:Grasp"])
 def test_a_type_stands_for_any_implementation(skills, name):
-    choice = choose(name, skills)
+    choice = find_skill(name, skills)
     assert (choice.type, choice.label, len(choice.skills)) == ("skiros:Grasp", "", 2)
 
 
@@ -226,7 +226,7 @@ def test_a_near_miss_of_a_skill_is_told(run, name, hint):
 
 def test_what_is_near_to_nothing_gets_the_names_that_there_are(skills):
     with pytest.raises(UnknownName, match=r"there are: soft_grasp, Grasp, .* measure"):
-        choose("qqqqqq", skills)
+        find_skill("qqqqqq", skills)
 
 
 # -- values ------------------------------------------------------------------------------------------------------------
@@ -401,14 +401,14 @@ def test_a_task_or_all_are_stopped_or_paused(run, manager, name, action):
 
 
 def test_a_task_is_resumed_or_ticked_once(run, manager):
-    assert run("resume", "3").out == "task 3 goes on\n"
+    assert run("resume", "3").out == "task 3 is resumed\n"
     assert run("step", "3").out == "task 3 was ticked once\n"
     assert manager.told == [("start", 3), ("tick_once", 3)]
 
 
 def test_without_a_number_all_paused_tasks_go_on(run, manager):
     manager.run_by_number = [3, 5]
-    assert run("resume").out == "task 3 goes on\ntask 5 goes on\n"
+    assert run("resume").out == "task 3 is resumed\ntask 5 is resumed\n"
     manager.refuses = "task 3 runs already"
     assert run("resume") == (1, "", "resume: task 3 runs already; task 3 runs already\n")
     manager.run_by_number = []
@@ -432,7 +432,7 @@ def test_a_task_that_does_not_run_is_not_watched(run, manager):
     assert run("watch", "--once", "4") == (
         1,
         "",
-        f"watch: no task 4 runs on {ROBOT}; why 4 may tell its end\n",
+        f"watch: no task 4 runs on {ROBOT}; it may have ended, see why 4\n",
     )
 
 
@@ -441,7 +441,7 @@ def test_breakpoints_are_listed_added_and_removed(run, manager):
     assert run("breakpoint", "add", "node", "Gr*").out == "breakpoint 1: node Gr* start\n"
     assert run("breakpoint", "list").out.splitlines()[-1].split() == ["1", "node", "Gr*", "start"]
     assert run("breakpoint", "--json").json == manager.breakpoints
-    assert run("breakpoint", "remove", "1").out == "breakpoint 1 is gone\n"
+    assert run("breakpoint", "remove", "1").out == "breakpoint 1 is removed\n"
     assert run("breakpoint", "remove", "all").status == 0
     assert manager.told == [("remove", 1), ("remove", -1)]
 

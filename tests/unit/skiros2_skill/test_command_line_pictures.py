@@ -9,9 +9,9 @@ import pytest
 
 from skiros2_common.command_line.layout import Screen
 from skiros2_msgs.msg import SkillProgress
-from skiros2_skill.command_line import watching
+from skiros2_skill.command_line import watch
 from skiros2_skill.command_line.tree import FAILURE, IDLE, RUNNING, SUCCESS, Changes, picture
-from skiros2_skill.command_line.watching import JsonView, LineView, LiveView
+from skiros2_skill.command_line.watch import JsonView, LineView, LiveView
 
 ROOT = 100
 
@@ -224,8 +224,8 @@ def test_json_has_a_line_for_each_message():
 @pytest.fixture
 def live(monkeypatch):
     """A terminal of 60 x 12 and what stands on it."""
-    monkeypatch.setattr(watching.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
-    monkeypatch.setattr(watching, "screen", lambda: Screen(60))
+    monkeypatch.setattr(watch.shutil, "get_terminal_size", lambda: os.terminal_size((60, 12)))
+    monkeypatch.setattr(watch, "screen", lambda: Screen(60))
     out = io.StringIO()
     view = LiveView(out, nothing_holds, idle="no task runs on /arm; Ctrl-C ends")
 

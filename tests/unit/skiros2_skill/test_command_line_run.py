@@ -10,7 +10,7 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import Refused, SkirosError, TimedOut
 from skiros2_common.core.explanation import EXECUTE, PREEMPT, Explanation
 from skiros2_msgs import msg as msgs
-from skiros2_skill.command_line import following, running
+from skiros2_skill.command_line import monitor, run_skills
 from skiros2_skill.command_line.description import read_skill
 from skiros2_skill.ros import skill_run
 
@@ -90,11 +90,11 @@ def run(monkeypatch):
             return one
 
         monkeypatch.setattr(skill_run, "SkillRunner", lambda name: SimpleNamespace(run=start))
-        monkeypatch.setattr(following, "become_node", lambda name: None)
-        monkeypatch.setattr(running, "_OVERTAKEN", 0.0)
+        monkeypatch.setattr(monitor, "become_node", lambda name: None)
+        monkeypatch.setattr(run_skills, "_PROGRESS_TIMEOUT", 0.0)
         manager = SimpleNamespace(name="/arm", author="tests", skills=lambda: [ADD], why=why)
         arguments = SimpleNamespace(words=["add", "A=1", *words], detach=False, json=as_json)
-        return running.run(manager, arguments, Screen()), one
+        return run_skills.run(manager, arguments, Screen()), one
 
     return run
 
@@ -143,7 +143,7 @@ def test_a_failure_without_explanation_tells_its_message(run):
 def test_one_interruption_preempts_and_waits_for_the_end(run, capsys):
     answer, task = run(result(FAILURE, "Preempted", [failure(PREEMPT, "", "Preempted")]), interruptions=1)
     assert task.cancelled == 1
-    assert capsys.readouterr().err == "preempting task 4; Ctrl-C again leaves it alone\n"
+    assert capsys.readouterr().err == "preempting task 4; Ctrl-C again ends this command at once\n"
     assert answer.status == 130
     assert answer.lines[0].startswith("task 4 was preempted after")
     assert answer.data["state"] == "preempted"
@@ -152,7 +152,7 @@ def test_one_interruption_preempts_and_waits_for_the_end(run, capsys):
 def test_a_second_interruption_leaves_the_task_alone(run, capsys):
     with pytest.raises(KeyboardInterrupt):
         run(result(FAILURE), interruptions=2)
-    assert capsys.readouterr().err.endswith("task 4 has not ended yet; leaving it\n")
+    assert capsys.readouterr().err.endswith("task 4 has not ended yet; it keeps running\n")
 
 
 def test_what_the_manager_refuses_is_an_error(run):

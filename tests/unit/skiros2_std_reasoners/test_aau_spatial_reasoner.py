@@ -494,7 +494,7 @@ def test_elements_with_a_finite_pose_are_told_to_tf_under_their_names(wm, reason
     cup.addRelation(SCENE, "skiros:contain", "-1")
     wm.add_element(cup)
     frame = reasoner._keeper.tracker.get(cup.id)
-    assert set(frame.told.values()) == {cup.id if name == "id" else name for name in told}
+    assert set(frame.published_names.values()) == {cup.id if name == "id" else name for name in told}
 
 
 def test_a_part_is_in_the_frame_of_what_it_is_a_part_of(wm):

@@ -149,7 +149,7 @@ class Field:
         if self.declared.is_element:
             empty = ValueMode.UNSET if self.declared.kind == "optional" else ValueMode.INFER
             return (ValueMode.GIVEN, empty) if self.declared.default else (empty, ValueMode.GIVEN)
-        if self.declared.default or self.declared.has_to_be_given:
+        if self.declared.default or self.declared.must_be_given:
             return (ValueMode.GIVEN,)  # for a manager no value means the default
         return (ValueMode.UNSET, ValueMode.GIVEN)
 
@@ -220,7 +220,7 @@ class Field:
         if editor is Editor.CHOICE and self.text not in self.options:
             raise WrongValue(f"expected one of {', '.join(self.options)}")
         if editor is Editor.TEXT or editor is Editor.CHOICE:
-            if not self.text and self.declared.has_to_be_given:
+            if not self.text and self.declared.must_be_given:
                 raise WrongValue("a text is needed")
             return [self.text]
         if not self.text.strip():

@@ -1,4 +1,4 @@
-"""Motions of a mobile manipulator: what they are, not how a robot does them."""
+"""Descriptions of the motions of a mobile manipulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of elements: read, written and put after one another, where no tf is needed."""
+"""Poses of elements without tf: reading, writing, composition."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POSE_PROPERTIES = (
 
 
 def get_pose(element: Element) -> Pose | None:
-    """The pose of an element in the frame of what it hangs on; None when a part of it is missing."""
+    """Returns the pose of an element in its parent's frame; None if a part is missing."""
     values = [element.value_of(key) for key in POSE_PROPERTIES]
     if any(value is None for value in values):
         return None
@@ -28,13 +28,13 @@ def get_pose(element: Element) -> Pose | None:
 
 
 def set_pose(element: Element, pose: Pose) -> None:
-    """Sets the pose of an element in the frame of what it hangs on. Does not write to the world model."""
+    """Sets the pose of an element in its parent's frame. Does not write to the world model."""
     for key, value in zip(POSE_PROPERTIES, pose, strict=True):
         element.setProperty(key, value, "xsd:float")
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """The pose `inner`, given in the frame at `outer`, in the frame that `outer` is given in."""
+    """Returns a pose in the reference frame of `outer`, given `inner` in the frame at `outer`."""
     x, y, z, ax, ay, az, aw = outer
     dx, dy, dz = _rotated((ax, ay, az, aw), inner[:3])
     bx, by, bz, bw = inner[3:]

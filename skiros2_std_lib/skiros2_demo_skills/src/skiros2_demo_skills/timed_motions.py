@@ -1,4 +1,4 @@
-"""Stand-ins for the motions: they take time, report progress, and tell the world model what a robot would have done."""
+"""Placeholders for the motions: they take time, report progress, and update the world model."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from skiros2_std_skills.clock import Stopwatch
 
 
 class TimedMotion(PrimitiveBase, ABC):
-    """Base of the stand-ins: runs for `Duration` seconds. Subclasses say what they do meanwhile."""
+    """Base of the placeholders: runs for `Duration` seconds."""
 
     @abstractmethod
     def createDescription(self) -> None:
         """To override: calls `describe`."""
 
     def describe(self, description: SkillDescription, duration: float) -> None:
-        """Takes over the description and adds how long the motion takes (s)."""
+        """Sets the description, and adds the duration of the motion (s)."""
         self.setDescription(description, self.__class__.__name__)
         self.addParam("Duration", duration, ParamTypes.Optional, description="How long the motion takes (s)")
 
     def doing(self) -> str:
-        """To override: what the motion does, for progress messages."""
+        """To override: returns what the motion does, for progress messages."""
         return self.label
 
     def arrive(self) -> None:
-        """To override: what the motion changes in the world model, at its end."""
+        """To override: updates the world model at the end of the motion."""
 
     def onStart(self) -> bool:
         self._stopwatch = Stopwatch()
@@ -48,7 +48,7 @@ class TimedMotion(PrimitiveBase, ABC):
 
 
 class move_base_timed(TimedMotion):
-    """Ends with the robot's pose at the approach pose of the place, or at the place itself where it has none."""
+    """Moves the robot to the approach pose of the place; without one, to the place itself."""
 
     def createDescription(self) -> None:
         self.describe(MoveBase(), 2.0)
@@ -75,7 +75,7 @@ class move_base_timed(TimedMotion):
 
 
 class move_arm_timed(TimedMotion):
-    """Leaves the poses of arm and gripper as they are."""
+    """Does not change the poses of arm and gripper."""
 
     def createDescription(self) -> None:
         self.describe(MoveArm(), 1.0)
@@ -85,7 +85,7 @@ class move_arm_timed(TimedMotion):
 
 
 class tuck_arm_timed(TimedMotion):
-    """Leaves the poses of arm and gripper as they are."""
+    """Does not change the poses of arm and gripper."""
 
     def createDescription(self) -> None:
         self.describe(TuckArm(), 1.0)

@@ -1,7 +1,6 @@
-"""What a mobile manipulator does with products: it drives, picks and places.
+"""The skills of a mobile manipulator: drive, pick and place.
 
-The conditions are what planning goes by. The compounds are made of motions by type, so any implementation of the
-motions that is loaded will do.
+Planning uses their conditions. The compounds reference motions by type; any loaded implementation can be selected.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from skiros2_skill.core.processors import Sequential
 from skiros2_skill.core.skill import SkillBase
 
 CONTAINER_STATE = "skiros:ContainerState"
-#: Where a moved object was is found out by WmMoveObject; what Drive left as StartLocation is none of its business.
+#: Remapping for WmMoveObject, which infers the start of a moved object; Drive's StartLocation must not be used.
 FROM = {"StartLocation": "PlaceOfObject"}
 
 
@@ -35,7 +34,7 @@ class Manipulation(SkillDescription):
     """Base of the descriptions of skills that use the arm on a container at a workstation."""
 
     def add_common(self) -> None:
-        """Declares workstation, arm and gripper, and how these, the robot and the container belong together."""
+        """Declares workstation, arm and gripper, and their relations to the robot and the container."""
         self.addParam("Workstation", Element("demo:Workstation"), ParamTypes.Inferred, description="Where it is")
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="The robot's arm")
         self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper")
@@ -81,7 +80,7 @@ class Place(Manipulation):
 
 
 class drive(SkillBase):
-    """Moves the base, then tells the world model where the robot is."""
+    """Moves the base, then updates the robot's location in the world model."""
 
     def createDescription(self) -> None:
         self.setDescription(Drive(), self.__class__.__name__)
@@ -100,7 +99,7 @@ class drive(SkillBase):
 
 
 class pick(SkillBase):
-    """Reaches for the object, grasps it, and tucks the arm. The object is then at the middle of the gripper."""
+    """Reaches for the object, grasps it, and tucks the arm. The object is then in the middle of the gripper."""
 
     def createDescription(self) -> None:
         self.setDescription(Pick(), self.__class__.__name__)
@@ -134,5 +133,5 @@ class place(SkillBase):
 
 
 def at_height(height: float) -> dict[str, float]:
-    """The properties of a position `height` metres above the middle of what an object hangs on."""
+    """Returns the properties of a position `height` metres above the middle of the parent."""
     return {"skiros:PositionX": 0.0, "skiros:PositionY": 0.0, "skiros:PositionZ": height}

@@ -1,4 +1,4 @@
-"""What differs between two states of the world, in words."""
+"""Describes the differences between two states of the world."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import Any
 
 from skiros2_demo.world_state import Thing, WorldState
 
-#: Relations that put a thing in a place: which side the thing is on, and how one says it.
+#: Spatial relations: the side of the moved thing, and a preposition.
 _PLACES = {
     "skiros:contain": ("object", "in"),
     "skiros:hasA": ("object", "part of"),
     "skiros:at": ("subject", "at"),
 }
 _POSE = re.compile(r"skiros:(Position|Orientation)[XYZW]$")
-#: Numbers of poses (m; parts of quaternions) that differ by less are the same.
+#: Tolerance of poses (m; components of quaternions).
 _SAME = 0.01
-#: Set anew with every pose.
+#: Properties that change with every pose.
 _BOOKKEEPING = ("skiros:BaseFrameId", "skiros:TfTimeStamp")
 
 
 def changes(before: WorldState, after: WorldState) -> list[str]:
-    """A line for each thing that is new, gone, elsewhere or otherwise than before, ordered by thing."""
+    """Returns one line per difference, ordered by thing."""
     lines: list[str] = []
     for thing_id in sorted({*before.things, *after.things}, key=_order):
         was, now = before.things.get(thing_id), after.things.get(thing_id)
@@ -70,7 +70,7 @@ def _properties(was: Thing, now: Thing) -> list[str]:
     for key in sorted({*was.properties, *now.properties}):
         old, new = was.properties.get(key, []), now.properties.get(key, [])
         if old != new and key not in _BOOKKEEPING and not _POSE.match(key):
-            facts.append(f"has {key.rpartition(':')[2]} {_shown(new)}; it was {_shown(old)}")
+            facts.append(f"has {key.rpartition(':')[2]} {_format_values(new)}; it was {_format_values(old)}")
     if _has_moved(was, now):
         position = ", ".join(f"{_number(now, f'Position{axis}'):z.2f}" for axis in "XYZ")
         facts.append(f"is at ({position}) m in the frame of what it hangs on")
@@ -78,7 +78,7 @@ def _properties(was: Thing, now: Thing) -> list[str]:
 
 
 def _has_moved(was: Thing, now: Thing) -> bool:
-    """Whether the pose is another one, by more than what a camera may see differently from look to look."""
+    """Whether the pose has changed by more than the noise of a camera."""
     keys = [f"{part}{axis}" for part, axes in (("Position", "XYZ"), ("Orientation", "XYZW")) for axis in axes]
     return not all(math.isclose(_number(was, key), _number(now, key), rel_tol=0.0, abs_tol=_SAME) for key in keys)
 
@@ -87,7 +87,7 @@ def _number(thing: Thing, key: str) -> float:
     return float(next(iter(thing.properties.get(f"skiros:{key}", [])), 0.0))
 
 
-def _shown(values: list[Any]) -> str:
+def _format_values(values: list[Any]) -> str:
     return ", ".join(str(v) for v in values) or "nothing"
 
 

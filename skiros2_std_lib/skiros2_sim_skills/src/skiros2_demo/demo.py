@@ -1,4 +1,4 @@
-"""The main job, as a manufacturing system would have it done: one goal, a plan, its execution, and the proof."""
+"""Runs the pick-and-place demo: one goal, its plan, its execution, and the check of the result."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from skiros2_common.ros.private_system import SystemDown
 from skiros2_demo import run_check
 from skiros2_demo.changes import changes
 from skiros2_demo.disturbances import Disturbance, Moved, Slip
-from skiros2_demo.onlooker import Onlooker
 from skiros2_demo.pictures import Pictures
 from skiros2_demo.plan_text import name_of
+from skiros2_demo.progress_report import ProgressReport
+from skiros2_demo.run_events import RunEvents
 from skiros2_demo.simulation import Simulation
-from skiros2_demo.story import Story
 from skiros2_demo.system import System
 from skiros2_demo.world_state import Thing, WorldState
 from skiros2_msgs.msg import AchieveAction, AchieveFeedback, AchieveGoal, AchieveResult
@@ -35,69 +35,70 @@ from skiros2_world_model.core.scene import ROOT
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 ROBOT = "/mobile_manipulator"
-#: Of the depth that the robot's camera measures (m, standard deviation).
+#: Standard deviation of the depth of the robot's camera (m).
 NOISE = 0.002
 DISTURBANCES = ("moved", "slip")
 _DISTURB = (
     "what goes wrong: somebody puts the product into another tray while the robot drives (moved), or the gripper loses "
     "its grip while the arm lifts (slip); may be given twice"
 )
-#: What bounds the wait for news of the goal (s).
+#: Period of waiting for events (s).
 _PERIOD = 0.2
-#: How much later than the goal's the end of a task may be heard of (s).
+#: Maximum delay of the end of a task after the end of the goal (s).
 _LATE = 1.0
 
 
 class Demo:
-    """One run.
+    """One run of the demo.
 
     :param options: see `_parser`.
-    :param out: where to show it.
+    :param out: for the report.
     """
 
     def __init__(self, options: argparse.Namespace, out: TextIO) -> None:
         self._options = options
         self._world = WorldState()
-        self._story = Story(out, lambda thing: self._world.name(thing))
+        self._report = ProgressReport(out, lambda thing: self._world.name(thing))
         self._pictures: Pictures | None = None
         self._disturbances: list[Disturbance] = []
-        self._struck: list[str] = []
+        self._disturbance_log: list[str] = []
         self._goal: Any = None
 
     def run(self) -> bool:
-        """Runs it and returns whether the goal was reached, as the bag proves and the simulated world, if any.
+        """Runs the demo. Returns whether the bag, and the simulated world if there is one, show that the goal was
+        reached.
 
-        :raises SkirosError: a part of the system fails; the text says which and why.
+        :raises SkirosError: a part of the system fails.
         """
         with System(self._options.folder, self._options.port) as system:
-            self._story.say(
+            self._report.say(
                 f"Starting a system of its own: master on port {system.port}, logs in {self._options.folder}"
             )
-            in_truth = self._run(system)
-        pursuit = run_check.read_run(system.bag)
-        self._story.title("What changed in the world")
-        for line in changes(pursuit.before, pursuit.after) or ["nothing"]:
-            self._story.say(f"  {line}")
-        held = self._show(f"Proof from the bag alone ({system.bag})", run_check.check(pursuit))
-        if in_truth:
-            held &= self._show("Proof from the simulated world", in_truth)
+            truth = self._run(system)
+        goal_run = run_check.read_run(system.bag)
+        self._report.title("What changed in the world")
+        for line in changes(goal_run.before, goal_run.after) or ["nothing"]:
+            self._report.say(f"  {line}")
+        held = self._show(f"Proof from the bag alone ({system.bag})", run_check.check(goal_run))
+        if truth:
+            held &= self._show("Proof from the simulated world", truth)
         if self._options.disturb:
             held &= self._show("What was disturbed", self._disturbed())
         return held
 
     def _run(self, system: System) -> list[Finding]:
-        """Returns what is so in the simulated world."""
-        began_at = time.monotonic()
+        """Runs the system. Returns the findings in the simulated world."""
+        started = time.monotonic()
         system.start_recording(ROBOT)
         system.init_node("manufacturing_system")
-        onlooker = Onlooker(ROBOT)
+        events = RunEvents(ROBOT)
         system.launch(*_launch(self._options))
         simulated = not self._options.timed
         simulation = Simulation() if simulated else None
         task_manager = _wait_until_ready(system, simulation)
-        self._story.say(
+        self._report.say(
             f"World model, skill manager {ROBOT}{', simulator' if simulated else ''} and task manager are ready "
-            f"({_since(began_at)})"
+            f"({_elapsed(started)})"
         )
         scene = WorldModelInterface(rospy.get_name()).get_branch(ROOT)
         self._world = WorldState.of(scene)
@@ -105,21 +106,21 @@ class Demo:
         if simulation is not None:
             self._prepare(simulation, scene, product, tray)
         self._take_pictures("before")
-        self._achieve(system, onlooker, task_manager, f"(skiros:contain {tray.id} {product.id})")
+        self._achieve(system, events, task_manager, f"(skiros:contain {tray.id} {product.id})")
         self._take_pictures("after")
-        in_truth = simulation.judged(product, tray) if simulation is not None else []
-        onlooker.close()
+        truth = simulation.check_placement(product, tray) if simulation is not None else []
+        events.close()
         system.stop_recording()
-        return in_truth
+        return truth
 
     # -- steps ---------------------------------------------------------------------------------------------------------
 
     def _prepare(self, simulation: Simulation, scene: list[Element], product: Thing, tray: Thing) -> None:
-        chance = Random(self._options.seed)
+        random = Random(self._options.seed)
         if self._options.seed:
-            simulation.put(product.id, _aside(simulation.pose_of(product.id), chance))
+            simulation.put(product.id, _displaced(simulation.pose_of(product.id), random))
         if "moved" in self._options.disturb:
-            self._disturbances.append(Moved(simulation, self._world, product.id, tray.id, chance))
+            self._disturbances.append(Moved(simulation, self._world, product.id, tray.id, random))
         if "slip" in self._options.disturb:
             self._disturbances.append(Slip(simulation, self._world.only("rparts:GripperEffector")))
         if self._options.pictures:
@@ -127,75 +128,76 @@ class Demo:
             places = [simulation.pose_of(thing.id).position for thing in shown]
             cameras = [element for element in scene if element.type == "skiros:DepthCamera"]
             topic = COLOUR.of(cameras[0], ROBOT.strip("/"), part_name(cameras[0])) if cameras else ""
-            self._pictures = Pictures(simulation, self._options.folder, places, topic, self._story.say)
+            self._pictures = Pictures(simulation, self._options.folder, places, topic, self._report.say)
 
     def _take_pictures(self, moment: str) -> None:
         if self._pictures is not None:
             self._pictures.take(moment)
 
-    def _achieve(self, system: System, onlooker: Onlooker, task_manager: Any, goal: str) -> None:
-        """Has the goal reached, and tells how that goes on."""
-        self._story.title(f"Goal: {self._options.product} in {self._options.tray}")
-        self._story.say(f"  {goal}")
-        began_at = time.monotonic()
-        self._story.begin()
+    def _achieve(self, system: System, events: RunEvents, task_manager: Any, goal: str) -> None:
+        """Sends the goal and reports its execution."""
+        self._report.title(f"Goal: {self._options.product} in {self._options.tray}")
+        self._report.say(f"  {goal}")
+        started = time.monotonic()
+        self._report.begin()
         request = AchieveGoal(author="manufacturing_system", goals=goal, max_replans=-1)
-        # Kept: actionlib forgets a goal of which nobody holds the handle.
-        self._goal = task_manager.send_goal(request, onlooker.take_transition, onlooker.take_feedback)
+        # kept, since actionlib discards a goal without a handle
+        self._goal = task_manager.send_goal(request, events.on_transition, events.on_feedback)
         while True:
             system.check()
-            if time.monotonic() - began_at > self._options.timeout:
+            if time.monotonic() - started > self._options.timeout:
                 raise SystemDown(f"the goal was not reached within {self._options.timeout:.0f} s")
-            event = onlooker.next_event(_PERIOD)
+            event = events.next_event(_PERIOD)
             if isinstance(event, AchieveResult):
                 break
             if event is not None:
-                self._take(event)
-        while self._story.runs and (late := onlooker.next_event(_LATE)) is not None:
-            self._take(late)
-        self._story.end()
-        self._tell_result(event, _since(began_at))
+                self._handle(event)
+        while self._report.runs and (late := events.next_event(_LATE)) is not None:
+            self._handle(late)
+        self._report.end()
+        self._print_result(event, _elapsed(started))
 
-    def _take(self, event: Any) -> None:
+    def _handle(self, event: Any) -> None:
         if isinstance(event, AchieveFeedback):
-            steps = self._story.feedback(event)
-            struck = [disturbance.steps(steps) for disturbance in self._disturbances]
+            steps = self._report.feedback(event)
+            reports = [disturbance.steps(steps) for disturbance in self._disturbances]
             if any(name_of(step) == "pick" and step["state"] == "succeeded" for step in steps):
                 self._take_pictures("during")
         else:
-            struck = [disturbance.tree(event) for disturbance in self._disturbances]
-            self._story.tree(event)
-        for text in filter(None, struck):
-            self._struck.append(text)
-            self._story.say(f"  ! {text}")
+            reports = [disturbance.tree(event) for disturbance in self._disturbances]
+            self._report.tree(event)
+        for text in filter(None, reports):
+            self._disturbance_log.append(text)
+            self._report.say(f"  ! {text}")
 
-    def _tell_result(self, result: Any, seconds: str) -> None:
+    def _print_result(self, result: Any, seconds: str) -> None:
         if result.state == result.NOTHING_TO_DO:
-            self._story.say("  nothing to do")
+            self._report.say("  nothing to do")
         elif result.state == result.SUCCEEDED:
-            self._story.say(f"\nThe goal is reached after {seconds}")
+            self._report.say(f"\nThe goal is reached after {seconds}")
         else:
             raise Refused(f"the goal was not reached ({result.state} after {seconds}): {result.message}")
 
     def _disturbed(self) -> list[Finding]:
-        """Whether each disturbance came, and had it planned anew."""
-        reasons = self._story.reasons
+        """Checks that each disturbance occurred and caused another plan."""
+        reasons = self._report.reasons
         came = all(disturbance.done for disturbance in self._disturbances)
         return [
-            Finding(came, "; ".join(self._struck) or "nothing was disturbed"),
+            Finding(came, "; ".join(self._disturbance_log) or "nothing was disturbed"),
             Finding(len(reasons) >= len(self._disturbances), f"planned anew {len(reasons)} times"),
             *(Finding(True, f"because {reason}") for reason in reasons),
         ]
 
     def _show(self, title: str, findings: list[Finding]) -> bool:
-        self._story.title(title)
+        self._report.title(title)
         for finding in findings:
-            self._story.say(f"  {'✓' if finding.holds else '✗'} {finding.text}")
+            self._report.say(f"  {'✓' if finding.holds else '✗'} {finding.text}")
         return all(finding.holds for finding in findings)
 
 
 def main(arguments: list[str]) -> int:
-    """The program. Returns the exit status: 0 goal reached, 1 not, 2 wrong arguments, 128 + n ended by signal n."""
+    """Runs the program. Returns the exit status: 0 goal reached, 1 not reached, 2 wrong arguments, 128 + n after
+    signal n."""
     parser = _parser()
     options = parser.parse_args(arguments)
     if options.timed and (options.disturb or options.gui):
@@ -235,7 +237,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _launch(options: argparse.Namespace) -> list[str]:
-    """Package, file and arguments of what is to be launched."""
+    """Returns package, file and arguments to launch."""
     scene = [f"init_scene:={options.scene}"] if options.scene else []
     if options.timed:
         return ["skiros2_demo_skills", "demo.launch", "gui:=false", *scene]
@@ -244,20 +246,20 @@ def _launch(options: argparse.Namespace) -> list[str]:
     return ["skiros2_sim_skills", "demo.launch", "gui:=false", *simulated, *scene]
 
 
-def _aside(pose: Pose, chance: Random) -> Pose:
-    """A pose some centimetres beside another one, turned about the vertical: where people really put things."""
-    x, y, turn = (chance.uniform(-reach, reach) for reach in (0.03, 0.03, 0.4))
+def _displaced(pose: Pose, random: Random) -> Pose:
+    """Returns a pose some centimetres beside another one, with another yaw."""
+    x, y, turn = (random.uniform(-reach, reach) for reach in (0.03, 0.03, 0.4))
     return composed(pose, Pose((x, y, 0.0), from_euler(0.0, 0.0, turn)))
 
 
 def _wait_until_ready(system: System, simulation: Simulation | None) -> Any:
-    """Returns a client of the task manager, to which also the recorder listens."""
+    """Returns a connected client of the task manager, once the recorder is connected too."""
     task_manager = actionlib.ActionClient("tm/achieve", AchieveAction)
     if simulation is not None:
         system.wait_for(simulation.is_ready, "the simulator")
     skills = rospy.ServiceProxy(f"{ROBOT}/get_skills", ResourceGetDescriptions)
     system.wait_for(lambda: _is_offered(skills), f"the skill manager {ROBOT}")
-    skills()  # answers when all skills are loaded
+    skills()  # returns when all skills are loaded
     system.wait_for(lambda: task_manager.wait_for_server(rospy.Duration.from_sec(0.01)), "the task manager tm")
     system.wait_for(lambda: task_manager.pub_goal.get_num_connections() > 1, "the recorder of the goal")
     return task_manager
@@ -271,5 +273,5 @@ def _is_offered(service: Any) -> bool:
     return True
 
 
-def _since(moment: float) -> str:
+def _elapsed(moment: float) -> str:
     return f"{time.monotonic() - moment:.1f} s"

@@ -1,4 +1,4 @@
-"""What goes wrong while the robot works, on purpose: `--disturb NAME`."""
+"""Disturbances of the demo: `--disturb NAME`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from skiros2_std_reasoners.core.geometry import Pose, composed, from_euler
 CONTAIN = "skiros:contain"
 
 
-class Hand(Protocol):
-    """What a disturbance does to the simulated world; see `Simulation`."""
+class WorldControl(Protocol):
+    """The part of `Simulation` that disturbances use."""
 
     def pose_of(self, element: str) -> Pose: ...
 
@@ -25,32 +25,33 @@ class Hand(Protocol):
 
 
 class Disturbance(Protocol):
-    """Told how the goal goes on, it strikes once when its time has come.
+    """A disturbance that occurs once, when the execution reaches a certain state.
 
-    :ivar done: whether it has.
+    :ivar done: whether it has occurred.
     """
 
     done: bool
 
     def steps(self, steps: Sequence[Step]) -> str:
-        """The steps of the plan, with their states, are so now. Returns what it has done, in words; "" is nothing."""
+        """Called when the steps of the plan or their states change. Returns a description of what it did; "" for
+        nothing."""
 
     def tree(self, nodes: Sequence[Any]) -> str:
-        """A task, a `SkillProgress` for each node, is so now. Likewise."""
+        """Called when a task changes, with a `SkillProgress` per node. Returns the same as `steps`."""
 
 
 class Moved:
-    """While the robot drives to a product, somebody puts that into another tray of the same workstation.
+    """Moves a product to another tray of the same workstation while the robot drives there.
 
-    :param goal: the tray where the product is to come; not into that.
-    :param chance: where exactly it is put.
+    :param goal: the target tray of the product, which is not used.
+    :param random: for the exact pose.
     """
 
-    def __init__(self, hand: Hand, world: WorldState, product: str, goal: str, chance: Random) -> None:
-        self._hand = hand
+    def __init__(self, control: WorldControl, world: WorldState, product: str, goal: str, random: Random) -> None:
+        self._control = control
         self._product = world.things[product]
         self._tray = _empty_neighbour(world, product, goal)
-        self._chance = chance
+        self._random = random
         self.done = False
 
     def steps(self, steps: Sequence[Step]) -> str:
@@ -58,9 +59,9 @@ class Moved:
             return ""
         self.done = True
         above = (self._tray.size[2] + self._product.size[2]) / 2 + 0.002
-        x, y = (self._chance.uniform(-0.02, 0.02) for _ in range(2))
-        place = Pose((x, y, above), from_euler(0.0, 0.0, self._chance.uniform(-0.2, 0.2)))
-        self._hand.put(self._product.id, composed(self._hand.pose_of(self._tray.id), place))
+        x, y = (self._random.uniform(-0.02, 0.02) for _ in range(2))
+        place = Pose((x, y, above), from_euler(0.0, 0.0, self._random.uniform(-0.2, 0.2)))
+        self._control.put(self._product.id, composed(self._control.pose_of(self._tray.id), place))
         return f"somebody puts {self._product.name} into {self._tray.name}"
 
     def tree(self, nodes: Sequence[Any]) -> str:
@@ -68,10 +69,10 @@ class Moved:
 
 
 class Slip:
-    """While the arm lifts for the first time, the gripper loses its grip; after the failure it holds again."""
+    """Makes the gripper slip in the first lift; its friction is restored after the failure."""
 
-    def __init__(self, hand: Hand, gripper: Thing) -> None:
-        self._hand = hand
+    def __init__(self, control: WorldControl, gripper: Thing) -> None:
+        self._control = control
         self._gripper = gripper
         self._slips = False
         self.done = False
@@ -80,19 +81,19 @@ class Slip:
         if not self._slips or not any(step["state"] == "failed" for step in steps):
             return ""
         self._slips = False
-        self._hand.slip(self._gripper.id, False)
+        self._control.slip(self._gripper.id, False)
         return f"{self._gripper.name} has its grip back"
 
     def tree(self, nodes: Sequence[Any]) -> str:
         if self.done or not any("lift" in node.label and node.state == node.RUNNING for node in nodes):
             return ""
         self.done = self._slips = True
-        self._hand.slip(self._gripper.id, True)
+        self._control.slip(self._gripper.id, True)
         return f"{self._gripper.name} loses its grip"
 
 
 def _empty_neighbour(world: WorldState, product: str, goal: str) -> Thing:
-    """An empty tray on the workstation where the product is.
+    """Returns an empty tray on the workstation of a product.
 
     :raises Refused: there is none.
     """

@@ -1,6 +1,6 @@
-"""Judges by the simulated world's true poses whether a product was put down properly. Needs no ROS.
+"""Checks the placement of a product by true poses of the simulated world. Needs no ROS.
 
-All that is compared is phrased so that a NaN never holds.
+All comparisons are false for NaN.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from skiros2_bags.core.checking import Finding
 from skiros2_std_reasoners.core.geometry import Pose, Quaternion, Vector, composed, half_extents, inverted, rotated
 
-#: How far the product's underside may be above the tray's top side, or its edges over the tray's (m).
+#: Maximum gap between product and tray, and maximum overhang of its edges (m).
 GAP = 0.01
-#: How much it may lean (rad).
+#: Maximum tilt (rad).
 TILT = math.radians(5.0)
-#: What counts as at rest (m/s, rad/s).
+#: Maximum speed at rest (m/s, rad/s).
 SPEED, SPIN = 0.005, 0.05
 
 
@@ -24,9 +24,9 @@ SPEED, SPIN = 0.005, 0.05
 class Body:
     """A box.
 
-    :param name: what people call it.
-    :param pose: of its middle, in the map.
-    :param size: of its edges along its own axes (m).
+    :param name: for people.
+    :param pose: of its centre, in the map.
+    :param size: edge lengths along its own axes (m).
     """
 
     name: str
@@ -34,20 +34,20 @@ class Body:
     size: Vector
 
 
-def judged(
+def check_placement(
     product: Body, tray: Body, velocity: Iterable[float], spin: Iterable[float], touched_by: Iterable[str]
 ) -> list[Finding]:
-    """Whether a product lies in a tray, stands upright on it, is at rest, and is held by nothing.
+    """Checks that a product is in a tray, upright, at rest, and not held.
 
     :param velocity, spin: of the product (m/s, rad/s).
-    :param touched_by: the links of robots that touch it.
+    :param touched_by: links of robots in contact with it.
     """
     x, y, z = composed(inverted(tray.pose), product.pose).position
     reach = half_extents(composed(inverted(tray.pose), product.pose).orientation, product.size)
     within = all(abs(at) + half <= edge / 2 + GAP for at, half, edge in zip((x, y), reach, tray.size, strict=False))
-    lean = min(_leaning(product.pose.orientation, axis) for axis in _upright_axes(product.size))
+    lean = min(_tilt(product.pose.orientation, axis) for axis in _upright_axes(product.size))
     gap = z - reach[2] - tray.size[2] / 2
-    # On a tray that is a box it stands on top; in one with a rim it stands on the floor, somewhat lower.
+    # on top of a solid tray; on the floor of a tray with a rim, which is lower
     on_it = -tray.size[2] - GAP <= gap <= GAP
     speed, turning = math.hypot(*velocity), math.hypot(*spin)
     holders = sorted(touched_by)
@@ -61,12 +61,12 @@ def judged(
 
 
 def _upright_axes(size: Vector) -> list[Vector]:
-    """The axes of a box that may be upright: its z, and others with edges as long; nobody can tell these apart."""
+    """Returns the axes of a box that may be vertical: z, and axes with edges of the same length."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     return [axis for axis, edge in zip(axes, size, strict=True) if math.isclose(edge, size[2], rel_tol=0.01)]
 
 
-def _leaning(orientation: Quaternion, axis: Vector) -> float:
-    """The angle between an axis of a box and the vertical (rad); a box has no top."""
+def _tilt(orientation: Quaternion, axis: Vector) -> float:
+    """Returns the angle between an axis of a box and the vertical (rad), ignoring its sign."""
     upward = abs(rotated(orientation, axis)[2])
     return math.acos(min(1.0, upward)) if math.isfinite(upward) else math.nan

@@ -1,4 +1,4 @@
-"""Pictures of a run: the whole cell from outside, and what the robot sees."""
+"""Pictures of a run: an overview of the cell, and the robot's camera image."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Protocol
 from skiros2_common.core.errors import SkirosError
 from skiros2_std_reasoners.core.geometry import Vector
 
-#: From the middle of the cell to the eye, as parts of the cell's width.
+#: Direction from the centre of the cell to the camera, relative to the width of the cell.
 _DIRECTION = (-0.5, -0.26, 0.5)
 
 
-class Photographer(Protocol):
-    """Who takes pictures; see `Simulation`."""
+class PictureSource(Protocol):
+    """The part of `Simulation` that takes pictures."""
 
     def take_picture(self, file: Path, eye: Vector, target: Vector) -> Path: ...
 
@@ -22,25 +22,25 @@ class Photographer(Protocol):
 
 
 class Pictures:
-    """Takes them once for each moment of a run, as `MOMENT_cell.png` and `MOMENT_robot.png`. One that fails is told of
-    and does not end the run.
+    """Saves two pictures per moment of a run: `MOMENT_cell.png` and `MOMENT_robot.png`. Errors are reported, not
+    raised.
 
-    :param places: where the things of the cell are, in the map (m).
-    :param say: told of each picture, and why there is none.
+    :param places: positions of the things in the cell, in the map (m).
+    :param say: prints a message.
     """
 
     def __init__(
-        self, by: Photographer, folder: Path, places: Iterable[Vector], topic: str, say: Callable[[str], None]
+        self, by: PictureSource, folder: Path, places: Iterable[Vector], topic: str, say: Callable[[str], None]
     ) -> None:
         self._by = by
         self._folder = folder
         self._topic = topic
         self._say = say
         self._taken: set[str] = set()
-        self._eye, self._target = view_of(places)
+        self._eye, self._target = camera_view(places)
 
     def take(self, moment: str) -> None:
-        """Takes those of a moment, if there are none yet."""
+        """Saves the pictures of a moment, once."""
         if moment in self._taken:
             return
         self._taken.add(moment)
@@ -56,8 +56,8 @@ class Pictures:
             self._say(f"  no picture {file.name}: {error}")
 
 
-def view_of(places: Iterable[Vector]) -> tuple[Vector, Vector]:
-    """An eye, and a target, for a picture with all these places (m)."""
+def camera_view(places: Iterable[Vector]) -> tuple[Vector, Vector]:
+    """Returns camera position and target for a picture of all positions (m)."""
     sides = [(min(axis), max(axis)) for axis in zip(*places, strict=True)]
     if not sides:
         return (-3.0, -2.0, 3.0), (0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Plans as text for a terminal."""
+"""Formats plans for a terminal."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 from skiros2_common.core.errors import WrongValue
 
-#: A step of a plan, as the feedback of `~achieve` tells it.
+#: A step of a plan, as in the feedback of `~achieve`.
 Step = dict[str, Any]
 
 
 def steps_of(text: str) -> list[Step]:
-    """The steps of a plan, or what has become of them.
+    """Parses the steps of a plan.
 
-    :param text: the task manager's JSON; "" has none.
-    :raises WrongValue: it is something else.
+    :param text: JSON of the task manager; "" for no steps.
+    :raises WrongValue: it is not a plan.
     """
     try:
         steps = json.loads(text or "[]")
@@ -28,9 +28,9 @@ def steps_of(text: str) -> list[Step]:
 
 
 def plan_lines(steps: list[Step], name: Callable[[str], str]) -> list[str]:
-    """A line for each step of a plan.
+    """Formats a plan, one line per step.
 
-    :param name: what a person calls the element with an id.
+    :param name: returns the name of an element.
     """
     return [f"{number}. {_step(step, name)}".rstrip() for number, step in enumerate(steps, 1)]
 
@@ -41,5 +41,5 @@ def _step(step: Step, name: Callable[[str], str]) -> str:
 
 
 def name_of(step: Step) -> str:
-    """What people call a step's skill."""
+    """Returns the name of a step's skill."""
     return str(step.get("label") or step.get("skill", ""))

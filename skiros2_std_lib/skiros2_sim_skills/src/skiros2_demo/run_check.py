@@ -1,6 +1,6 @@
-"""Proves from a bag alone that a goal was planned for, that robots did the steps, and that it was reached.
+"""Checks from a bag alone that a goal was planned, that robots executed the steps, and that it was reached.
 
-Needs no ROS: the message definitions are in the bag.
+Needs no ROS.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from skiros2_bags.core.action_call import Goal
 from skiros2_bags.core.checking import Finding
-from skiros2_bags.core.checking import check as look_for_gaps
+from skiros2_bags.core.checking import check as check_bag
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.core.run import Run
 from skiros2_bags.core.task_run import FAILURE, SUCCESS, TaskRun
@@ -23,21 +23,21 @@ from skiros2_task.core import goal_syntax
 ACHIEVE = "skiros2_msgs/Achieve"
 PROGRESS = "skiros2_msgs/TreeProgress"
 
-#: What a result says of a goal.
+#: States of a goal's result.
 SUCCEEDED, NOTHING_TO_DO = "succeeded", "nothing_to_do"
-#: What becomes of a step whose tree ends so.
+#: State of a step by the final state of its task.
 _ENDS = {SUCCESS: "succeeded", FAILURE: "failed"}
 
 
 @dataclass
-class Pursuit:
-    """What a bag tells of how its last goal was pursued.
+class GoalRun:
+    """The execution of the last goal in a bag.
 
-    :param missing: what should be in the bag, and is not.
-    :param before, after: the world when it was given, and at the end.
-    :param plans: the steps of each plan that was made for it.
-    :param done: what the task manager says of the steps that were started.
-    :param tasks: those that began since then, on all robots.
+    :param missing: what is missing in the bag.
+    :param before, after: the world at the time of the goal, and at the end.
+    :param plans: the steps of each plan.
+    :param done: the started steps, as reported by the task manager.
+    :param tasks: the tasks of all robots since the goal.
     """
 
     missing: list[str]
@@ -49,10 +49,10 @@ class Pursuit:
     tasks: list[TaskRun] = field(default_factory=list)
 
 
-def read_run(bag: Path) -> Pursuit:
-    """Reads the last goal of a bag and all that followed.
+def read_run(bag: Path) -> GoalRun:
+    """Reads the last goal of a bag and its execution.
 
-    :raises BagError: there is no such bag, it cannot be read or is cut off, or lacks a kind of message.
+    :raises BagError: the bag cannot be read, is truncated, or lacks a type of messages.
     """
     run = Run.open(bag)
     if run.damage:
@@ -61,27 +61,27 @@ def read_run(bag: Path) -> Pursuit:
     if not goals:
         raise BagError(f"{bag}: no goal was given to a task manager to be achieved")
     goal = goals[-1]
-    missing = [finding.text for finding in look_for_gaps(run) if not finding.holds]
-    pursuit = Pursuit(missing, goal, _world(run, goal.time), _world(run, run.end))
+    missing = [finding.text for finding in check_bag(run) if not finding.holds]
+    goal_run = GoalRun(missing, goal, _world(run, goal.time), _world(run, run.end))
     if PROGRESS in run.topics.values():
-        pursuit.tasks = [task for task in run.tasks() if task.start >= goal.time]
+        goal_run.tasks = [task for task in run.tasks() if task.start >= goal.time]
     try:
         for message in goal.call.feedback:
-            _take_plan(pursuit.plans, steps_of(message.content.feedback.plan))
+            _add_plan(goal_run.plans, steps_of(message.content.feedback.plan))
         if goal.call.result is not None:
-            pursuit.done = steps_of(goal.call.result.content.result.done)
+            goal_run.done = steps_of(goal.call.result.content.result.done)
     except WrongValue as error:
         raise BagError(f"{bag}: {error}") from error
-    return pursuit
+    return goal_run
 
 
-def check(pursuit: Pursuit) -> list[Finding]:
-    """The proof, step by step.
+def check(goal_run: GoalRun) -> list[Finding]:
+    """Checks the execution of a goal.
 
-    :raises BagError: the goal is of a kind that cannot be judged from a bag.
+    :raises BagError: a goal of this kind cannot be checked from a bag.
     """
-    whole = Finding(not pursuit.missing, "; ".join(pursuit.missing) or "the bag has all of the run from its start")
-    return [whole, *_check_result(pursuit), *_check_goal(pursuit)]
+    whole = Finding(not goal_run.missing, "; ".join(goal_run.missing) or "the bag has all of the run from its start")
+    return [whole, *_check_result(goal_run), *_check_goal(goal_run)]
 
 
 def _world(run: Run, at: float) -> WorldState:
@@ -89,7 +89,7 @@ def _world(run: Run, at: float) -> WorldState:
     return WorldState.of(element for node in scene if (element := scene.element(node.id)) is not None)
 
 
-def _take_plan(plans: list[list[Step]], plan: list[Step]) -> None:
+def _add_plan(plans: list[list[Step]], plan: list[Step]) -> None:
     known = max((step["number"] for steps in plans for step in steps), default=0)
     new = [step for step in plan if step["number"] > known]
     if new:
@@ -99,35 +99,34 @@ def _take_plan(plans: list[list[Step]], plan: list[Step]) -> None:
 # -- the plans and their execution ------------------------------------------------------------------------------------
 
 
-def _check_result(pursuit: Pursuit) -> list[Finding]:
-    goal = pursuit.goal
+def _check_result(goal_run: GoalRun) -> list[Finding]:
+    goal = goal_run.goal
     if not goal.state:
         return [Finding(False, f"the task manager did not answer the goal {goal.goals}")]
     if goal.state == NOTHING_TO_DO:
         return [Finding(True, "the goal was reached already, there was nothing to do")]
     if goal.state != SUCCEEDED:
         return [Finding(False, f"the goal ended as {goal.state}: {goal.message}")]
-    plans = [f"a plan was made{' anew' if n else ''}: {_named(plan)}" for n, plan in enumerate(pursuit.plans)]
-    return [*(Finding(True, text) for text in plans), *_check_steps(pursuit)]
+    plans = [f"a plan was made{' anew' if n else ''}: {_with_names(plan)}" for n, plan in enumerate(goal_run.plans)]
+    return [*(Finding(True, text) for text in plans), *_check_steps(goal_run)]
 
 
-def _check_steps(pursuit: Pursuit) -> list[Finding]:
-    """What the result says of the steps is what the trees of the robots say."""
+def _check_steps(goal_run: GoalRun) -> list[Finding]:
+    """Compares the steps in the result with the task runs of the robots."""
     findings = []
-    for robot in sorted({step["robot"] for step in pursuit.done} | {task.robot for task in pursuit.tasks}):
-        said = [(name_of(step), step["state"]) for step in pursuit.done if step["robot"] == robot]
-        seen = [(_skills(task), _end(task)) for task in pursuit.tasks if task.robot == robot]
-        findings.append(
-            Finding(seen == said, f"{robot} did: {_told(seen)}" + ("" if seen == said else f"; said is: {_told(said)}"))
-        )
+    for robot in sorted({step["robot"] for step in goal_run.done} | {task.robot for task in goal_run.tasks}):
+        reported = [(name_of(step), step["state"]) for step in goal_run.done if step["robot"] == robot]
+        recorded = [(_skills(task), _end(task)) for task in goal_run.tasks if task.robot == robot]
+        difference = "" if recorded == reported else f"; said is: {_step_list(reported)}"
+        findings.append(Finding(recorded == reported, f"{robot} did: {_step_list(recorded)}{difference}"))
     return findings
 
 
-def _named(steps: list[Step]) -> str:
+def _with_names(steps: list[Step]) -> str:
     return ", ".join(name_of(step) for step in steps)
 
 
-def _told(steps: list[tuple[str, str]]) -> str:
+def _step_list(steps: list[tuple[str, str]]) -> str:
     return ", ".join(name if state == SUCCEEDED else f"{name} ({state})" for name, state in steps) or "nothing"
 
 
@@ -142,12 +141,12 @@ def _end(task: TaskRun) -> str:
 # -- the goal ---------------------------------------------------------------------------------------------------------
 
 
-def _check_goal(pursuit: Pursuit) -> list[Finding]:
+def _check_goal(goal_run: GoalRun) -> list[Finding]:
     try:
-        goals = goal_syntax.parse_goals(pursuit.goal.goals)
+        goals = goal_syntax.parse_goals(goal_run.goal.goals)
     except WrongValue as error:
         raise BagError(str(error)) from error
-    return [Finding(_holds(goal, pursuit.after), f"at the end: {_worded(goal, pursuit.after)}") for goal in goals]
+    return [Finding(_holds(goal, goal_run.after), f"at the end: {_goal_text(goal, goal_run.after)}") for goal in goals]
 
 
 def _holds(goal: goal_syntax.ParsedGoal, world: WorldState) -> bool:
@@ -165,11 +164,11 @@ def _holds(goal: goal_syntax.ParsedGoal, world: WorldState) -> bool:
     raise BagError("only goals about relations between elements can be judged from a bag")
 
 
-def _worded(goal: goal_syntax.ParsedGoal, world: WorldState) -> str:
+def _goal_text(goal: goal_syntax.ParsedGoal, world: WorldState) -> str:
     if isinstance(goal, goal_syntax.ParsedNot):
-        return f"not ({_worded(goal.part, world)})"
+        return f"not ({_goal_text(goal.part, world)})"
     if isinstance(goal, goal_syntax.ParsedJunction):
-        return f" {'and' if goal.every else 'or'} ".join(_worded(part, world) for part in goal.parts)
+        return f" {'and' if goal.every else 'or'} ".join(_goal_text(part, world) for part in goal.parts)
     assert isinstance(goal, goal_syntax.ParsedAtom)
     subject, target = (world.name(term.text) for term in goal.terms)
     relation = full_name(goal.predicate.text)

@@ -1,4 +1,4 @@
-"""The simulated world as the demo asks it: true poses, pictures, and what disturbs the robot."""
+"""The demo's client of the simulator: true poses, pictures and disturbances."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from sensor_msgs.msg import Image
 
 from skiros2_bags.core.checking import Finding
 from skiros2_common.core.errors import Refused, TimedOut
-from skiros2_demo.ground_truth import Body, judged
+from skiros2_demo.ground_truth import Body, check_placement
 from skiros2_demo.world_state import Thing
 from skiros2_sim_msgs.msg import Contacts
 from skiros2_sim_msgs.srv import GetPose, SetFault, SetFaultRequest, SetPose, TakePicture
 from skiros2_std_reasoners.core.geometry import Pose, Vector
 
-#: How long a camera may take to deliver a picture (s).
+#: Timeout of a camera image (s).
 PICTURE_TIMEOUT = 5.0
 
 
 class Simulation:
-    """A client of the simulator; needs an initialised ROS node."""
+    """A client of the simulator. Needs an initialised node."""
 
     def __init__(self) -> None:
         self._contacts: list[Any] = []
         self._lock = threading.Lock()
-        rospy.Subscriber("sim/contacts", Contacts, self._take_contacts)
+        rospy.Subscriber("sim/contacts", Contacts, self._on_contacts)
 
     def is_ready(self) -> bool:
-        """Whether the simulator answers."""
+        """Whether the simulator is running."""
         try:
             rospy.wait_for_service("sim/get_pose", 0.01)
         except rospy.ROSException:
@@ -40,22 +40,22 @@ class Simulation:
         return True
 
     def pose_of(self, element: str) -> Pose:
-        """The true pose of an element in the map.
+        """Returns the true pose of an element in the map.
 
-        :raises Refused: the simulator does not know it.
+        :raises Refused: it is not in the simulated world.
         """
         return _pose(self._call("get_pose", GetPose, element=element).pose.pose)
 
-    def judged(self, product: Thing, tray: Thing) -> list[Finding]:
-        """Whether a product lies in a tray in truth: see `ground_truth.judged`.
+    def check_placement(self, product: Thing, tray: Thing) -> list[Finding]:
+        """Checks that a product lies in a tray; see `ground_truth.check_placement`.
 
-        :raises Refused: the simulator does not know one of them.
+        :raises Refused: one of them is not in the simulated world.
         """
         answer = self._call("get_pose", GetPose, element=product.id)
         with self._lock:
             pairs = [(contact.first, contact.second) for contact in self._contacts]
         touching = {other for pair in pairs if product.id in pair for other in pair if other != product.id}
-        return judged(
+        return check_placement(
             Body(product.name, _pose(answer.pose.pose), product.size),
             Body(tray.name, self.pose_of(tray.id), tray.size),
             _vector(answer.twist.linear),
@@ -64,9 +64,9 @@ class Simulation:
         )
 
     def put(self, element: str, pose: Pose) -> None:
-        """Puts an element elsewhere, as a hand from outside does.
+        """Moves an element to a pose in the map.
 
-        :raises Refused: the simulator cannot.
+        :raises Refused: the simulator rejects it.
         """
         target = PoseStamped()
         (target.pose.position.x, target.pose.position.y, target.pose.position.z) = pose.position
@@ -75,23 +75,23 @@ class Simulation:
         self._call("set_pose", SetPose, element=element, pose=target)
 
     def slip(self, gripper: str, active: bool) -> None:
-        """Lets a gripper lose its grip, or gives it back.
+        """Starts or ends the slipping of a gripper.
 
-        :raises Refused: the simulator cannot.
+        :raises Refused: the simulator rejects it.
         """
         self._call("set_fault", SetFault, kind=SetFaultRequest.SLIPPING_GRIPPER, target=gripper, active=active)
 
     def take_picture(self, file: Path, eye: Vector, target: Vector) -> Path:
-        """Takes a picture of the world from somewhere.
+        """Saves a picture of the world from a given camera position.
 
-        :raises Refused: the simulator cannot.
+        :raises Refused: the simulator rejects it.
         """
         return _saved(self._call("take_picture", TakePicture, eye=Point(*eye), target=Point(*target)).image, file)
 
     def take_robots_picture(self, file: Path, topic: str) -> Path:
-        """Saves what a camera of the robot sees now.
+        """Saves an image of the robot's camera.
 
-        :raises TimedOut: the camera delivers nothing.
+        :raises TimedOut: there is no image.
         """
         try:
             return _saved(rospy.wait_for_message(topic, Image, PICTURE_TIMEOUT), file)
@@ -104,7 +104,7 @@ class Simulation:
             raise Refused(f"sim/{name}: {answer.message}")
         return answer
 
-    def _take_contacts(self, message: Any) -> None:
+    def _on_contacts(self, message: Any) -> None:
         with self._lock:
             self._contacts = message.contacts
 

@@ -1,4 +1,4 @@
-"""A system of its own for the demo: a master on a free port, a recorder, and what the launch file starts."""
+"""The ROS system of the demo: a master on a free port, a recorder, and the launched nodes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from pathlib import Path
 
 from skiros2_common.ros.private_system import PrivateSystem
 
-#: How long the recorder may lag behind what is published (s).
+#: Maximum delay of the recorder (s).
 RECORDER_LAG = 1.0
 
 
 class System(PrivateSystem):
     """A running system; a context manager.
 
-    :param folder: where the bag goes, and a log of each process.
-    :param port: the master's; 0 takes a free one.
+    :param folder: for the bag and the logs.
+    :param port: of the master; 0 for a free one.
     """
 
     def __init__(self, folder: Path, port: int = 0) -> None:
@@ -26,19 +26,19 @@ class System(PrivateSystem):
             old.unlink(missing_ok=True)
 
     def start_recording(self, robot: str) -> None:
-        """Starts a recorder of all that a run needs, and waits until it listens.
+        """Starts a recorder, and waits until it has subscribed.
 
-        :param robot: the skill manager whose tasks it awaits.
-        :raises SystemDown: it ends.
-        :raises TimedOut: it does not get ready.
+        :param robot: the skill manager to expect.
+        :raises SystemDown: the recorder exits.
+        :raises TimedOut: the recorder is not ready in time.
         """
         command = ["rosrun", "skiros2_bags", "record", "--force", "--no-check", "-o", str(self.bag), "--robots", robot]
         self.start("recorder", command)
         self.wait_for(lambda: "recording to" in self.log("recorder").read_text(errors="replace"), "the recorder")
 
     def stop_recording(self) -> None:
-        """Ends the recorder, so that the bag is whole."""
-        # A recorder tells nobody what it has got. What was published last is with it in milliseconds, on a busy machine
-        # in more. The nodes cannot end first: they take their skills out of the world, which is no part of the run.
+        """Stops the recorder, which completes the bag."""
+        # There is no acknowledgement: wait for the last messages. The nodes must not exit first: they remove their
+        # skills from the scene, which is not part of the run.
         time.sleep(RECORDER_LAG)
         self.end("recorder")

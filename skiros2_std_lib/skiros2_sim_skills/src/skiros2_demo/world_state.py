@@ -1,4 +1,4 @@
-"""The scene at one time, as plain data."""
+"""The scene at one time as plain data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skiros2_common.core.errors import UnknownName
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
 
-#: A relation: subject, predicate, object.
+#: Subject, predicate, object.
 Triple = tuple[str, str, str]
 
 SELF = "-1"
@@ -18,7 +18,7 @@ SELF = "-1"
 
 @dataclass
 class Thing:
-    """An element, without its relations."""
+    """An element without its relations."""
 
     id: str
     type: str
@@ -27,26 +27,26 @@ class Thing:
 
     @property
     def name(self) -> str:
-        """What a person calls it: its label without prefix, or its id."""
+        """The label without prefix, or the id."""
         return local_name(self.label) or self.id
 
     @property
     def size(self) -> tuple[float, float, float]:
-        """The edges of its box (m), 0 where it has none."""
+        """Edge lengths of its box (m); 0 without a size."""
         x, y, z = (float(next(iter(self.properties.get(f"skiros:Size{axis}", [])), 0.0)) for axis in "XYZ")
         return x, y, z
 
 
 @dataclass
 class WorldState:
-    """The things in a scene, and how they are related."""
+    """Things and their relations."""
 
     things: dict[str, Thing] = field(default_factory=dict)
     relations: set[Triple] = field(default_factory=set)
 
     @classmethod
     def of(cls, elements: Iterable[Element]) -> WorldState:
-        """The state that elements tell of."""
+        """Creates the state from elements."""
         state = cls()
         for element in elements:
             properties = {p.key: list(p.values) for p in element.properties}
@@ -57,18 +57,18 @@ class WorldState:
         return state
 
     def name(self, thing_id: str) -> str:
-        """What a person calls a thing: its label without prefix, or its id."""
+        """Returns the name of a thing: its label without prefix, or its id."""
         thing = self.things.get(thing_id)
         return thing.name if thing is not None else thing_id
 
     def holders(self, thing_id: str, predicate: str) -> list[str]:
-        """The subjects of a relation to a thing."""
+        """Returns the subjects of a relation to a thing."""
         return sorted(s for s, p, o in self.relations if p == predicate and o == thing_id)
 
     def labelled(self, label: str) -> Thing:
-        """The thing with that label.
+        """Returns the thing with a label.
 
-        :raises UnknownName: there is none, or there are several.
+        :raises UnknownName: there is not exactly one.
         """
         found = [thing for thing in self.things.values() if thing.label == label]
         if len(found) != 1:
@@ -78,9 +78,9 @@ class WorldState:
         return found[0]
 
     def only(self, kind: str) -> Thing:
-        """The thing of a type.
+        """Returns the thing of a type.
 
-        :raises UnknownName: there is none, or there are several.
+        :raises UnknownName: there is not exactly one.
         """
         found = [thing for thing in self.things.values() if thing.type == kind]
         if len(found) != 1:

@@ -1,4 +1,4 @@
-"""The arm, by control_msgs/FollowJointTrajectory and skiros2_sim_msgs/CartesianMotion."""
+"""Primitives for the arm with control_msgs/FollowJointTrajectory and skiros2_sim_msgs/CartesianMotion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skiros2_sim_skills.core.places import (
     box_of,
     direction_between,
     grasp_of,
-    holder_of,
+    parent_of,
     pose_in_scene,
     release_of,
     size_of,
@@ -33,7 +33,7 @@ from skiros2_sim_skills.motions import LiftTool, MoveArmJoints, MoveToolToContai
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector
 
-#: With a motion until contact: how far below where the object is thought to stand it may go (m).
+#: Distance below the expected contact to which a motion until contact may continue (m).
 _GIVE = 0.025
 
 _JOINT_CODES = {
@@ -55,7 +55,7 @@ _CARTESIAN_CODES = {
 
 
 class move_arm_joints(DriverAction):
-    """Sends the posture as a trajectory of one point."""
+    """Sends a posture as a trajectory of one point."""
 
     def createDescription(self) -> None:
         self.setDescription(MoveArmJoints(), self.__class__.__name__)
@@ -85,7 +85,7 @@ class move_arm_joints(DriverAction):
 
 
 class tuck_arm(move_arm_joints):
-    """The posture for driving and for looking, by its name."""
+    """Moves the arm to its posture for driving and looking."""
 
     def createDescription(self) -> None:
         self.setDescription(TuckArm(), self.__class__.__name__)
@@ -100,7 +100,7 @@ class _ToolMotion(DriverAction):
         return name_of(CARTESIAN, self.element("Robot"), self.element("Arm")), CartesianMotionAction
 
     def ahead(self, target: Pose) -> Vector:
-        """The direction from the arm to where it reaches."""
+        """Returns the direction from the arm to a pose."""
         return direction_between(pose_in_scene(self.wmi, self.element("Arm"))[1], target)
 
     def onFeedback(self, msg: Any) -> State:
@@ -113,7 +113,7 @@ class _ToolMotion(DriverAction):
 
 
 class move_tool_to_object(_ToolMotion):
-    """Reaches for the object from above, the fingers across its narrower side."""
+    """Moves the tool to the object from above, with the fingers across its narrower side."""
 
     def createDescription(self) -> None:
         self.setDescription(MoveToolToObject(), self.__class__.__name__)
@@ -133,7 +133,7 @@ class move_tool_to_object(_ToolMotion):
 
 
 class move_tool_to_container(_ToolMotion):
-    """Moves what the gripper holds to where it stands in the middle of the container, or straight above."""
+    """Moves a held object to the middle of the container, or above it."""
 
     def createDescription(self) -> None:
         self.setDescription(MoveToolToContainer(), self.__class__.__name__)
@@ -155,11 +155,11 @@ class move_tool_to_container(_ToolMotion):
         )
 
     def _held(self, thing: Any) -> Box:
-        """Pose in the frame of the tool, and size.
+        """Returns pose in the tool frame, and size.
 
-        :raises WrongValue: the gripper does not hold it.
+        :raises WrongValue: the gripper does not hold the object.
         """
-        holder, pose = holder_of(self.wmi, thing), space.pose_of(thing)
+        holder, pose = parent_of(self.wmi, thing), space.pose_of(thing)
         if holder is None or holder.id != self.element("Gripper").id or pose is None:
             raise WrongValue(f"{thing.label!r} is not in {self.label_of('Gripper')!r}")
         return Box(pose, size_of(thing))
@@ -183,7 +183,7 @@ class lift_tool(_ToolMotion):
 
 
 def _reason(codes: dict[int, str], result: Any, text: str) -> str:
-    """What a result says: its code in words, and the driver's own text."""
+    """Describes a result: its code, and the text of the driver."""
     words = codes.get(getattr(result, "error_code", 0), "")
     own = str(getattr(result, "error_string", "") or text)
     return f"{words} ({own})" if words and own and own != words else words or own

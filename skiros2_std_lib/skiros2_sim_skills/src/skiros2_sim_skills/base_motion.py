@@ -1,4 +1,4 @@
-"""The base, by move_base_msgs/MoveBase."""
+"""A primitive for the base with move_base_msgs/MoveBase."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skiros2_std_reasoners.core.geometry import Pose
 
 
 class move_base(DriverAction):
-    """Drives to the approach pose of the place, or to the place itself where it has none."""
+    """Drives to the approach pose of the place; without one, to the place itself."""
 
     def createDescription(self) -> None:
         self.setDescription(MoveBase(), self.__class__.__name__)
@@ -48,7 +48,7 @@ class move_base(DriverAction):
 
 
 def stamped(frame: str, pose: Pose) -> PoseStamped:
-    """The message of a pose, for the frame as it is when the driver takes the goal."""
+    """Creates a stamped pose with time 0: the driver uses the latest transform of the frame."""
     message = PoseStamped()
     message.header.frame_id = frame
     message.header.stamp = rospy.Time(0)

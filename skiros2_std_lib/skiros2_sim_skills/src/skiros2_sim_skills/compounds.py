@@ -1,6 +1,6 @@
-"""How a mobile manipulator drives, looks, picks and places: compounds of motions.
+"""Compounds of a mobile manipulator: drive, look, pick and place.
 
-The motions are named by type, so any implementation of them that is loaded will do.
+The motions are referenced by type; any loaded implementation can be selected.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from skiros2_sim_skills.transport import FREE, OBSERVED, Drive, Look, Pick, Plac
 from skiros2_skill.core.processors import ParallelFs, Sequential
 from skiros2_skill.core.skill import SkillBase
 
-#: Where the tool comes to before it goes down, and to where it goes up again, above where it takes or puts things (m).
+#: Height of the tool above an object before grasping and after releasing (m).
 CLEARANCE = 0.12
-#: Near things the arm goes slowly, and gives way (m/s).
+#: Speed of a compliant motion near objects (m/s).
 SLOWLY = 0.08
-#: What is put down has touched the ground when this is felt (N).
+#: Contact force of an object that is put down (N).
 TOUCH = 6.0
 
 
 class drive(SkillBase):
-    """Moves the base, with an eye on what the gripper holds; then tells the world model where the robot is."""
+    """Moves the base while the grasp is watched, then updates the robot's location in the world model."""
 
     def createDescription(self) -> None:
         self.setDescription(Drive(), self.__class__.__name__)
@@ -29,7 +29,7 @@ class drive(SkillBase):
     def expand(self, skill: Any) -> None:
         skill.setProcessor(Sequential())
         skill(
-            _tell(self, "StartLocation", OBSERVED, False),
+            _set_property(self, "StartLocation", OBSERVED, False),
             self.skill(ParallelFs())(
                 self.skill("MoveBase", ""),
                 self.skill("WatchGrasp", ""),
@@ -40,13 +40,13 @@ class drive(SkillBase):
                 remap={"Src": "Robot", "Dst": "TargetLocation", "OldDstToRemove": "StartLocation"},
                 specify={"Relation": "skiros:at", "RelationState": True},
             ),
-            _tell(self, "TargetLocation", FREE, False),
-            _tell(self, "StartLocation", FREE, True),
+            _set_property(self, "TargetLocation", FREE, False),
+            _set_property(self, "StartLocation", FREE, True),
         )
 
 
 class look(SkillBase):
-    """Goes to where the workstation is in view, and tells the world model what is seen."""
+    """Drives to the workstation, and updates the world model by what the camera sees there."""
 
     def createDescription(self) -> None:
         self.setDescription(Look(), self.__class__.__name__)
@@ -58,12 +58,12 @@ class look(SkillBase):
             self.skill("SwitchController", "", specify={"Compliant": False}),
             self.skill("TuckArm", ""),
             self.skill("DetectObjects", ""),
-            _tell(self, "Workstation", OBSERVED, True),
+            _set_property(self, "Workstation", OBSERVED, True),
         )
 
 
 class pick(SkillBase):
-    """Grasps the object from above, and lifts it. It is in the gripper when it still is there at the end."""
+    """Grasps the object from above and lifts it. Moves it to the gripper in the world model after the last check."""
 
     def createDescription(self) -> None:
         self.setDescription(Pick(), self.__class__.__name__)
@@ -71,7 +71,7 @@ class pick(SkillBase):
     def expand(self, skill: Any) -> None:
         skill.setProcessor(Sequential())
         skill(
-            _tell(self, "Workstation", OBSERVED, False),
+            _set_property(self, "Workstation", OBSERVED, False),
             self.skill("SwitchController", "", specify={"Compliant": False}),
             self.skill("OpenGripper", ""),
             self.skill("MoveToolToObject", "", specify={"Height": CLEARANCE}),
@@ -84,12 +84,12 @@ class pick(SkillBase):
             self.skill("TuckArm", ""),
             self.skill("CheckGrasp", ""),
             self.skill("WmGrasped", ""),
-            _tell(self, "Workstation", OBSERVED, True),
+            _set_property(self, "Workstation", OBSERVED, True),
         )
 
 
 class place(SkillBase):
-    """Puts the object down until it touches the tray, lets go of it, and looks whether it stands there."""
+    """Puts the object into the tray until contact, releases it, and checks with the camera that it is there."""
 
     def createDescription(self) -> None:
         self.setDescription(Place(), self.__class__.__name__)
@@ -97,7 +97,7 @@ class place(SkillBase):
     def expand(self, skill: Any) -> None:
         skill.setProcessor(Sequential())
         skill(
-            _tell(self, "Workstation", OBSERVED, False),
+            _set_property(self, "Workstation", OBSERVED, False),
             self.skill("CheckGrasp", ""),
             self.skill("SwitchController", "", specify={"Compliant": False}),
             self.skill("MoveToolToContainer", "", specify={"Height": CLEARANCE}),
@@ -109,10 +109,10 @@ class place(SkillBase):
             self.skill("LiftTool", "", specify={"Height": CLEARANCE}),
             self.skill("TuckArm", ""),
             self.skill("DetectObjects", ""),
-            _tell(self, "Workstation", OBSERVED, True),
+            _set_property(self, "Workstation", OBSERVED, True),
         )
 
 
-def _tell(skill: SkillBase, element: str, key: str, value: bool) -> Any:
-    """A node that sets a property of the element in a parameter."""
+def _set_property(skill: SkillBase, element: str, key: str, value: bool) -> Any:
+    """Creates a node that sets a property of the element in a parameter."""
     return skill.skill("WmSetProperties", "", remap={"Src": element}, specify={"Properties": {key: value}})

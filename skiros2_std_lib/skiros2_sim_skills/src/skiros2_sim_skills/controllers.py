@@ -1,4 +1,4 @@
-"""The controllers of an arm, by a service like that of controller_manager."""
+"""The controllers of an arm, switched by a service like controller_manager's."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skiros2_sim_skills.motions import SwitchController
 
 
 class switch_controller(DriverService):
-    """Starts the one controller of the arm and stops the other."""
+    """Starts one controller of the arm and stops the other."""
 
     def createDescription(self) -> None:
         self.setDescription(SwitchController(), self.__class__.__name__)
@@ -37,7 +37,7 @@ class switch_controller(DriverService):
         return self.success(f"Controller {on!r} is on")
 
     def _controllers(self) -> tuple[str, str]:
-        """The one that is wanted, and the other."""
+        """Returns the controllers to start and to stop."""
         robot, arm = self.element("Robot"), self.element("Arm")
         position, compliant = (name_of(address, robot, arm) for address in (POSITION_CONTROLLER, COMPLIANT_CONTROLLER))
         return (compliant, position) if self.value("Compliant") else (position, compliant)

@@ -1,4 +1,4 @@
-"""What primitives share that have a driver of the robot do the work."""
+"""Base classes of primitives that use a driver of the robot."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from skiros2_common.core.world_element import Element
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_std_skills.service_client_primitive import PrimitiveServiceClient
 
-#: Progress code: the goal or the request could not be made from what the world model knows.
+#: Progress code: the world model lacks data for the goal or request.
 NOT_KNOWN = -110
 
 
 class _Parameters:
-    """Short ways to the values of the parameters."""
+    """Access to parameter values."""
 
     params: Any
 
     def element(self, key: str) -> Element:
-        """An element among the parameters."""
+        """Returns the element in a parameter."""
         value: Element = self.params[key].value
         return value
 
     def value(self, key: str) -> Any:
-        """The value of another parameter."""
+        """Returns the value of a parameter."""
         return self.params[key].value
 
     def label_of(self, key: str) -> str:
-        """What a person calls an element among the parameters."""
+        """Returns the name of the element in a parameter."""
         element = self.element(key)
         return str(element.label or element.id)
 
 
 class DriverAction(_Parameters, PrimitiveActionClient):
-    """Base of the primitives that are one goal of an action. What the world model does not know fails with the reason,
-    and not with a traceback."""
+    """Base of the primitives that send one goal to an action. Missing data in the world model is a failure with a
+    reason, without traceback."""
 
     def address(self) -> tuple[str, Any]:
-        """To override: name and type of the action."""
+        """To override: returns name and type of the action."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define address")
 
     def doing(self) -> str:
-        """To override: what the motion does, for progress messages."""
+        """To override: returns what the motion does, for progress messages."""
         return str(self.label)
 
     def buildClient(self) -> Any:
@@ -58,12 +58,12 @@ class DriverAction(_Parameters, PrimitiveActionClient):
             return self.startError(f"{self.doing()}: {error}", NOT_KNOWN)
 
     def failed(self, reason: str, code: int) -> State:
-        """Fails with what it was about."""
+        """Fails with a reason."""
         return self.fail(f"{self.doing()} failed: {reason}", code)
 
 
 class DriverService(_Parameters, PrimitiveServiceClient):
-    """Base of the primitives that are one call of a service."""
+    """Base of the primitives that call a service."""
 
     build_client_onstart = True
     call_timeout_sec = 10.0

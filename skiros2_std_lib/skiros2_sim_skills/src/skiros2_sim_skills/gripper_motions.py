@@ -1,4 +1,5 @@
-"""The gripper, by control_msgs/GripperCommand, in which the position is the width between the fingers (m)."""
+"""Primitives for the gripper with control_msgs/GripperCommand, where the position is the width between the fingers
+(m)."""
 
 from __future__ import annotations
 
@@ -16,14 +17,14 @@ from skiros2_demo_skills.motions import CloseGripper, OpenGripper
 from skiros2_sim.core.names import GRIPPER
 from skiros2_sim_skills.core.devices import name_of, opening
 from skiros2_sim_skills.core.places import (
+    ancestors,
     box_of,
     contents,
     direction_between,
     grasp_of,
-    holder_of,
     in_grasp,
-    line_above,
     move_in_world_model,
+    parent_of,
     pose_in_scene,
     size_of,
 )
@@ -31,12 +32,12 @@ from skiros2_sim_skills.drivers import NOT_KNOWN, DriverAction
 from skiros2_sim_skills.motions import CheckGrasp, WatchGrasp, WmGrasped
 from skiros2_std_skills.clock import Stopwatch
 
-#: Fingers nearer to each other hold nothing (m).
+#: Maximum width of closed fingers (m).
 _NOTHING_BETWEEN = 0.004
-#: By so much the width between the fingers may differ from the edges of what they hold (m).
+#: Tolerance of the width of a held object (m).
 _FIT = 0.015
 
-#: Progress code: the gripper holds nothing, or something else.
+#: Progress code: the gripper holds nothing, or another object.
 NOT_HELD = -111
 
 
@@ -47,21 +48,21 @@ class _GripperMotion(DriverAction):
         return name_of(GRIPPER, self.element("Robot"), self.element("Gripper")), GripperCommandAction
 
     def command(self, width: float, effort: float) -> GripperCommandGoal:
-        """The goal: a width (m) and a force (N)."""
+        """Creates a goal: width (m) and force (N)."""
         goal = GripperCommandGoal()
         goal.command.position, goal.command.max_effort = width, effort
         return goal
 
     def grip(self) -> GripperCommandGoal:
-        """The goal that closes the fingers on what is between them."""
+        """Creates a goal that closes the gripper."""
         return self.command(0.0, self.value("Effort"))
 
     def add_effort(self) -> None:
-        """Declares how strongly the gripper closes."""
+        """Declares the gripping force."""
         self.addParam("Effort", 40.0, ParamTypes.Optional, description="How strongly it closes (N)")
 
     def ended_well(self, status: int, msg: Any) -> bool:
-        """Whether the driver has done what it was told; fingers that something stops have, too."""
+        """Whether the driver succeeded; stalled fingers count as success."""
         return status == GoalStatus.SUCCEEDED or bool(getattr(msg, "stalled", False))
 
 
@@ -85,7 +86,7 @@ class open_gripper(_GripperMotion):
 
 
 class close_gripper(_GripperMotion):
-    """Closes the gripper on an object, and fails when the fingers do not stop at it."""
+    """Closes the gripper on an object; fails if the fingers do not stop at its size."""
 
     def createDescription(self) -> None:
         self.setDescription(CloseGripper(), self.__class__.__name__)
@@ -107,7 +108,7 @@ class close_gripper(_GripperMotion):
 
 
 class check_grasp(_GripperMotion):
-    """Closes the gripper once more: fingers that hold something do not move."""
+    """Closes the gripper again to check that it holds the object: then the fingers do not move."""
 
     def createDescription(self) -> None:
         self.setDescription(CheckGrasp(), self.__class__.__name__)
@@ -130,7 +131,7 @@ class check_grasp(_GripperMotion):
 
 
 class watch_grasp(_GripperMotion):
-    """Closes the gripper again every `Period` seconds. Never succeeds: run it beside what it watches over."""
+    """Checks the grasp every `Period` seconds. Never succeeds; run it in parallel to another skill."""
 
     def createDescription(self) -> None:
         self.setDescription(WatchGrasp(), self.__class__.__name__)
@@ -144,7 +145,7 @@ class watch_grasp(_GripperMotion):
         return super().onStart() if held else True
 
     def onPreempt(self) -> State:
-        # This is its usual end: what it watches over is over.
+        # the usual end: the parallel skill has ended
         if self._held is not None:
             super().onPreempt()
         return self.success("Watched to the end")
@@ -177,7 +178,7 @@ class watch_grasp(_GripperMotion):
 
 
 class wm_grasped(PrimitiveBase):
-    """Moves the object into the gripper in the world model, where it is between the fingers."""
+    """Moves the object into the gripper in the world model, with its pose between the fingers."""
 
     def createDescription(self) -> None:
         self.setDescription(WmGrasped(), self.__class__.__name__)
@@ -195,9 +196,9 @@ class wm_grasped(PrimitiveBase):
 
 
 def misfit(thing: Element, width: float) -> str:
-    """Why a thing cannot be between fingers that are so far from each other (m); "" when it can.
+    """Returns why an object cannot be between fingers at a distance (m); "" if it can.
 
-    :raises WrongValue: the thing has no size.
+    :raises WrongValue: the object has no size.
     """
     if not width > _NOTHING_BETWEEN:
         return f"{thing.label} is not between the fingers: they have closed"
@@ -209,10 +210,10 @@ def misfit(thing: Element, width: float) -> str:
 
 
 def lost(wmi: Any, gripper: Element, thing: Element, why: str) -> str:
-    """Takes a thing out of the gripper that has lost it, in the world model: it is somewhere in the scene. Says so."""
-    holder = holder_of(wmi, wmi.get_element(thing.id))
+    """Moves a lost object from the gripper to the scene in the world model. Returns a description."""
+    holder = parent_of(wmi, wmi.get_element(thing.id))
     if holder is None or holder.id != gripper.id:
         return why
     thing = wmi.get_element(thing.id)
-    move_in_world_model(wmi, thing, line_above(wmi, thing)[-1], pose_in_scene(wmi, thing)[1])
+    move_in_world_model(wmi, thing, ancestors(wmi, thing)[-1], pose_in_scene(wmi, thing)[1])
     return f"{why}; {gripper.label} has lost it"

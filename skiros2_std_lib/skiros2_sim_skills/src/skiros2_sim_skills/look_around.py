@@ -1,4 +1,4 @@
-"""The camera, by a service that tells what it sees."""
+"""A primitive for the camera: calls its detection service."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from skiros2_std_reasoners.core.geometry import Pose, normalized
 
 
 class detect_objects(DriverService):
-    """Asks the camera, once more when something that is expected is not seen, and writes what has come out."""
+    """Detects objects, once more if an expected one is not visible, and updates the world model."""
 
     def createDescription(self) -> None:
         self.setDescription(DetectObjects(), self.__class__.__name__)
@@ -45,19 +45,19 @@ class detect_objects(DriverService):
                 self._may_ask_again = False
                 super().onStart()
                 return self.step(f"Not in view: {', '.join(missing)}; looking again")
-            return self.success(self._tell(seen))
+            return self.success(self._write_findings(seen))
         except SkirosError as error:
             return self.fail(f"{self.label_of('Camera')}: {error}", NOT_KNOWN)
 
-    def _tell(self, seen: dict[str, Pose]) -> str:
-        """Writes to the world model where things are, and says what is new.
+    def _write_findings(self, seen: dict[str, Pose]) -> str:
+        """Updates the world model. Returns a summary of the changes.
 
-        :raises SkirosError: the world model refuses.
+        :raises SkirosError: the world model rejects a change.
         """
         found = findings(self.wmi, self.element("Workstation"), seen)
         for finding in found:
             move_in_world_model(self.wmi, finding.thing, finding.holder, finding.pose)
-        news = [str(finding) for finding in found if finding.is_news]
+        news = [str(finding) for finding in found if finding.is_change]
         return "; ".join(news) if news else f"As expected: {len(found)} objects in view"
 
 
@@ -69,6 +69,6 @@ def _pose(message: Any) -> Pose:
 
 
 def _is_pose(message: Any) -> bool:
-    """Whether all numbers are finite: a driver may answer anything."""
+    """Whether all numbers are finite."""
     p, q = message.position, message.orientation
     return all(map(math.isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w)))

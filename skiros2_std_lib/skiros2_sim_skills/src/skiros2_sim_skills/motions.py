@@ -1,4 +1,4 @@
-"""Motions and looks of a mobile manipulator, beside those of the pick-and-place demo without physics."""
+"""Descriptions of motions of a mobile manipulator, in addition to those of the demo without physics."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from skiros2_common.core.world_element import Element
 
 
 class ArmAndGripper(SkillDescription):
-    """Base of the descriptions with an arm and its gripper, which are found when they are not given."""
+    """Base of the descriptions with an arm and its gripper, which are inferred if not given."""
 
     def add_arm_and_gripper(self) -> None:
-        """Declares both, and how they and the robot belong together."""
+        """Declares both and their relations."""
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Inferred, description="The robot's arm")
         self.addParam("Gripper", Element("rparts:GripperEffector"), ParamTypes.Inferred, description="Its gripper")
         self.addPreCondition(self.getRelationCond("RobotHasArm", "skiros:hasA", "Robot", "Arm", True))
@@ -19,7 +19,7 @@ class ArmAndGripper(SkillDescription):
 
 
 class MoveArmJoints(SkillDescription):
-    """Moves an arm to one of its postures."""
+    """Moves an arm to a named posture."""
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
@@ -31,7 +31,7 @@ class MoveTool(ArmAndGripper):
     """Base of the straight motions of the tool."""
 
     def add_motion(self, target: str, element_type: str, description: str) -> None:
-        """Declares where to, how far above that, and what the arm may feel on the way."""
+        """Declares target, height above it, speed and force limit."""
         self.add_arm_and_gripper()
         self.addParam(target, Element(element_type), ParamTypes.Required, description=description)
         self.addParam("Height", 0.0, ParamTypes.Optional, description="How far above (m)")
@@ -40,14 +40,14 @@ class MoveTool(ArmAndGripper):
 
 
 class MoveToolToObject(MoveTool):
-    """Moves the tool to where the gripper takes an object from above."""
+    """Moves the tool to the grasp pose of an object, from above."""
 
     def createDescription(self) -> None:
         self.add_motion("Object", "skiros:Manipulatable", "What to reach for")
 
 
 class MoveToolToContainer(MoveTool):
-    """Moves the tool to where the gripper lets go of an object above a container, or down until it stands there."""
+    """Moves the tool to the release pose of an object above a container, or down until contact."""
 
     def createDescription(self) -> None:
         self.add_motion("Container", "skiros:Container", "What to reach for")
@@ -56,7 +56,7 @@ class MoveToolToContainer(MoveTool):
 
 
 class LiftTool(ArmAndGripper):
-    """Moves the tool back, out of where it points to."""
+    """Moves the tool back along its axis."""
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
@@ -65,7 +65,7 @@ class LiftTool(ArmAndGripper):
 
 
 class SwitchController(SkillDescription):
-    """Has an arm hold its position, or give way."""
+    """Switches an arm between position control and compliance."""
 
     def createDescription(self) -> None:
         self.addParam("Arm", Element("rparts:ArmDevice"), ParamTypes.Required, description="The arm")
@@ -73,7 +73,7 @@ class SwitchController(SkillDescription):
 
 
 class CheckGrasp(ArmAndGripper):
-    """Finds out whether an object is between the fingers; a lost one is taken out of the gripper in the world model."""
+    """Checks that an object is between the fingers; removes a lost one from the gripper in the world model."""
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
@@ -81,14 +81,14 @@ class CheckGrasp(ArmAndGripper):
 
 
 class WatchGrasp(ArmAndGripper):
-    """Runs as long as the gripper holds what it holds, or is empty, and fails when that is lost."""
+    """Runs while the gripper holds its object, or is empty; fails when the object is lost."""
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
 
 
 class WmGrasped(ArmAndGripper):
-    """Tells the world model that the gripper has closed on an object."""
+    """Updates the world model after a grasp."""
 
     def createDescription(self) -> None:
         self.add_arm_and_gripper()
@@ -96,7 +96,7 @@ class WmGrasped(ArmAndGripper):
 
 
 class DetectObjects(SkillDescription):
-    """Tells the world model what a camera sees at a workstation, and what it no longer sees there."""
+    """Updates the world model by the objects that a camera detects, or no longer detects, at a workstation."""
 
     def createDescription(self) -> None:
         self.addParam("Camera", Element("skiros:DepthCamera"), ParamTypes.Required, description="The camera")

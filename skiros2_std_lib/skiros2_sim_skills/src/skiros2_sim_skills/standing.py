@@ -1,4 +1,4 @@
-"""For a robot without a base that drives: it is where it is."""
+"""A primitive for robots without a mobile base."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_demo_skills.motions import MoveBase
 from skiros2_sim_skills.core.places import approach_pose, pose_in_scene
 
-#: A robot that is no further away stands at a place (m).
+#: Maximum distance (m) of a robot at a place.
 _NEAR = 0.1
 
 
 class stand_still(PrimitiveBase):
-    """Succeeds when the robot stands at the place. It takes the place of `move_base` in the manager of such a robot."""
+    """Succeeds if the robot stands at the place. Implements `MoveBase` for robots that cannot drive."""
 
     def createDescription(self) -> None:
         self.setDescription(MoveBase(), self.__class__.__name__)

@@ -1,8 +1,8 @@
-"""What a mobile manipulator with a camera does with products: it drives, looks, picks and places.
+"""Descriptions of the skills of a mobile manipulator with a camera: drive, look, pick and place.
 
-To the conditions of the pick-and-place demo without physics come two that the real world asks for: one robot at a time
-is at a place (`demo:Free`), and a robot works at a workstation that it has looked at (`demo:Observed`). Driving away
-undoes the look; a pick or a place that fails does, too, so that the next plan begins with another look.
+They add two conditions to those of the demo without physics: only one robot may be at a place (`demo:Free`), and a
+robot may work only at an observed workstation (`demo:Observed`). Driving away, and a failed pick or place, reset
+`demo:Observed`, so that the next plan starts with another look.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ CONTAINER_STATE = timed.CONTAINER_STATE
 
 
 class Drive(timed.Drive):
-    """Drives the robot to a place where no other robot is, and with what the gripper holds."""
+    """Drives the robot to a free place, with the object in the gripper."""
 
     def createDescription(self) -> None:
         super().createDescription()
@@ -34,7 +34,7 @@ class Drive(timed.Drive):
 
 
 class Look(ArmAndGripper):
-    """Looks at the workstation in front of the robot, and tells the world model what lies there."""
+    """Looks at the workstation in front of the robot, and updates the world model."""
 
     def createDescription(self) -> None:
         self.set_duration(4.0)
@@ -49,7 +49,7 @@ class Look(ArmAndGripper):
 
 
 class Pick(timed.Pick):
-    """Takes an object from where it was seen on a workstation."""
+    """Picks an object at its observed pose on a workstation."""
 
     def createDescription(self) -> None:
         super().createDescription()
@@ -60,7 +60,7 @@ class Pick(timed.Pick):
 
 
 class Place(timed.Place):
-    """Puts the object in the gripper into an empty tray, and looks whether it is there."""
+    """Puts the object in the gripper into an empty tray, and checks that it is there."""
 
     def createDescription(self) -> None:
         super().createDescription()

@@ -1,4 +1,4 @@
-"""The reasoner for space: poses and sizes of elements, their spatial relations, and tf."""
+"""The spatial reasoner: poses and sizes of elements, their spatial relations, and tf."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from skiros2_std_reasoners.ros.transforms import Transforms
 
 log = logging.getLogger(__name__)
 
-#: Frames are published this often, and what follows or moves is written at most as often (Hz).
+#: Rate of publishing frames, and maximum rate of writing poses that follow a frame or move (Hz).
 RATE = 25.0
 
-#: What follows or moves is written in this part of the time at most: with many such elements, less often.
+#: Maximum fraction of time spent on writing poses that follow or move; with many of them, the rate decreases.
 _FOLLOWING = 0.05
 
 
 class AauSpatialReasoner(DiscreteReasoner):
-    """Owns poses and tf. Its codes: `:Position`, `:Orientation`, `:OrientationEuler`, `:Pose`, `:Size`, and as messages
-    of geometry_msgs `:PoseMsg`, `:PoseStampedMsg`, `:TransformMsg` (TransformStamped).
+    """Owns poses and tf. Its codes: `:Position`, `:Orientation`, `:OrientationEuler`, `:Pose`, `:Size`, and as
+    messages of geometry_msgs `:PoseMsg`, `:PoseStampedMsg`, `:TransformMsg` (TransformStamped).
 
-    In the server, `parse` sees each change and `run` publishes on tf. Everywhere, data and relations are computed from
-    the elements alone, and look-ups ask tf.
+    In the server, `parse` receives each change and `run` publishes on tf. In all processes, data and relations are
+    computed from the elements; lookups use tf.
     """
 
     def __init__(self) -> None:
@@ -45,12 +45,13 @@ class AauSpatialReasoner(DiscreteReasoner):
         super().init(wmi)
         self._keeper.wmi = wmi
 
-    # -- the server's side -------------------------------------------------------------------------------------
+    # -- in the server -----------------------------------------------------------------------------------------
 
     def parse(self, element: Element, action: str) -> bool | None:
-        """Gives a new element its frame, and an element with another parent the pose in that one's frame.
+        """Assigns a frame to a new element, and converts the pose of an element with a new parent to the parent's
+        frame.
 
-        Elements that do not name this reasoner are ignored.
+        Ignores elements that do not name this reasoner.
 
         :param action: `add`, `update` or `remove`.
         """
@@ -66,8 +67,8 @@ class AauSpatialReasoner(DiscreteReasoner):
         super().execute()
 
     def run(self) -> None:
-        """Publishes the frames, and writes what follows or moves, until it is asked to end."""
-        if self._publisher is None:  # kept while the reasoner stops for a load, so that listeners stay connected
+        """Publishes the frames, and writes poses that follow or move, until it is stopped."""
+        if self._publisher is None:  # kept while the reasoner is stopped for a load, so that subscribers stay connected
             self._publisher = FramePublisher(self._keeper.tracker, self._transforms, _now)
         self._transforms.listen()
         self._wmi.add_listener(self._keeper.on_change)
@@ -91,7 +92,7 @@ class AauSpatialReasoner(DiscreteReasoner):
                     next_follow = begin + (time.thread_time() - spent) / _FOLLOWING
                 refusal = ""
             except SkirosError as error:
-                if str(error) != refusal:  # told once, not 25 times a second
+                if str(error) != refusal:  # logged once, not 25 times per second
                     log.error("poses could not be written: %s", error)
                 refusal = str(error)
             try:
@@ -108,9 +109,9 @@ class AauSpatialReasoner(DiscreteReasoner):
         target_frm: str,
         duration: Any = rospy.Duration(0.0),  # noqa: B008 - the contract's default
     ) -> tuple[Any, Any]:
-        """Where a tf frame is in another one: (position, quaternion), or (None, None) when that is not known.
+        """Returns the pose of a tf frame in another one: (position, quaternion), or (None, None) if it is unknown.
 
-        :param duration: how long to wait for it (a ROS duration, or s).
+        :param duration: timeout (a ROS duration, or s).
         """
         seconds = duration.to_sec() if hasattr(duration, "to_sec") else float(duration)
         found = self._transforms.find(base_frm, target_frm, seconds)
@@ -122,9 +123,9 @@ class AauSpatialReasoner(DiscreteReasoner):
         target_frm: str,
         duration: Any = rospy.Duration(0.0),  # noqa: B008 - the contract's default
     ) -> bool:
-        """Expresses the pose of an element in another frame, in place. False when the transform is not known.
+        """Converts the pose of an element to another frame, in place. Returns False if the transform is unknown.
 
-        :param duration: how long to wait for it (a ROS duration, or s).
+        :param duration: timeout (a ROS duration, or s).
         """
         pose = space.pose_of(element)
         base = space.text(element, space.BASE_FRAME)
@@ -141,7 +142,7 @@ class AauSpatialReasoner(DiscreteReasoner):
     # -- data --------------------------------------------------------------------------------------------------
 
     def onAddProperties(self, element: Element) -> None:
-        """Adds the properties of poses and sizes, without values; the element is to be published."""
+        """Adds the properties of poses and sizes without values, with publishing enabled."""
         for key in (*space.POSITION, *space.ORIENTATION, *space.SIZE):
             if not element.hasProperty(key):
                 element.setProperty(key, float)
@@ -154,31 +155,31 @@ class AauSpatialReasoner(DiscreteReasoner):
             element.setProperty(space.PUBLISH, True)
 
     def onRemoveProperties(self, element: Element) -> None:
-        """Removes all of the reasoner's properties."""
+        """Removes all properties of the reasoner."""
         for key in space.PROPERTIES:
             element.removeProperty(key)
 
     def hasData(self, element: Element, get_code: str) -> bool:
-        """Whether all numbers behind a code are there.
+        """Whether all numbers of a code exist.
 
-        :raises UnknownName: it is none of the codes.
+        :raises UnknownName: there is no such code.
         """
         return None not in space.numbers(element, self._code(get_code).keys)
 
     def getData(self, element: Element, get_code: str) -> Any:
-        """The data behind a code: lists, in which None stands for what is missing, or a message.
+        """Returns the data of a code: lists with None for missing numbers, or a message.
 
-        :raises UnknownName: it is none of the codes.
-        :raises WrongValue: a message is asked for, and the pose is not complete.
+        :raises UnknownName: there is no such code.
+        :raises WrongValue: a message is requested, and the pose is incomplete.
         """
         return self._code(get_code).get(element)
 
     def setData(self, element: Element, data: Any, set_code: str) -> None:
-        """Writes the data behind a code: lists, tuples or arrays, or a message.
+        """Writes the data of a code: lists, tuples or arrays, or a message.
 
-        :raises UnknownName: it is none of the codes.
-        :raises WrongValue: there are too many or too few numbers.
-        :raises WrongType: it is no such data.
+        :raises UnknownName: there is no such code.
+        :raises WrongValue: the number of values is wrong.
+        :raises WrongType: the data has another type.
         """
         self._code(set_code).set(element, data)
 
@@ -194,11 +195,11 @@ class AauSpatialReasoner(DiscreteReasoner):
     # -- relations ---------------------------------------------------------------------------------------------
 
     def computeRelations(self, sub: Element, obj: Element, with_metrics: bool = False) -> list[Any]:
-        """How the box of `sub` lies to that of `obj`, along the axes of the frame of `sub`.
+        """Returns the relations between the boxes of `sub` and `obj`, along the axes of the frame of `sub`.
 
-        One of Allen's relations on each axis and `:eqA` or `:pA`; `:unknownT` alone when `obj` has no position, or no
-        transform is known. With metrics, pairs with the distance or a list of distances (m, rad). A missing size counts
-        as 0, a missing orientation as no rotation.
+        One of Allen's relations per axis, and `:eqA` or `:pA`; only `:unknownT` if `obj` has no position, or the
+        transform is unknown. With metrics, pairs with the distance or a list of distances (m, rad). A missing size
+        counts as 0, a missing orientation as no rotation.
         """
         sizes = [[v or 0.0 for v in space.numbers(e, space.SIZE)] for e in (sub, obj)]
         found = relations_between(self._relative(sub, obj), *sizes)
@@ -207,7 +208,7 @@ class AauSpatialReasoner(DiscreteReasoner):
     # -- shared ------------------------------------------------------------------------------------------------
 
     def _relative(self, sub: Element, obj: Element) -> Pose | None:
-        """The pose of `obj` in the frame of `sub`."""
+        """Returns the pose of `obj` in the frame of `sub`."""
         own, other = space.placement_of(sub), space.placement_of(obj)
         frame, base, own_base = (
             space.text(sub, space.FRAME),
@@ -236,5 +237,5 @@ class AauSpatialReasoner(DiscreteReasoner):
 
 
 def _now() -> float:
-    """The time of ROS, which may be simulated; in a process that is no node, the clock's (s)."""
+    """Returns the ROS time, which may be simulated; in a process that is not a node, the system time (s)."""
     return float(rospy.get_time()) if rospy.core.is_initialized() else time.time()

@@ -1,4 +1,4 @@
-"""Reaching a goal as a skill, with all robots there are."""
+"""Achieving a goal as a skill, with all available robots."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Achieve(SkillDescription):
 
 
 class achieve(PrimitiveActionClient):
-    """Has the task manager do it. Unlike those of `task_plan`, the steps are tasks of their own, of any manager."""
+    """Sends the goal to the task manager. Unlike those of `task_plan`, the steps are separate tasks of any manager."""
 
     build_client_onstart = False
 

@@ -1,4 +1,4 @@
-"""Base of primitives that have an action server do the work."""
+"""Base of primitives that use an action server."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from skiros2_std_skills.client_primitive import LOST, NO_ANSWER, NO_SERVER, Clie
 
 __all__ = ["PrimitiveActionClient"]
 
-#: How long an action server may take to appear, or be silent, before it counts as missing (s of wall time).
+#: Timeout of an action server that is missing or silent (s of wall time).
 SERVER_TIMEOUT = 5.0
 
-#: How long the connections to a server that is heard of may take (s of wall time).
+#: Timeout of the connections to a known server (s of wall time).
 _CONNECTION_TIMEOUT = 10.0
 
 
@@ -25,7 +25,7 @@ class PrimitiveActionClient(ClientPrimitive):
     """Sends a goal to an action server and follows it. Override `buildClient` and `buildGoal`, and where needed
     `onFeedback` and `onDone`.
 
-    No hook waits: the tree goes on while the server is looked for and while it works.
+    No hook blocks: the tree continues while the primitive waits for the server.
 
     Attributes for subclasses:
 
@@ -42,22 +42,22 @@ class PrimitiveActionClient(ClientPrimitive):
         super().__init__()
         self.fb: queue.Queue[Any] = queue.Queue()
         self.res: queue.Queue[tuple[int, Any]] = queue.Queue()
-        self._goal: Any = None  # waits to be sent
-        self._seen_ended = False  # the goal, at an earlier tick
+        self._goal: Any = None  # not sent yet
+        self._seen_ended = False  # whether the goal had ended in an earlier tick
         self._watch: ServerWatch | None = None
 
     # -- to override -------------------------------------------------------------------------------------------
 
     def buildClient(self) -> Any:
-        """To override: the `actionlib.SimpleActionClient`."""
+        """To override: returns the `actionlib.SimpleActionClient`."""
         return super().buildClient()
 
     def buildGoal(self) -> Any:
-        """To override: the goal message, from the parameters. Called at each start. None: there is none, it fails."""
+        """To override: returns the goal message for the parameters. Called at each start. None makes the start fail."""
         return None
 
     def onFeedback(self, msg: Any) -> State:
-        """To override: called with each feedback message, by the thread that ticks. Returns a state."""
+        """To override: called with each feedback message, in the ticking thread. Returns a state."""
         return self.step()
 
     def onDone(self, status: int, msg: Any) -> State:
@@ -81,7 +81,7 @@ class PrimitiveActionClient(ClientPrimitive):
         return self._goal is not None
 
     def onPreempt(self) -> State:
-        """Cancels all goals of the server, where one was sent."""
+        """Cancels all goals of the server, if one was sent."""
         if self._goal is None and self.client is not None:
             self.client.cancel_all_goals()
             self.client.stop_tracking_goal()
@@ -89,7 +89,7 @@ class PrimitiveActionClient(ClientPrimitive):
         return self.success("Stopped")
 
     def execute(self) -> State:
-        if self._watch is None:  # an onStart of a subclass has sent the goal
+        if self._watch is None:  # the onStart of a subclass has sent the goal
             self._watch = ServerWatch(self.client)
         if self._goal is not None:
             return self._send(self._watch)
@@ -97,7 +97,7 @@ class PrimitiveActionClient(ClientPrimitive):
             state = self.onFeedback(self.fb.get())
             if state not in (State.Running, None):
                 return state
-        if not self.res.empty() or self._ended_untold():
+        if not self.res.empty() or self._result_missed():
             status, result = self.res.get()
             return self.onDone(status, result)
         if self.client.gh is not None and self._watch.time_without_result(self.client.gh) > SERVER_TIMEOUT:
@@ -110,27 +110,27 @@ class PrimitiveActionClient(ClientPrimitive):
         return self.step(self._progress_msg)
 
     def onEnd(self) -> bool:
-        # The client stays until the next start: closed now, it might take an unsent cancellation with it.
+        # The client is kept until the next start: closing it now might discard an unsent cancel request.
         self._goal = self._watch = None
-        self._forget_answers()
+        self._clear_answers()
         return True
 
     # -- for subclasses ----------------------------------------------------------------------------------------
 
     def restart(self, goal: Any, text: str = "Restarting action.") -> State:
-        """For `execute`, `onFeedback` and `onDone`: gives up the present goal and sends another. Returns Running."""
-        self._give_up()
-        self._forget_answers()
+        """For `execute`, `onFeedback` and `onDone`: abandons the current goal and sends another. Returns Running."""
+        self._abandon()
+        self._clear_answers()
         self._goal = goal
         self._watch = ServerWatch(self.client)
         return self.step(text)
 
     def get_result_msg(self) -> Any:
-        """The result message of the client; None before there is one."""
+        """Returns the result message; None before the end of the goal."""
         return self.client.get_result()
 
     def status_text(self) -> str:
-        """How the goal ended: the server's text, or the name of the status."""
+        """Returns how the goal ended: the server's text, or the name of the status."""
         text = self.client.get_goal_status_text()
         status = self.client.get_state()
         names = {value: name for name, value in vars(GoalStatus).items() if name.isupper()}
@@ -144,9 +144,9 @@ class PrimitiveActionClient(ClientPrimitive):
         self.res.put((status, msg))
         self.wake()
 
-    # -- inside ------------------------------------------------------------------------------------------------
+    # -- internal ----------------------------------------------------------------------------------------------
 
-    def _give_up(self) -> None:
+    def _abandon(self) -> None:
         if self._goal is None:
             self.client.cancel_goal()
             self.client.stop_tracking_goal()
@@ -155,13 +155,13 @@ class PrimitiveActionClient(ClientPrimitive):
         if self.client is not None:
             self.client.action_client.stop()
 
-    def _forget_answers(self) -> None:
+    def _clear_answers(self) -> None:
         self.fb = queue.Queue()
         self.res = queue.Queue()
         self._seen_ended = False
 
     def _send(self, watch: ServerWatch) -> State:
-        """Sends the goal as soon as the server is connected."""
+        """Sends the goal once the server is connected."""
         if watch.is_connected():
             goal, self._goal = self._goal, None
             self.client.send_goal(goal, done_cb=self._doneCb, feedback_cb=self._feedbackCb)
@@ -170,13 +170,13 @@ class PrimitiveActionClient(ClientPrimitive):
             return self.fail(f"Action server {watch.name} is not available.", NO_SERVER)
         return self.step(f"Waiting for the action server {watch.name}")
 
-    def _ended_untold(self) -> bool:
-        # What a server says before `send_goal` has returned does not reach the callbacks.
+    def _result_missed(self) -> bool:
+        # Answers that arrive before `send_goal` returns do not reach the callbacks.
         handle = self.client.gh
         if handle is None or handle.get_comm_state() != CommState.DONE:
             return False
         ended_before, self._seen_ended = self._seen_ended, True
         if not ended_before:
-            return False  # the callback may be on its way
+            return False  # the callback may be pending
         self.res.put((handle.get_terminal_state(), handle.get_result()))
         return True

@@ -1,4 +1,4 @@
-"""What primitives share that have a server do the work."""
+"""Base of primitives that use a server."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 from skiros2_common.core.primitive import PrimitiveBase
 
-#: Progress codes: there is no server; it does not answer; the skill was stopped; the server's answer was lost.
+#: Progress codes: no server, no answer, preempted, answer lost.
 NO_SERVER, NO_ANSWER, STOPPED, LOST = -101, -102, -103, -104
 
 
 class ClientPrimitive(PrimitiveBase, ABC):
-    """Base of the primitives with a client. What the client's threads bring wakes the tree (`wake`).
+    """Base of the primitives with a client. Answers in the client's threads wake the tree (`wake`).
 
     Attributes for subclasses:
 
@@ -32,7 +32,7 @@ class ClientPrimitive(PrimitiveBase, ABC):
         """To override: `self.setDescription(Description(), "label")`."""
 
     def buildClient(self) -> Any:
-        """To override: the client. None: there is none yet, and a start fails."""
+        """To override: returns the client. None makes the start fail."""
         return None
 
     def onInit(self) -> bool:
@@ -51,8 +51,8 @@ class ClientPrimitive(PrimitiveBase, ABC):
 
     # -- for the two kinds of clients --------------------------------------------------------------------------
 
-    def _give_up(self) -> None:
-        """To override: what was asked for is not wanted any more."""
+    def _abandon(self) -> None:
+        """To override: abandons the current goal or call."""
 
     def _close_client(self) -> None:
-        """To override: ends the client of an earlier start, where there is one."""
+        """To override: closes the client of an earlier start, if there is one."""

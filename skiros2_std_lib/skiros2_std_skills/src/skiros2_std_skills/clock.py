@@ -1,4 +1,4 @@
-"""The time that skills wait by."""
+"""The time for waiting skills."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import time
 
 
 def now() -> float:
-    """Seconds: ROS time in a ROS node, so that a simulation may slow it down or stop it, else the machine's.
+    """Returns s: ROS time in a ROS node, so that a simulation may slow down or stop it; otherwise the system time.
 
-    With simulated time it is 0.0 until the first message on `/clock`. For differences only.
+    Simulated time is 0.0 until the first message on `/clock`. Use for differences only.
     """
     rospy = sys.modules.get("rospy")
     if rospy is not None and rospy.core.is_initialized():
@@ -18,13 +18,13 @@ def now() -> float:
 
 
 class Stopwatch:
-    """The time since it was made, by `now`."""
+    """The time since its creation, by `now`."""
 
     def __init__(self) -> None:
         self._started_at = now()
 
     def passed(self) -> float:
-        """Seconds; none before simulated time has begun."""
+        """Returns s; 0 before simulated time has started."""
         if self._started_at == 0.0:
             self._started_at = now()
         return now() - self._started_at

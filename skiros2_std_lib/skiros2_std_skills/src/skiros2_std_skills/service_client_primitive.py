@@ -14,7 +14,7 @@ __all__ = ["PrimitiveServiceClient"]
 
 
 class _Call:
-    """One call in a thread of its own. `answer` or `error` is set when `ended`."""
+    """One call in its own thread. `answer` or `error` is set when `ended` is."""
 
     def __init__(self, client: Any, request: Any, on_end: Callable[[], None]) -> None:
         self.answer: Any = None
@@ -27,7 +27,7 @@ class _Call:
     def _run(self, client: Any, request: Any, on_end: Callable[[], None]) -> None:
         try:
             self.answer = client(request)
-        except Exception as error:  # whatever it is: the skill tells
+        except Exception as error:  # any error: reported by the skill
             self.error = str(error) or type(error).__name__
         self.ended = True
         on_end()
@@ -55,15 +55,15 @@ class PrimitiveServiceClient(ClientPrimitive):
         self._call: _Call | None = None
 
     def buildClient(self) -> Any:
-        """To override: the `rospy.ServiceProxy`."""
+        """To override: returns the `rospy.ServiceProxy`."""
         return super().buildClient()
 
     def buildRequest(self) -> Any:
-        """To override: the request message, from the parameters. Called at each start."""
+        """To override: returns the request message for the parameters. Called at each start."""
         raise NotImplementedError(f"{self.__class__.__name__} has to define buildRequest")
 
     def onDone(self, response: Any) -> State:
-        """To override: called with the answer, by the thread that ticks. Returns `success(...)` or `fail(...)`."""
+        """To override: called with the answer, in the ticking thread. Returns `success(...)` or `fail(...)`."""
         return self.success("Done")
 
     def onStart(self) -> bool:
@@ -73,7 +73,7 @@ class PrimitiveServiceClient(ClientPrimitive):
         return True
 
     def onPreempt(self) -> State:
-        self._give_up()
+        self._abandon()
         return self.fail("Stopped, what the server answers is dropped", STOPPED)
 
     def execute(self) -> State:
@@ -87,5 +87,5 @@ class PrimitiveServiceClient(ClientPrimitive):
             return self.fail(f"No answer from {self.client.resolved_name} within {self.call_timeout_sec} s", NO_ANSWER)
         return self.step(f"Waiting for {self.client.resolved_name}")
 
-    def _give_up(self) -> None:
+    def _abandon(self) -> None:
         self._call = None

@@ -1,4 +1,4 @@
-"""Planning as a skill: a goal becomes the skills that reach it."""
+"""Planning as a skill: plans for a goal and runs the plan."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_task.ros.task_manager_interface import ACTION, NOTHING_TO_DO, PLAN
 
-#: How long the task manager may take to appear, or be silent, before it counts as missing (s of wall time).
+#: Timeout of a task manager that is missing or silent (s of wall time).
 SERVER_TIMEOUT = 5.0
 
 
@@ -30,9 +30,9 @@ class TaskPlan(SkillDescription):
 
 
 class task_plan(SkillBase):
-    """Asks the task manager for a plan, takes its skills as children, and runs them one after the other.
+    """Requests a plan, adds its skills as children, and runs them in sequence.
 
-    No hook waits: other tasks go on while the plan is made. Each start makes a new plan.
+    No hook blocks: other tasks continue during planning. Each start makes a new plan.
     """
 
     def createDescription(self) -> None:
@@ -61,7 +61,7 @@ class task_plan(SkillBase):
 
     def execute(self) -> State | None:
         if self._planned:
-            return None  # as the children say
+            return None  # the state of the children
         assert self._watch is not None
         if self._sent and self._client.gh.get_comm_state() == actionlib.CommState.DONE:
             return self._take(self._client.get_result())
@@ -71,12 +71,12 @@ class task_plan(SkillBase):
             return self.fail(f"No task manager answers on {self._watch.name}", -101)
         if not self._sent and self._watch.is_connected():
             self._sent = True
-            # The task manager plans for the robot of the manager that asks.
+            # the task manager plans for the robot of the requesting manager
             self._client.send_goal(AssignTaskGoal(author=self._manager(), goals=self.params["Goal"].value))
         return self.step("Planning" if self._sent else "Waiting for the task manager")
 
     def _take(self, result: Any) -> State:
-        """Takes over the task manager's answer."""
+        """Processes the answer of the task manager."""
         if result.progress_code == NOTHING_TO_DO:
             return self.success("The goal is reached already")
         if result.progress_code != PLAN:
@@ -93,7 +93,7 @@ class task_plan(SkillBase):
     def _add(self, step: Any) -> None:
         """Adds a step of the plan as a child.
 
-        :raises WrongValue: it is one for another robot.
+        :raises WrongValue: it is for another robot.
         """
         manager = self._manager()
         if step.manager and not same_node(step.manager, manager):

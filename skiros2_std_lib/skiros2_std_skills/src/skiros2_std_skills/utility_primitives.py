@@ -67,7 +67,7 @@ class WmSetRelation(SkillDescription):
 
 
 class wm_set_relation(PrimitiveBase):
-    """Sets the relation in one step; old relations go in the same change of the element they belong to."""
+    """Sets the relation in one step; removes old relations in the same change."""
 
     def createDescription(self) -> None:
         self.setDescription(WmSetRelation(), self.__class__.__name__)
@@ -101,7 +101,7 @@ class WmSetProperties(SkillDescription):
 
 
 class wm_set_properties(PrimitiveBase):
-    """Sets all of the properties in one change, or none."""
+    """Sets all properties in one change, or none."""
 
     def createDescription(self) -> None:
         self.setDescription(WmSetProperties(), self.__class__.__name__)
@@ -140,13 +140,13 @@ class WmMoveObject(SkillDescription):
 
 
 class wm_move_object(PrimitiveBase):
-    """Moves the object; its pose follows when the spatial reasoner looks after it."""
+    """Moves the object; the spatial reasoner, if the object has it, converts the pose."""
 
     def createDescription(self) -> None:
         self.setDescription(WmMoveObject(), self.__class__.__name__)
 
     def onEnd(self) -> bool:
-        # The object is there no more: the next run has to look again.
+        # the object is no longer there: the next run must infer it again
         self.params["StartLocation"].unset()
         return True
 
@@ -186,7 +186,7 @@ class wm_move_and_transform_object(PrimitiveBase):
 
 
 class Forget(SkillDescription):
-    """Takes a value off the blackboard: the next skill with that key infers it again."""
+    """Clears a value on the blackboard: the next skill with that key infers it again."""
 
     def createDescription(self) -> None:
         self.addParam(
@@ -235,7 +235,7 @@ class counter(PrimitiveBase):
 
 
 def _name(element: Element) -> str:
-    """What a person calls an element."""
+    """Returns the name of an element."""
     return element.label or element.id
 
 
@@ -251,7 +251,7 @@ def _put_relation(element: Element, source: str, relation: str, target: str, sta
 
 
 def _target(params: Any) -> Element:
-    """Where the object goes: `TargetLocation`, or the start when there is none."""
+    """Returns the target of the object: `TargetLocation`; without one, the start."""
     target: Element = params["TargetLocation"].value
     start: Element = params["StartLocation"].value
     return target if _in_scene(target) else start

@@ -1,4 +1,4 @@
-"""What is to be run, from the words of a command line: `pick Object=tray Speed=0.5 place Container=box`."""
+"""Parses the skills to run from a command line: `pick Object=tray Speed=0.5 place Container=box`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from skiros2_common.command_line.command import UsageError
 from skiros2_common.core.errors import SkirosError, UnknownName, WrongType, WrongValue
 from skiros2_common.core.json_text import read_json
 from skiros2_common.core.property import as_type, from_text
-from skiros2_skill.command_line.description import Choice, Parameter, Skill, choose, did_you_mean
+from skiros2_skill.command_line.description import NamedSkill, Parameter, Skill, did_you_mean, find_skill
 
-#: Finds the element that a text names for a parameter, as JSON has it.
+#: Finds the element with an id or label for a parameter. Returns its JSON form.
 FindElement = Callable[[Parameter, str], Any]
 
 _SCALARS = {"str": str, "int": int, "float": float, "bool": bool}
@@ -23,8 +23,8 @@ _COLLECTIONS = {"list": list, "dict": dict}
 class Step:
     """A skill to run.
 
-    :param given: the texts by key, in their order.
-    :param params: the parameters with their values, as messages have them.
+    :param given: the value texts by key, in order.
+    :param params: the parameters with their values, as in messages.
     """
 
     type: str
@@ -34,32 +34,32 @@ class Step:
 
 
 def read_steps(words: Sequence[str], skills: Sequence[Skill], find_element: FindElement) -> list[Step]:
-    """The skills to run with their parameters, checked against what they declare.
+    """Parses skills and their parameters, and checks them against the declarations.
 
-    :raises SkirosError: a skill or parameter is not known, a value does not fit, or a parameter is missing.
+    :raises SkirosError: a skill or parameter is unknown, a value is wrong, or a parameter is missing.
     """
-    steps: list[tuple[Choice, Step]] = []
+    steps: list[tuple[NamedSkill, Step]] = []
     labels = {skill.label for skill in skills}
     for word in words:
         key, sign, value = word.partition("=")
         if not sign or word in labels:
-            choice = choose(word, skills)
-            steps.append((choice, Step(choice.type, choice.label)))
+            named = find_skill(word, skills)
+            steps.append((named, Step(named.type, named.label)))
         elif not steps:
             raise UsageError(f"{word}: the name of the skill has to come first")
         else:
             steps[-1][1].given.setdefault(key, []).append(value)
     produced: set[str] = set()
-    for choice, step in steps:
-        step.params = _fitting(choice, step.given, produced, find_element)
-        produced.update(*(skill.parameters for skill in choice.skills))
+    for named, step in steps:
+        step.params = _match(named, step.given, produced, find_element)
+        produced.update(*(skill.parameters for skill in named.skills))
     return [step for _, step in steps]
 
 
-def _fitting(choice: Choice, given: dict[str, list[str]], produced: set[str], find_element: FindElement) -> list[str]:
-    """The parameters as the first implementation takes them that these values fit."""
+def _match(named: NamedSkill, given: dict[str, list[str]], produced: set[str], find_element: FindElement) -> list[str]:
+    """The parameters for the first implementation that accepts the values."""
     errors = []
-    for skill in choice.skills:
+    for skill in named.skills:
         try:
             return _params(skill, given, produced, find_element)
         except SkirosError as error:
@@ -72,10 +72,10 @@ def _params(skill: Skill, given: dict[str, list[str]], produced: set[str], find_
     if unknown:
         hint = did_you_mean(unknown[0], skill.parameters)
         raise UnknownName(f"{skill.label} has no parameter {unknown[0]!r}; {hint}")
-    missing = [p for p in skill.parameters.values() if p.has_to_be_given and p.key not in {*given, *produced}]
+    missing = [p for p in skill.parameters.values() if p.must_be_given and p.key not in {*given, *produced}]
     if missing:
-        told = ", ".join(f"{p.key} ({p.type}{': ' if p.description else ''}{p.description})" for p in missing)
-        raise WrongValue(f"{skill.label} needs {told}: give it as {missing[0].key}=VALUE")
+        listed = ", ".join(f"{p.key} ({p.type}{': ' if p.description else ''}{p.description})" for p in missing)
+        raise WrongValue(f"{skill.label} needs {listed}: give it as {missing[0].key}=VALUE")
     params = []
     for key, texts in given.items():
         declared = skill.parameters[key]
@@ -87,12 +87,12 @@ def _params(skill: Skill, given: dict[str, list[str]], produced: set[str], find_
 
 
 def read_values(declared: Parameter, text: str, find_element: FindElement) -> list[Any]:
-    """The values that a text writes for a parameter: several as a JSON list.
+    """Parses the values of a parameter; several values are a JSON list.
 
-    A list or dict is one value and written in JSON, an element by its id or label; what is of a type that a library
-    has registered is given in that type's JSON form.
+    A list or dict is one value in JSON. An element is given by id or label, a value of a registered type in
+    its JSON form.
 
-    :raises SkirosError: the text writes no such values.
+    :raises SkirosError: the text has no such values.
     """
     kind = declared.wire_type
     try:

@@ -1,4 +1,4 @@
-"""A running skill manager, for a command that asks it once."""
+"""The services of a running skill manager, for commands."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _SKILLS, _COMMAND = "get_skills", "command"
 
 
 def connect(robot: str, author: str) -> Manager:
-    """A skill manager that is known to be there.
+    """Connects to a running skill manager.
 
     :param robot: its node name, with or without the leading slash; "": the only one.
-    :param author: stands in its log as who asked.
-    :raises Unavailable: nobody answers; it takes seconds at most to say so.
-    :raises UsageError: there are several, and none is named.
+    :param author: named in its log.
+    :raises Unavailable: no manager answers; determined within seconds.
+    :raises UsageError: there are several, and `robot` is empty.
     """
     return Manager(find_manager(robot), author)
 
 
 def find_manager(robot: str) -> str:
-    """The node name of the skill manager, as `connect` takes it."""
+    """The node name of the skill manager; arguments and errors as in `connect`."""
     registered = _registered()
     if robot:
         name = _resolved(robot, registered)
@@ -48,7 +48,7 @@ def find_manager(robot: str) -> str:
 
 
 def _registered() -> list[str]:
-    """The node names of the skill managers that the master knows, also of those that were killed."""
+    """The node names of the registered skill managers, including killed ones."""
     _, _, services = ask_master("getSystemState")
     known = {name for name, _ in services}
     managers = [name.removesuffix(f"/{_SKILLS}") for name in known if name.endswith(f"/{_SKILLS}")]
@@ -60,8 +60,8 @@ def _resolved(robot: str, registered: list[str]) -> str:
     for name in (rosgraph.names.ns_join(namespace, robot), f"/{robot}"):
         if name in registered:
             return name
-    meant = nearest(f"/{robot.lstrip('/')}", registered, 1)
-    hint = f"did you mean {meant[0]}?" if meant else f"there are: {', '.join(registered) or 'none'}"
+    near = nearest(f"/{robot.lstrip('/')}", registered, 1)
+    hint = f"did you mean {near[0]}?" if near else f"there are: {', '.join(registered) or 'none'}"
     raise Unavailable(f"there is no skill manager {robot} on the master {rosgraph.get_master_uri()}; {hint}")
 
 
@@ -74,10 +74,10 @@ def _answers(manager: str) -> bool:
 
 
 class Manager:
-    """What a manager offers as services. Each call raises `WmException` with the manager's text when it refuses.
+    """A client of a manager's services. Each call raises `WmException` when the manager refuses.
 
     :param name: its node name.
-    :param author: stands in its log as who asked.
+    :param author: named in its log.
     """
 
     def __init__(self, name: str, author: str) -> None:
@@ -85,16 +85,16 @@ class Manager:
         self.author = author
 
     def skills(self) -> list[Skill]:
-        """The skills that it offers. Waits until it has loaded them."""
+        """The skills of the manager. Waits until they are loaded."""
         from skiros2_msgs import srv as srvs
 
         answer = self._call(_SKILLS, srvs.ResourceGetDescriptions)
         return [read_skill(s.type, s.name, [p.param for p in s.params]) for s in answer.list]
 
     def command(self, action: str, task_id: int, skills: Sequence[Any] = ()) -> int:
-        """Starts, pauses, resumes, preempts or ticks tasks; see `SkillCommand`. Returns the id of the task.
+        """Starts, pauses, resumes, preempts or ticks tasks; see `SkillCommand`. Returns the task id.
 
-        :param skills: of a new task, as `ResourceDescription`.
+        :param skills: of a new task, `ResourceDescription` messages.
         """
         from skiros2_msgs import srv as srvs
 
@@ -102,9 +102,9 @@ class Manager:
         return int(answer.execution_id)
 
     def tasks(self, task_id: int = -1) -> list[Sequence[Any]]:
-        """The tasks that have not ended, ordered by id: the `SkillProgress` of each node, each before its children.
+        """The tasks that have not ended, by id: the `SkillProgress` of each node, parents before children.
 
-        :param task_id: only this one; -1: all.
+        :param task_id: of one task; -1: all.
         """
         from skiros2_msgs import srv as srvs
 
@@ -118,7 +118,7 @@ class Manager:
         return self._call("why", srvs.SkillWhy, task_id)
 
     def inspect(self, task_id: int, node_id: int) -> NodeStatus:
-        """What a node of a task that has not ended is now: its parameters, and whether its conditions hold.
+        """Inspects a node of a task that has not ended: its parameters, and whether its conditions hold.
 
         :raises UnknownName: there is no such task or node.
         """
@@ -131,16 +131,16 @@ class Manager:
         return NodeStatus.from_json(answer.json)
 
     def breakpoint(self, action: str, kind: str = "", pattern: str = "", when: str = "", number: int = 0) -> Any:
-        """Adds, removes or lists breakpoints. Returns the number, and the list of those that there are."""
+        """Adds, removes or lists breakpoints. Returns the number and all breakpoints."""
         from skiros2_msgs import srv as srvs
 
         answer = self._call("breakpoint", srvs.SkillBreakpoint, action, kind, pattern, when, number)
         return answer.number, json.loads(answer.json or "[]")
 
     def reload(self, libraries: Sequence[str]) -> str:
-        """Has libraries imported again, none: all. Returns what was done, in words.
+        """Reloads libraries; none: all. Returns the manager's message.
 
-        :raises Refused: nothing was; the text says why.
+        :raises Refused: the reload has failed.
         """
         from skiros2_msgs import srv as srvs
 
@@ -149,8 +149,8 @@ class Manager:
             raise Refused(f"{self.name}: {answer.text}")
         return str(answer.text)
 
-    def is_there(self) -> bool:
-        """Whether it still answers."""
+    def is_alive(self) -> bool:
+        """Whether the manager still answers."""
         return _answers(self.name)
 
     def _call(self, service: str, kind: Any, *arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The commands that steer tasks: stop, pause, resume, step and breakpoint; and reload."""
+"""The commands stop, pause, resume, step, breakpoint and reload."""
 
 from __future__ import annotations
 
@@ -13,49 +13,49 @@ _ALL = -1
 
 
 def stop(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Preempts a task, or all."""
-    return _told(manager.command("preempt", _or_all(arguments.task)), "told to end")
+    """Preempts a task, or all tasks."""
+    return _result(manager.command("preempt", _or_all(arguments.task)), "being preempted")
 
 
 def pause(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Pauses a task, or all."""
-    return _told(manager.command("pause", _or_all(arguments.task)), "paused")
+    """Pauses a task, or all tasks."""
+    return _result(manager.command("pause", _or_all(arguments.task)), "paused")
 
 
 def resume(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Lets a paused task go on, or all that are paused."""
+    """Resumes a paused task, or all paused tasks."""
     resumed = []
     refusals = []
-    for task_id in _numbers(manager) if arguments.task is None else [arguments.task]:
+    for task_id in _task_ids(manager) if arguments.task is None else [arguments.task]:
         try:
             resumed.append(manager.command("start", task_id))
-        except SkirosError as error:  # it runs already, or has ended meanwhile
+        except SkirosError as error:  # it is running, or has ended meanwhile
             refusals.append(str(error))
     if not resumed:
         raise Refused("; ".join(refusals) or "no task is paused")
-    return CommandResult([f"task {task_id} goes on" for task_id in resumed], {"tasks": resumed})
+    return CommandResult([f"task {task_id} is resumed" for task_id in resumed], {"tasks": resumed})
 
 
 def step(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Ticks a paused task once; without its number, the only one that there is."""
+    """Ticks a paused task once, by default the only task."""
     task_id = arguments.task
     if task_id is None:
-        tasks = _numbers(manager)
+        tasks = _task_ids(manager)
         if len(tasks) != 1:
-            told = f"there are {len(tasks)} tasks ({', '.join(map(str, tasks))}): name one" if tasks else "no task runs"
-            raise Refused(told)
+            problem = f"there are {len(tasks)} tasks ({', '.join(map(str, tasks))}): name one"
+            raise Refused(problem if tasks else "no task runs")
         task_id = tasks[0]
     manager.command("tick_once", task_id)
     return CommandResult([f"task {task_id} was ticked once"], {"tasks": [task_id]})
 
 
 def reload(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Imports skill libraries again, with the code that they have now. Tasks that run keep the old code."""
+    """Reloads skill libraries with their present source. Running tasks keep the old code."""
     text = manager.reload(arguments.libraries)
     return CommandResult([f"{manager.name}: {text}"], {"robot": manager.name, "text": text})
 
 
-def _told(task_id: int, done: str) -> CommandResult:
+def _result(task_id: int, done: str) -> CommandResult:
     lines = [f"all tasks are {done}" if task_id == _ALL else f"task {task_id} is {done}"]
     return CommandResult(lines, {"tasks": "all" if task_id == _ALL else [task_id]})
 
@@ -64,13 +64,13 @@ def _or_all(task_id: int | None) -> int:
     return _ALL if task_id is None else task_id
 
 
-def _numbers(manager: Manager) -> list[int]:
+def _task_ids(manager: Manager) -> list[int]:
     """The ids of the tasks that have not ended."""
     return [nodes[0].id for nodes in manager.tasks()]
 
 
 def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Lists the breakpoints, adds one, or takes one away. A task that comes to one is paused."""
+    """Lists, adds or removes breakpoints, at which tasks pause."""
     action = arguments.action or "list"
     if action == "add":
         number, known = manager.breakpoint("add", arguments.kind, arguments.pattern, arguments.when or "")
@@ -79,8 +79,8 @@ def breakpoint_(manager: Manager, arguments: argparse.Namespace, screen: Screen)
     if action == "remove":
         number = _ALL if arguments.number == "all" else int(arguments.number)
         manager.breakpoint("remove", number=number)
-        told = "there are no breakpoints any more" if number == _ALL else f"breakpoint {number} is gone"
-        return CommandResult([told], {"number": number})
+        text = "all breakpoints are removed" if number == _ALL else f"breakpoint {number} is removed"
+        return CommandResult([text], {"number": number})
     _, known = manager.breakpoint("list")
     rows = [(str(b["number"]), b["kind"], b["pattern"], b["when"]) for b in known]
     lines = table(screen, rows, ("number", "kind", "pattern", "when")) if rows else ["no breakpoints"]

@@ -1,4 +1,4 @@
-"""Skills as their manager describes them: plain data, whatever types a library has registered."""
+"""The skill descriptions of a manager as plain data, independent of types that libraries register."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from skiros2_common.core.names import full_name, local_name, nearest
 KINDS = ("required", "optional", "inferred")
 REQUIRED = KINDS[0]
 
-#: So many names are told where none is near to what was asked.
-_MOST_NAMED = 12
+#: How many names are listed when none is near.
+_MAX_NAMES = 12
 
 _ELEMENT = "skiros_wm::Element"
 
@@ -26,7 +26,7 @@ class Parameter:
 
     :param kind: one of `KINDS`.
     :param wire_type: the name of the type in messages.
-    :param values: the default, as JSON has it; of an element parameter, an abstract element of its class.
+    :param values: the default in JSON form; for an element parameter, an abstract element of its class.
     """
 
     key: str
@@ -41,22 +41,22 @@ class Parameter:
 
     @property
     def type(self) -> str:
-        """The name of the type, or the class that an element has to be of."""
+        """The name of the type; for an element, its class."""
         if not self.is_element:
             return self.wire_type
         return next((v["type"] for v in self.values if v.get("type")), "element")
 
     @property
     def default(self) -> list[Any]:
-        """The values that it has when it is given none; an abstract element is none."""
+        """The default values; an abstract element does not count."""
         return [v for v in self.values if not self.is_element or v.get("id")]
 
     @property
-    def has_to_be_given(self) -> bool:
+    def must_be_given(self) -> bool:
         return self.kind == REQUIRED and not self.is_element and not self.default
 
     def wire(self, values: Sequence[Any]) -> str:
-        """The parameter with these values, as messages have it."""
+        """Encodes the parameter with values for a message."""
         data = {"key": self.key, "description": self.description, "specType": KINDS.index(self.kind)}
         return json.dumps({**data, "type": self.wire_type, "values": list(values)})
 
@@ -88,9 +88,9 @@ class Skill:
 
 
 def read_skill(skill_type: str, label: str, params: Iterable[str]) -> Skill:
-    """A skill from its description on the wire.
+    """Decodes a skill from a message.
 
-    :param params: a JSON text for each.
+    :param params: the parameters as JSON texts.
     """
     read = [_read_parameter(json.loads(text)) for text in params]
     return Skill(skill_type, label, {p.key: p for p in read})
@@ -101,8 +101,8 @@ def _read_parameter(data: dict[str, Any]) -> Parameter:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What a name stands for: a type with all its implementations, or one implementation.
+class NamedSkill:
+    """A name that was looked up: a type with all its implementations, or one implementation.
 
     :param label: "" for any implementation.
     """
@@ -112,26 +112,26 @@ class Choice:
     skills: list[Skill]
 
 
-def choose(name: str, skills: Sequence[Skill]) -> Choice:
-    """The skill with that label, type or `type-label`; the prefix of the default ontology may be left out.
+def find_skill(name: str, skills: Sequence[Skill]) -> NamedSkill:
+    """Finds a skill by label, type or `type-label`; the prefix of the default ontology may be omitted.
 
     :raises UnknownName: there is none.
     """
     for skill in skills:
         if name in (skill.label, skill.name, skill.name.removeprefix("skiros:")):
-            return Choice(skill.type, skill.label, [skill])
+            return NamedSkill(skill.type, skill.label, [skill])
     of_type = [skill for skill in skills if skill.type == full_name(name)]
     if of_type:
-        return Choice(of_type[0].type, "", of_type)
+        return NamedSkill(of_type[0].type, "", of_type)
     names = [word for skill in skills for word in (skill.label, local_name(skill.type), skill.type)]
     raise UnknownName(f"there is no skill {name!r}; {did_you_mean(name, names)}")
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The name that is nearest, whatever its case; the first ones, where none is near."""
+    """A hint with the nearest name, ignoring case; with the first names when none is near."""
     known = list(dict.fromkeys(names))
     near = nearest(name, known, 1)
     if near:
         return f"did you mean {near[0]!r}?"
-    more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
-    return f"there are: {', '.join(known[:_MOST_NAMED]) or 'none'}{more}"
+    more = f" and {len(known) - _MAX_NAMES} more" if len(known) > _MAX_NAMES else ""
+    return f"there are: {', '.join(known[:_MAX_NAMES]) or 'none'}{more}"

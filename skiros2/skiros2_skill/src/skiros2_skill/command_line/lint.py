@@ -22,10 +22,10 @@ from skiros2_common.command_line.command import (
     end,
     run_command,
 )
-from skiros2_skill.command_line.knowledge import world_model_of
+from skiros2_skill.command_line.local_world_model import world_model_of
 from skiros2_skill.core.lint.linter import ERROR, NOTE, WARNING, Fault, lint_libraries
 
-#: Its skills may be used by those of any library.
+#: Its skills are known in every check.
 _STANDARD = "skiros2_std_skills"
 
 _EPILOG = (
@@ -37,23 +37,23 @@ _EPILOG = (
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Runs the command and ends the process with its status.
 
-    :param arguments: of the command line; None: of this process's.
+    :param arguments: of the command line; None: those of this process.
     """
     parser = Parser(prog="lint", description="Checks skill libraries.", epilog=_EPILOG)
     parser.add_argument("packages", nargs="+", metavar="PACKAGE", help="a Python package with skills")
     parser.add_argument(
         "--uses", nargs="+", default=[], metavar="PACKAGE", help="further packages whose skills are used"
     )
-    parser.add_argument("--workspace", type=Path, metavar="DIR", help="has your ontologies")
+    parser.add_argument("--workspace", type=Path, metavar="DIR", help="a folder with ontologies")
     parser.add_argument("--strict", action="store_true", help="warnings count as errors")
-    parser.add_argument("--notes", action="store_true", help="tell also what could not be checked")
+    parser.add_argument("--notes", action="store_true", help="also list what could not be checked")
     parser.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args(command_arguments(arguments))
     end(run_command("lint", lambda: _lint(given), given.json, refused=USAGE))
 
 
 def _lint(given: argparse.Namespace) -> CommandResult:
-    logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # what is skipped is among the faults
+    logging.getLogger("skiros2_common").setLevel(logging.CRITICAL)  # skipped modules are among the faults
     logging.getLogger("skiros2_world_model").setLevel(logging.ERROR)
     used = [*given.uses, *([_STANDARD] if importlib.util.find_spec(_STANDARD) else [])]
     with world_model_of([*given.packages, *used], given.workspace, "lint") as wmi:
@@ -67,7 +67,7 @@ def _lint(given: argparse.Namespace) -> CommandResult:
 
 
 def _line(fault: Fault) -> str:
-    """A fault, with the file as seen from the present folder where it is below that."""
+    """Formats a fault; a file below the present folder is relative to it."""
     file = os.path.relpath(fault.file) if fault.file else ""
     name = fault.file if file.startswith("..") else file
     return str(replace(fault, file=name))

@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_skill`: what they take from the command line, and how they end."""
+"""The commands of `rosrun skiros2_skill`: their arguments and exit statuses."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.layout import Screen
-from skiros2_skill.command_line import control, reading, running, watching
+from skiros2_skill.command_line import control, queries, run_skills, watch
 from skiros2_skill.command_line.connection import Manager, connect
 
 Command = Callable[[Manager, argparse.Namespace, Screen], CommandResult]
 
 _VALUES = (
     "A VALUE is of the type that the skill declares: an element by its id or label, a list or dict in JSON, several "
-    "values as a JSON list. More skills with their values may follow; they run one after the other."
+    "values as a JSON list. More skills with their values may follow; they run in sequence."
 )
 _BREAKPOINTS = (
     "A PATTERN is the label or type of a node, the label of a condition, or the id or label of an element or a "
-    "relation of the world model; it may hold * and ?. Tasks that were paused go on with resume or step."
+    "relation of the world model, with wildcards * and ?. Resume or step continues a paused task."
 )
 
 
@@ -43,14 +43,14 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
     statuses = f"Exit status: {result}, 2 wrong usage, {UNAVAILABLE} no master or no skill manager."
     parser = Parser(prog=name, description=command.__doc__, epilog=" ".join([*epilog, statuses]))
     add_arguments(parser)
-    parser.add_argument("--robot", default="", metavar="NAME", help="its skill manager, where there are several")
-    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
+    parser.add_argument("--robot", default="", metavar="NAME", help="the skill manager, if there are several")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="author of commands (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     return command, parser
 
 
 def _nothing(parser: argparse.ArgumentParser) -> None:
-    """A command that takes nothing of its own."""
+    """Adds no arguments."""
 
 
 def _skill(parser: argparse.ArgumentParser) -> None:
@@ -68,29 +68,29 @@ def _libraries(parser: argparse.ArgumentParser) -> None:
 
 def _words(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [OPTION ...] SKILL [KEY=VALUE ...] [SKILL [KEY=VALUE ...] ...]"
-    parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="what to run, and its parameters")
+    parser.add_argument("words", metavar="SKILL KEY=VALUE", nargs="+", help="the skills to run, with parameters")
     parser.add_argument("--detach", action="store_true", help="do not wait for the end")
 
 
 def _watch(parser: argparse.ArgumentParser) -> None:
     _task(parser)
-    parser.add_argument("--once", action="store_true", help="show the present state and end")
+    parser.add_argument("--once", action="store_true", help="show the present state and exit")
 
 
 def _breakpoint(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", parser_class=Parser)
-    actions.add_parser("list", help="the breakpoints (default)")
-    adding = actions.add_parser("add", help="a new one")
+    actions.add_parser("list", help="list the breakpoints (default)")
+    adding = actions.add_parser("add", help="add a breakpoint")
     adding.add_argument("kind", metavar="KIND", choices=("node", "condition", "world"), help="node, condition or world")
-    adding.add_argument("pattern", metavar="PATTERN", help="which ones")
+    adding.add_argument("pattern", metavar="PATTERN", help="matches names")
     adding.add_argument("when", metavar="WHEN", nargs="?", help="of a node: start (default) or end")
-    removing = actions.add_parser("remove", help="take one away")
+    removing = actions.add_parser("remove", help="remove a breakpoint")
     removing.add_argument("number", metavar="NUMBER", type=_number_or_all, help="its number, or all")
 
 
 def _task_id(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of a task")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a task number")
     return int(text)
 
 
@@ -100,24 +100,24 @@ def _number_or_all(text: str) -> str:
     return text
 
 
-#: What the first two exit statuses mean, where it is not the usual.
+#: The meaning of exit statuses 0 and 1, by default and by command.
 _RESULT = "0 done, 1 refused or not found"
 _RESULTS = {
     "run": "0 succeeded, 1 failed or refused",
-    "watch": "0 seen, or the task has succeeded, 1 it has failed or is not there",
+    "watch": "0 success, 1 the task has failed or does not exist",
 }
 
-#: What each does, what it takes, and what is told at the end of its help.
+#: By name: the function, its arguments, and the end of its help.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
-    "list": (reading.list_skills, _nothing),
-    "describe": (reading.describe, _skill),
-    "why": (reading.why, _task),
-    "run": (running.run, _words, _VALUES),
+    "list": (queries.list_skills, _nothing),
+    "describe": (queries.describe, _skill),
+    "why": (queries.why, _task),
+    "run": (run_skills.run, _words, _VALUES),
     "stop": (control.stop, _task),
     "pause": (control.pause, _task),
     "resume": (control.resume, _task),
     "step": (control.step, _task),
     "breakpoint": (control.breakpoint_, _breakpoint, _BREAKPOINTS),
-    "watch": (watching.watch, _watch),
+    "watch": (watch.watch, _watch),
     "reload": (control.reload, _libraries),
 }

@@ -1,4 +1,4 @@
-"""What the world model knows that a manager's services do not tell: elements by name, conditions, packages."""
+"""The data about skills in the world model: elements by name, conditions, packages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skiros2_skill.command_line.description import Parameter, did_you_mean
 from skiros2_skill.core.manager_names import runs_on
 from skiros2_world_model.command_line.connection import connect
 
-#: Of the conditions of a skill, which relation leads to which.
+#: The relations from a skill to its conditions, by stage.
 CONDITIONS = {
     "pre": "skiros:hasPreCondition",
     "hold": "skiros:hasHoldCondition",
@@ -26,9 +26,9 @@ _PARTS = "skiros:hasCondition"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition as it is declared.
+    """A declared condition.
 
-    :param text: in words, of the keys of the parameters.
+    :param text: for people, with parameter keys.
     """
 
     label: str
@@ -37,12 +37,12 @@ class Condition:
 
 @dataclass(frozen=True)
 class Registered:
-    """What is registered of a skill.
+    """The registration of a skill.
 
-    :param purpose: what it is for, in a sentence or two; "" when its description does not say.
-    :param module: the Python module that implements it; "" when the manager does not tell.
+    :param purpose: the first paragraph of its description's docstring; may be "".
+    :param module: the Python module that implements it; may be "".
     :param conditions: by the keys of `CONDITIONS`.
-    :param classes: those that it is under, from the one of its package down to its own.
+    :param classes: its superclasses below `skiros:Skill`, and its own class last.
     """
 
     purpose: str = ""
@@ -52,10 +52,10 @@ class Registered:
 
 
 class World:
-    """The world model of a manager, asked when something is first needed of it.
+    """The world model of a manager; connects on first use.
 
     :param manager: the manager's node name; the world model is `wm` in its namespace.
-    :param author: who asks.
+    :param author: named in the log.
     """
 
     def __init__(self, manager: str, author: str) -> None:
@@ -65,38 +65,38 @@ class World:
         self._wm: Any = None
 
     @property
-    def _asked(self) -> Any:
+    def _client(self) -> Any:
         if self._wm is None:
             self._wm = connect(self._name, self._author)
         return self._wm
 
     def find_element(self, declared: Parameter, name: str) -> Any:
-        """The element with that id, or of the parameter's class with that label, as JSON has it.
+        """Finds an element by id, or by label and the parameter's class. Returns its JSON form.
 
         :raises UnknownName: there is none.
-        :raises WrongValue: there are several with that label.
+        :raises WrongValue: several elements have that label.
         :raises Unavailable: the world model does not answer.
         """
-        found = self._asked.find_element(name) if name else None
-        matching = [found] if found is not None else self._asked.resolve_elements(Element(declared.type, name))
+        found = self._client.find_element(name) if name else None
+        matching = [found] if found is not None else self._client.resolve_elements(Element(declared.type, name))
         if len(matching) == 1 and name:
             return _reference(matching[0])
         if matching and name:
             ids = ", ".join(element.id for element in matching)
             raise WrongValue(f"{len(matching)} elements are labelled {name!r}, {ids}: give the id")
-        known = self._asked.resolve_elements(Element(declared.type))
+        known = self._client.resolve_elements(Element(declared.type))
         names = [word for element in known for word in (element.label, element.id) if word]
         raise UnknownName(f"there is no {declared.type} with the id or label {name!r}; {did_you_mean(name, names)}")
 
     def registered(self, skill_type: str, label: str) -> Registered:
-        """What is registered of a skill of the manager.
+        """The registration of a skill of the manager.
 
         :raises UnknownName: the manager has registered no such skill.
         :raises Unavailable: the world model does not answer.
         """
         for eid in self._skill_ids():
             if eid.rpartition("-")[0] == skill_type:
-                branch = {element.id: element for element in self._asked.get_branch(eid, "skiros:skillProperty")}
+                branch = {element.id: element for element in self._client.get_branch(eid, "skiros:skillProperty")}
                 skill = branch[eid]
                 if skill.label == label:
                     purpose, module = (skill.value_of(key) or "" for key in ("rdfs:comment", "skiros:PythonModule"))
@@ -104,36 +104,36 @@ class World:
         raise UnknownName(f"{self._manager} has registered no skill {skill_type}-{label}")
 
     def _skill_ids(self) -> list[str]:
-        robots = [r for r in self._asked.resolve_elements(Element("cora:Robot")) if runs_on(r, self._manager)]
+        robots = [r for r in self._client.resolve_elements(Element("cora:Robot")) if runs_on(r, self._manager)]
         relations = (r.getRelations("-1", "skiros:hasSkill") for r in robots)
         return [relation["dst"] for some in relations for relation in some]
 
     def _classes(self, skill_type: str) -> list[str]:
-        """The classes between `skiros:Skill` and a type, and itself last."""
+        """The classes between `skiros:Skill` and a type, and the type last."""
         query = f"SELECT ?c ?p {{ {skill_type} rdfs:subClassOf* ?c . ?c rdfs:subClassOf ?p }}"
-        above = dict(row.split() for row in self._asked.query_ontology(query, True, "ontology"))
+        superclass = dict(row.split() for row in self._client.query_ontology(query, True, "ontology"))
         chain = [skill_type]
-        while chain[0] in above and above[chain[0]] not in ("skiros:Skill", *chain):
-            chain.insert(0, above[chain[0]])
+        while chain[0] in superclass and superclass[chain[0]] not in ("skiros:Skill", *chain):
+            chain.insert(0, superclass[chain[0]])
         return chain
 
 
 def _conditions(skill: Element, branch: Mapping[str, Element]) -> dict[str, list[Condition]]:
     return {
-        kind: [Condition(c.label, _text(c, branch)) for c in _under(skill, relation, branch)]
+        kind: [Condition(c.label, _text(c, branch)) for c in _targets(skill, relation, branch)]
         for kind, relation in CONDITIONS.items()
     }
 
 
-def _under(element: Element, relation: str, branch: Mapping[str, Element]) -> list[Element]:
-    """What an element leads to, in the order in which it was made."""
+def _targets(element: Element, relation: str, branch: Mapping[str, Element]) -> list[Element]:
+    """The elements that a relation leads to, in the order of creation."""
     ids = [r["dst"] for r in element.getRelations("-1", relation) if r["dst"] in branch]
     return [branch[eid] for eid in sorted(ids, key=id_number)]
 
 
 def _text(condition: Element, branch: Mapping[str, Element]) -> str:
-    """A condition in words, by what its element has: conditions may be of classes that a library has made."""
-    parts = _under(condition, _PARTS, branch)
+    """The text of a condition, from its element's properties: its class may be defined by a library."""
+    parts = _targets(condition, _PARTS, branch)
     subject, on, other, operator, value = (
         condition.value_of(f"skiros:{name}")
         for name in ("hasSubject", "appliedOnType", "hasObject", "operator", "desiredValue")
@@ -159,6 +159,6 @@ def _text(condition: Element, branch: Mapping[str, Element]) -> str:
 
 
 def _reference(element: Element) -> dict[str, Any]:
-    """An element as parameters hold it; the manager reads the rest of it in the world model."""
+    """The JSON form of an element in a parameter; the manager reads the rest from the world model."""
     known = {"id": element.id, "label": element.label, "type": element.type}
     return {**known, "last_update": 0.0, "properties": {}, "relations": []}

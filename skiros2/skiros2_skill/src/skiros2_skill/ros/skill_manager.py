@@ -255,11 +255,11 @@ class SkillManager(DiscoverableNode):
         if self._scheduler is not None:
             self._scheduler.on_change(change)
         known, self._world_state = self._world_state, change.snapshot_id
-        was_buried = change.author == last_will_author(rospy.get_name())  # out of reach for long, but alive
+        will_executed = change.author == last_will_author(rospy.get_name())  # unreachable for a while, but alive
         robot_gone = change.action.startswith(msgs.WmMonitor.REMOVE) and any(
             element.id == self._registration.robot_id for element in change.elements
         )
-        if was_buried or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
+        if will_executed or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
             # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the
             # last change only. Not in this thread: it is the one that brings changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()

@@ -38,7 +38,7 @@ def achieve(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
     """Has a goal reached: plans, and has the robots carry the plan out, until it holds. Ctrl-C cancels it."""
     goal = goal_text(arguments.goal)
     check_node(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(), _NODE), _SERVICE, "task manager")
-    from skiros2_skill.command_line.following import become_node
+    from skiros2_skill.command_line.monitor import become_node
     from skiros2_task.ros.task_manager_interface import TaskManagerInterface
 
     become_node("achieve")

@@ -14,7 +14,7 @@ from skiros2_common.core.names import local_name
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_common.tools.plugin_loader import PluginLoader
-from skiros2_skill.command_line.knowledge import world_model_of
+from skiros2_skill.command_line.local_world_model import world_model_of
 from skiros2_skill.core.lint.linter import Described
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_skill.ros.registration import Registration

@@ -1,6 +1,6 @@
-"""How the drivers of a robot are reached, and the postures of its arms: what the elements of the world model tell.
+"""Names of driver interfaces, and postures of arms, from elements of the world model.
 
-Names that they do not tell follow the rule of `skiros2_sim.core.names`.
+Default names follow the rules of `skiros2_sim.core.names`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from skiros2_sim.core.names import Address, part_name, robot_name
 
 #: Of a camera: the service `skiros2_sim_msgs/Detect`.
 DETECT = Address("skiros:DriverAddress", "/{robot}/{part}/detect")
-#: Of a gripper, with the arm as the part: the tf frame between the finger tips, its z out of the hand.
+#: Of a gripper, with the arm as the part: the tf frame between the fingertips, z pointing out of the hand.
 TOOL_FRAME = Address("skiros:LinkedToFrameId", "{robot}/{part}/tool")
 
 JOINT_NAMES = "demo:JointNames"
@@ -24,16 +24,16 @@ POSTURES = "demo:Postures"
 
 
 def name_of(address: Address, robot: Element, part: Element | None = None) -> str:
-    """The name by which a part of a robot, or the robot itself, is reached."""
+    """Returns the name of an interface of a robot or of its part."""
     if part is None:
         return address.of(robot, robot_name(robot))
     return address.of(part, robot_name(robot), part_name(part))
 
 
 def opening(gripper: Element) -> float:
-    """How far a gripper opens (m); 0.08 where its element does not tell.
+    """Returns the maximum opening of a gripper (m); default 0.08.
 
-    :raises WrongValue: that is no length.
+    :raises WrongValue: the property is not a length.
     """
     value = gripper.value_of(OPENING)
     if value is None:
@@ -44,9 +44,9 @@ def opening(gripper: Element) -> float:
 
 
 def posture(arm: Element, name: str) -> dict[str, float]:
-    """A posture of an arm: the position of each joint (rad, m), in order.
+    """Returns a posture of an arm: position by joint (rad, m), in order.
 
-    :raises WrongValue: the arm has no such posture, or what it has is none.
+    :raises WrongValue: the arm has no such posture, or it is invalid.
     """
     names, postures = _json(arm, JOINT_NAMES, list), _json(arm, POSTURES, dict)
     if name not in postures:

@@ -1,4 +1,4 @@
-"""What it means for the world model that a camera sees some things and not others."""
+"""Interprets what a camera sees, and does not see, as changes of the world model."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_sim_skills.core.places import (
     Box,
+    ancestors,
     box_of,
     contents,
     has_size,
-    holder_of,
     is_on,
-    line_above,
+    parent_of,
     pose_in_scene,
     size_of,
 )
@@ -27,12 +27,12 @@ log = logging.getLogger(__name__)
 MANIPULATABLE = "skiros:Manipulatable"
 GRIPPER = "rparts:EndEffector"
 
-#: What is seen nearer to the gripper that holds it is still held (m).
+#: Maximum distance of a held object from its gripper (m).
 _IN_HAND = 0.12
 
 
-class Place(NamedTuple):
-    """Something that things may lie in, the pose of it in the scene, and the box that they stand on then."""
+class Support(NamedTuple):
+    """An element that can contain things: its pose in the scene, and the box that they stand on."""
 
     element: Element
     pose: Pose
@@ -40,7 +40,8 @@ class Place(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """Where a thing is now: in which element, and its pose there. `seen` is False when it was looked for in vain."""
+    """Where a thing is: its container and its pose there. `seen` is False for an expected thing that was not
+    detected."""
 
     thing: Element
     holder: Element
@@ -49,19 +50,19 @@ class Finding(NamedTuple):
     seen: bool
 
     @property
-    def is_news(self) -> bool:
-        """Whether it is elsewhere than the world model says."""
+    def is_change(self) -> bool:
+        """Whether the container differs from the world model."""
         return self.before is None or self.before.id != self.holder.id
 
     def __str__(self) -> str:
         if not self.seen:
             return f"{self.thing.label} is not in {self.before.label if self.before else 'its place'} any more"
         where = f"in {self.holder.label}"
-        return f"{self.thing.label} is {where}" if self.is_news else f"{self.thing.label} is still {where}"
+        return f"{self.thing.label} is {where}" if self.is_change else f"{self.thing.label} is still {where}"
 
 
 def expected_at(wmi: Any, workstation: Element) -> list[Element]:
-    """The things that lie on a workstation, as the world model says."""
+    """Returns the things on a workstation according to the world model."""
     found, waiting = [], contents(wmi, workstation)
     while waiting:
         element = waiting.pop(0)
@@ -72,43 +73,43 @@ def expected_at(wmi: Any, workstation: Element) -> list[Element]:
 
 
 def findings(wmi: Any, workstation: Element, seen: Mapping[str, Pose]) -> list[Finding]:
-    """What has to be told to the world model, for the things at a workstation and for all that were seen.
+    """Returns the findings for the things at a workstation and all detected things.
 
-    What is held by a gripper, and seen there, is left alone. A thing that was not seen is somewhere in the scene.
+    A thing that is held, and detected in the hand, is omitted. An undetected thing is moved to the scene.
 
-    :param seen: the poses of things in the scene, by id; ids that the world model does not know are left out.
+    :param seen: poses of detected things in the scene, by id; unknown ids are ignored.
     """
-    places = _places(wmi)
-    scene = line_above(wmi, workstation)[-1]
+    supports = _supports(wmi)
+    scene = ancestors(wmi, workstation)[-1]
     found = []
     for eid, pose in seen.items():
         thing = wmi.get_element(eid) if wmi.is_scene_element(eid) else None
         if thing is None or not wmi.is_subclass(thing.type, MANIPULATABLE):
             continue
-        before = holder_of(wmi, thing)
+        before = parent_of(wmi, thing)
         if before is not None and wmi.is_subclass(before.type, GRIPPER) and _is_near(wmi, before, pose):
             continue
         box = Box(pose, size_of(thing) if has_size(thing) else (0.0, 0.0, 0.0))
-        holder, base = next(((p.element, p.pose) for p in places if is_on(box, p.ground)), (scene, IDENTITY))
+        holder, base = next(((p.element, p.pose) for p in supports if is_on(box, p.ground)), (scene, IDENTITY))
         found.append(Finding(thing, holder, composed(inverted(base), pose), before, True))
     for thing in expected_at(wmi, workstation):
         if thing.id not in seen:
-            found.append(Finding(thing, scene, pose_in_scene(wmi, thing)[1], holder_of(wmi, thing), False))
+            found.append(Finding(thing, scene, pose_in_scene(wmi, thing)[1], parent_of(wmi, thing), False))
     return found
 
 
-def _places(wmi: Any) -> list[Place]:
-    """What things may lie in, the smallest first: a tray before the table top that it stands on."""
-    places = []
+def _supports(wmi: Any) -> list[Support]:
+    """Returns the containers, the smallest first: a tray before the table it stands on."""
+    supports = []
     for element in wmi.resolve_elements(Element("skiros:Container")):
-        # A table top has no size: it is the top of what it hangs on.
-        sized = element if has_size(element) else holder_of(wmi, element)
+        # a table top has no size of its own: the table has
+        sized = element if has_size(element) else parent_of(wmi, element)
         try:
             if sized is not None:
-                places.append(Place(element, pose_in_scene(wmi, element)[1], box_of(wmi, sized)))
+                supports.append(Support(element, pose_in_scene(wmi, element)[1], box_of(wmi, sized)))
         except WrongValue as error:
             log.warning("nothing is seen to lie in %r: %s", element, error)
-    return sorted(places, key=lambda place: place.ground.size[0] * place.ground.size[1])
+    return sorted(supports, key=lambda support: support.ground.size[0] * support.ground.size[1])
 
 
 def _is_near(wmi: Any, gripper: Element, pose: Pose) -> bool:

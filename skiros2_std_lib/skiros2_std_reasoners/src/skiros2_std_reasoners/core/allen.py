@@ -10,7 +10,7 @@ from __future__ import annotations
 #: Before, meets, overlaps, starts, during, finishes, equal, and the inverses.
 RELATIONS = ("p", "m", "o", "s", "d", "f", "eq", "pi", "mi", "oi", "si", "di", "fi")
 
-#: Lengths closer than this are the same (m), as are lengths that differ by less than this part of the longer one.
+#: Tolerance of lengths: absolute (m), and as a fraction of the longer one.
 LENGTH_TOLERANCE = 0.001
 _RELATIVE_TOLERANCE = 1e-6
 
@@ -19,7 +19,7 @@ Metric = float | list[float]
 
 
 def relation(a: Interval, b: Interval) -> tuple[str, Metric]:
-    """The one of `RELATIONS` in which `a` stands to `b`, with the distance or distances between their ends."""
+    """Returns the relation of `a` to `b`, one of `RELATIONS`, with the distance or distances between their ends."""
     (a1, a2), (b1, b2) = a, b
     if a2 <= b2:
         if a2 <= b1:
@@ -37,5 +37,5 @@ def relation(a: Interval, b: Interval) -> tuple[str, Metric]:
 
 
 def same(x: float, y: float) -> bool:
-    """Whether two lengths count as equal."""
+    """Whether two lengths are equal within the tolerance."""
     return abs(x - y) <= max(_RELATIVE_TOLERANCE * max(abs(x), abs(y)), LENGTH_TOLERANCE)

@@ -1,4 +1,4 @@
-"""The frame on tf that a published frame is connected to."""
+"""Connects published frames to frames on tf."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _AT_REST = (0.0, 0.0, 0.0)
 def connected(
     frame: Frame, named: Callable[[str], Frame | None], published_elsewhere: Callable[[str], bool], now: float
 ) -> Frame:
-    """A frame with a known pose, expressed in its nearest ancestor that is on tf.
+    """Expresses a frame with a known pose in its nearest ancestor on tf.
 
-    It stays as it is when its base is not the frame of an element, or its base's pose is not known: others may publish
-    that frame.
+    Returns it unchanged if its base is not the frame of an element, or the pose of its base is unknown: another node
+    may publish that frame.
 
-    :param named: the frame of an element by the frame's name.
-    :param published_elsewhere: whether another node publishes a frame of that name.
+    :param named: returns the frame of an element by the name of the frame.
+    :param published_elsewhere: whether another node publishes a frame.
     :param now: the time of the returned pose (s).
     """
     passed = {frame.id}
     while (base := named(frame.base)) is not None and base.id not in passed and base.is_own:
-        if "own" in base.told or published_elsewhere(base.name.lstrip("/")):
+        if "own" in base.published_names or published_elsewhere(base.name.lstrip("/")):
             break
         passed.add(base.id)
         frame = _attached(frame, base, now)
@@ -33,7 +33,7 @@ def connected(
 
 
 def _attached(frame: Frame, base: Frame, now: float) -> Frame:
-    """A frame in the base of its base. Frames move without turning, so the velocities add up."""
+    """Expresses a frame in the base of its base. Frames move without rotation, so velocities add up."""
     outer = base.at(now)
     own, further = (f.velocity if f.moves else _AT_REST for f in (base, frame))
     vx, vy, vz = (a + b for a, b in zip(own, rotated(outer.orientation, further), strict=True))

@@ -1,4 +1,4 @@
-"""Positions and orientations: positions are (x, y, z) in metres, quaternions (x, y, z, w) of unit length."""
+"""Poses: positions (x, y, z) in metres, unit quaternions (x, y, z, w)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Pose(NamedTuple):
-    """Where a frame is in another one: its origin there, and how it is turned."""
+    """Pose of a frame in another one: origin and orientation."""
 
     position: Vector
     orientation: Quaternion
@@ -21,7 +21,7 @@ IDENTITY = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def normalized(q: Sequence[float]) -> Quaternion:
-    """The quaternion at unit length; no turn when it has no length."""
+    """Returns the unit quaternion; the identity for a zero quaternion."""
     length = math.sqrt(sum(c * c for c in q))
     if length < 1e-12:
         return IDENTITY.orientation
@@ -30,7 +30,7 @@ def normalized(q: Sequence[float]) -> Quaternion:
 
 
 def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """The turn `b` followed by the turn `a` (the Hamilton product a b)."""
+    """Returns the rotation `b` followed by the rotation `a` (the Hamilton product a b)."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -42,13 +42,13 @@ def multiplied(a: Sequence[float], b: Sequence[float]) -> Quaternion:
 
 
 def conjugated(q: Sequence[float]) -> Quaternion:
-    """The turn back."""
+    """Returns the inverse rotation."""
     x, y, z, w = q
     return -x, -y, -z, w
 
 
 def rotated(q: Sequence[float], v: Sequence[float]) -> Vector:
-    """A vector turned by a unit quaternion."""
+    """Rotates a vector by a unit quaternion."""
     x, y, z, w = q
     vx, vy, vz = v
     # v + 2 u x (u x v + w v), with u the vector part
@@ -61,7 +61,7 @@ def rotated(q: Sequence[float], v: Sequence[float]) -> Vector:
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """Where something is in a frame A, when it is at `inner` in a frame B, and B is at `outer` in A."""
+    """Returns a pose in frame A, given `inner` in frame B and the pose `outer` of B in A."""
     turned = rotated(outer.orientation, inner.position)
     ox, oy, oz = outer.position
     position = (ox + turned[0], oy + turned[1], oz + turned[2])
@@ -69,14 +69,14 @@ def composed(outer: Pose, inner: Pose) -> Pose:
 
 
 def inverted(pose: Pose) -> Pose:
-    """Where A is in B, when B is at `pose` in A."""
+    """Returns the pose of A in B, given the pose of B in A."""
     back = conjugated(pose.orientation)
     x, y, z = rotated(back, pose.position)
     return Pose((-x, -y, -z), back)
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """The quaternion of turns about the fixed axes x, y, z, in that order (rad)."""
+    """Returns the quaternion of rotations about the fixed axes x, y, z, in that order (rad)."""
     sr, cr = math.sin(roll / 2), math.cos(roll / 2)
     sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
     sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
@@ -89,7 +89,8 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def to_euler(q: Sequence[float]) -> Vector:
-    """The turns about the fixed axes x, y, z, in that order (rad); at a pitch of 90 degrees the roll is 0."""
+    """Returns the rotations about the fixed axes x, y, z, in that order (rad); at a pitch of 90 degrees the roll is
+    0."""
     x, y, z, w = normalized(q)
     sine = 2 * (w * y - z * x)
     if abs(sine) > 1 - 1e-12:
@@ -101,13 +102,13 @@ def to_euler(q: Sequence[float]) -> Vector:
 
 
 def angle_between(a: Sequence[float], b: Sequence[float]) -> float:
-    """The angle of the turn that leads from one orientation to the other (rad, 0 to pi)."""
+    """Returns the angle between two orientations (rad, 0 to pi)."""
     x, y, z, w = multiplied(conjugated(normalized(a)), normalized(b))
     return 2 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
 def half_extents(orientation: Sequence[float], size: Sequence[float]) -> Vector:
-    """Half the edges of the box along the axes that holds a box of that size which is turned so."""
+    """Returns the half edge lengths of the axis-aligned bounding box of a rotated box."""
     columns = [rotated(orientation, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
     x, y, z = (sum(abs(columns[j][i]) * size[j] / 2 for j in range(3)) for i in range(3))
     return x, y, z

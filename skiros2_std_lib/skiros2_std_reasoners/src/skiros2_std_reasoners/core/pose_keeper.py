@@ -1,7 +1,7 @@
-"""Keeps the poses of elements right while the world changes: new parents, frames that are followed, velocities.
+"""Updates the poses of elements: new parents, followed frames, velocities.
 
-The world model offers each change (`parse`); what comes of time and of other transforms is written now and then
-(`settle`, `follow`).
+The world model passes each change to `parse`. `settle` and `follow` write the changes caused by time and by other
+transforms; they are called periodically.
 """
 
 from __future__ import annotations
@@ -17,37 +17,37 @@ from skiros2_common.core.property import Property
 from skiros2_common.core.world_element import Element
 from skiros2_std_reasoners.core import spatial_data as space
 from skiros2_std_reasoners.core.geometry import Pose, composed
-from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, frame_of, gone_on
+from skiros2_std_reasoners.core.pose_tracker import Frame, PoseTracker, continued, frame_of
 
 log = logging.getLogger(__name__)
 
-#: A linked pose is written when it has changed by more (m, and in parts of a quaternion).
-_NOTICEABLE = 1e-4
+#: Minimum change of a linked pose to be written (m, and components of a quaternion).
+_MIN_CHANGE = 1e-4
 
 _SPATIAL = "skiros:spatiallyRelated"
 _REASONER = "skiros:DiscreteReasoner"
 
 
 class FrameTree(Protocol):
-    """Where frames are to each other."""
+    """Poses between frames."""
 
     def put(self, base: str, name: str, pose: Pose) -> None:
-        """A frame of our own."""
+        """Sets an own frame."""
 
     def drop(self, name: str) -> None:
-        """A frame is no longer our own."""
+        """Removes an own frame."""
 
     def find(self, base: str, target: str) -> Pose | None:
-        """Where a frame is in another one; None when it is not known."""
+        """Returns the pose of a frame in another one; None if it is unknown."""
 
 
 class PoseKeeper:
     """The frames of the elements that name a reasoner.
 
-    `parse` and `on_change` are called in the threads of those who change the world model, under its lock; `settle` and
-    `follow` in the reasoner's.
+    `parse` and `on_change` are called by threads that change the world model, under its lock; `settle` and `follow` by
+    the reasoner's thread.
 
-    :param reasoner: its name, as elements have it in `skiros:DiscreteReasoner`.
+    :param reasoner: its name in `skiros:DiscreteReasoner`.
     :param clock: the time of velocities (s).
     """
 
@@ -59,22 +59,22 @@ class PoseKeeper:
         self._frames = frames
         self._clock = clock
         self._followed_at = 0.0
-        #: Elements below which others may have got another parent.
+        #: Elements whose descendants may have a new parent.
         self._restructured: queue.SimpleQueue[str] = queue.SimpleQueue()
-        #: In the thread that writes: the frames that poses were computed from, and when they are so.
+        #: In the writing thread: the frames that the poses were computed from, and their time.
         self._computed = threading.local()
 
     # -- changes of the world model ----------------------------------------------------------------------------
 
     def read_scene(self) -> None:
-        """Tracks the elements of the scene as it is now, and no others; completes them as `parse` does.
+        """Tracks the elements of the current scene, and no others; completes them like `parse`.
 
-        :raises SkirosError: the world model refuses.
+        :raises SkirosError: the world model rejects a change.
         """
         wanted = Element.shared("", "", "", {_REASONER: Property(_REASONER, self._reasoner)}, ())
         with self.wmi.guard:
             for frame in self.tracker.all():
-                self._forget(frame.id)
+                self._remove(frame.id)
             elements = self.wmi.resolve_elements(wanted)
             for element in elements:
                 self.parse(element, "update")
@@ -83,14 +83,15 @@ class PoseKeeper:
                 self.wmi.update_elements(completed, self._reasoner)
 
     def parse(self, element: Element, action: str) -> None:
-        """Gives a new element its frame, and an element with another parent the pose in that one's frame.
+        """Assigns a frame to a new element, and converts the pose of an element with a new parent to the parent's
+        frame.
 
-        Elements that do not name the reasoner are ignored.
+        Ignores elements that do not name the reasoner.
 
         :param action: `add`, `update` or `remove`.
         """
         if action == "remove" or not element.hasProperty(_REASONER, self._reasoner):
-            self._forget(element.id)
+            self._remove(element.id)
             return
         before = self.tracker.get(element.id)
         now = self._time_of(element, before)
@@ -104,15 +105,15 @@ class PoseKeeper:
             self._rebase(element, base, parent)
         frame = frame_of(element, parent, now)
         if before is not None:
-            frame = gone_on(frame, before)
+            frame = continued(frame, before)
         self.tracker.put(frame)
         if before is None or before.name != frame.name:
-            self._restructured.put(element.id)  # what is below has it as its parent now
-        if frame.is_own and (before is None or not _same_place(before, frame)):
+            self._restructured.put(element.id)  # its descendants have a new parent
+        if frame.is_own and (before is None or not _same_pose(before, frame)):
             assert frame.pose is not None
             self._frames.put(frame.base, frame.name, frame.pose)
 
-    def _forget(self, eid: str) -> None:
+    def _remove(self, eid: str) -> None:
         frame = self.tracker.get(eid)
         if frame is not None:
             self.tracker.drop(eid)
@@ -120,7 +121,7 @@ class PoseKeeper:
             self._frames.drop(frame.name)
 
     def on_change(self, change: Any) -> None:
-        """Notes where parents of elements may have changed that are not parsed for it: below ones without a pose."""
+        """Registers elements whose parents may have changed without `parse`: descendants of elements without a pose."""
         if change.context != "scene":
             return
         spatial = self._spatial()
@@ -131,20 +132,20 @@ class PoseKeeper:
     # -- what time and transforms change -----------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Finds parents that have changed, and writes the poses that waited for a transform, or have come to rest.
+        """Updates changed parents, and writes poses that waited for a transform, or have come to rest.
 
-        :raises SkirosError: the world model refuses.
+        :raises SkirosError: the world model rejects a change.
         """
-        self._find_parents()
-        self._write([f for f in self.tracker.busy() if f.waits or not (f.linked_to or f.moves)], self._clock())
+        self._update_parents()
+        self._write([f for f in self.tracker.busy() if f.is_pending or not (f.linked_to or f.moves)], self._clock())
 
     def follow(self) -> None:
-        """Writes, in one change, the poses that follow a frame or move. With many it takes its time.
+        """Writes the poses that follow a frame or move, in one change. May take long with many of them.
 
-        :raises SkirosError: the world model refuses.
+        :raises SkirosError: the world model rejects a change.
         """
         now = self._clock()
-        if now < self._followed_at:  # simulated time begins anew
+        if now < self._followed_at:  # simulated time was reset
             for frame in self.tracker.busy():
                 if frame.moves:
                     self.tracker.exchange(frame, replace(frame, pose=frame.at(self._followed_at), since=now))
@@ -170,7 +171,7 @@ class PoseKeeper:
                 self._computed.frames = {}
 
     def moving(self, name: str) -> tuple[str, Pose] | None:
-        """Where a frame is that moves: its base and pose now; None for others."""
+        """Returns base and current pose of a moving frame; None for other frames."""
         frame = self.tracker.named(name)
         return (frame.base, frame.at(self._clock())) if frame is not None and frame.moves else None
 
@@ -180,7 +181,7 @@ class PoseKeeper:
         return [str(name) for name in self.wmi.get_sub_properties(_SPATIAL)]
 
     def _parent_frame(self, element: Element) -> str:
-        """The frame of the nearest element above that has one, "" when there is none."""
+        """Returns the frame of the nearest ancestor with a frame; "" without one."""
         relations = self._spatial()
         seen = {element.id}
         waiting = [r["src"] for r in element.getRelations("", relations, "-1")]
@@ -194,23 +195,23 @@ class PoseKeeper:
                 waiting += [r["src"] for r in above.getRelations("", relations, "-1")]
         return ""
 
-    def _find_parents(self) -> None:
-        """Looks the parents up anew of the frames below the elements that were noted."""
+    def _update_parents(self) -> None:
+        """Updates the parents of the descendants of registered elements."""
         relations = self._spatial()
         while not self._restructured.empty():
             above = self._restructured.get()
             own = self.tracker.get(above)
-            for eid in self._nearest_below(above, relations):
+            for eid in self._nearest_descendants(above, relations):
                 frame = self.tracker.get(eid)
                 if frame is None or (own is not None and frame.parent == own.name):
                     continue
                 element = self.wmi.find_element(eid)
                 if element is not None:
-                    # parsed meanwhile, it is no longer this frame, and has the newer parent
+                    # if it was parsed meanwhile, the exchange fails, and the newer parent stays
                     self.tracker.exchange(frame, replace(frame, parent=self._parent_frame(element)))
 
-    def _nearest_below(self, eid: str, relations: list[str]) -> Iterator[str]:
-        """The elements with frames that are directly under one, or under others without."""
+    def _nearest_descendants(self, eid: str, relations: list[str]) -> Iterator[str]:
+        """Yields the nearest descendants with frames."""
         seen = {eid}
         waiting = [eid]
         while waiting:
@@ -228,9 +229,9 @@ class PoseKeeper:
     # -- poses -------------------------------------------------------------------------------------------------
 
     def _time_of(self, element: Element, before: Frame | None) -> float:
-        """When an element is where its properties say: now, or when this thread has computed it.
+        """Returns the time of an element's pose: the time of its computation in this thread, else the current time.
 
-        What somebody has changed since it was computed stands.
+        A change by others since the computation is kept.
         """
         frame, computed_at = getattr(self._computed, "frames", {}).pop(element.id, (None, 0.0))
         if frame is None:
@@ -242,7 +243,7 @@ class PoseKeeper:
         return float(computed_at)
 
     def _rebase(self, element: Element, base: str, parent: str) -> None:
-        """Expresses the pose in the parent's frame, if the transform is known already."""
+        """Converts the pose to the parent's frame, if the transform is known."""
         pose = space.pose_of(element)
         if pose is not None and base:
             between = self._frames.find(parent, base)
@@ -252,23 +253,23 @@ class PoseKeeper:
         space.set_text(element, space.BASE_FRAME, parent)
 
     def _new_pose(self, frame: Frame, now: float) -> tuple[str, Pose] | None:
-        """The base and pose that a frame has got; None when there is nothing new."""
+        """Returns the new base and pose of a frame; None without a change."""
         if frame.linked_to:
             base = frame.parent or frame.base
             found = self._frames.find(base, frame.linked_to) if base else None
             if found is None or (frame.base == base and frame.pose is not None and _close(found, frame.pose)):
                 return None
             return base, found
-        if frame.waits:
+        if frame.is_pending:
             between = self._frames.find(frame.parent, frame.base)
             return None if between is None else (frame.parent, composed(between, frame.at(now)))
         return frame.base, frame.at(now)
 
 
-def _same_place(one: Frame, other: Frame) -> bool:
+def _same_pose(one: Frame, other: Frame) -> bool:
     return (one.base, one.name, one.pose) == (other.base, other.name, other.pose)
 
 
 def _close(one: Pose, other: Pose) -> bool:
     pairs = zip((*one.position, *one.orientation), (*other.position, *other.orientation), strict=True)
-    return all(abs(a - b) <= _NOTICEABLE for a, b in pairs)
+    return all(abs(a - b) <= _MIN_CHANGE for a, b in pairs)

@@ -1,4 +1,4 @@
-"""The frames of the elements that a spatial reasoner looks after: where each is, and what has to be done for it."""
+"""The frames of the elements of a spatial reasoner."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from skiros2_std_reasoners.core.geometry import Pose, Vector
 class Frame:
     """The frame of an element.
 
-    :param pose: in the frame `base`, at the time `since`; None: not known.
-    :param written: the pose that the element's properties say; an older one, while it moves.
-    :param parent: the frame that the pose is to be in; differs from `base` while the transform is not known.
-    :param linked_to: the tf frame that it follows, "" for none.
-    :param pushed_to: a further name under which it is published, "" for none.
+    :param pose: in the frame `base`, at the time `since`; None if unknown.
+    :param written: the pose in the element's properties; older for a moving element.
+    :param parent: the target frame of the pose; differs from `base` while the transform is unknown.
+    :param linked_to: the tf frame that it follows; "" without one.
+    :param pushed_to: an additional name for publishing; "" without one.
     :param velocity: in the frame `base` (m/s).
-    :param since: (s).
+    :param since: time of the pose (s).
     """
 
     id: str
@@ -38,24 +38,24 @@ class Frame:
 
     @property
     def is_known(self) -> bool:
-        """Whether it can be told to tf."""
+        """Whether it can be published on tf."""
         return self.pose is not None and bool(self.base) and self.base != self.name
 
     @property
     def is_own(self) -> bool:
-        """Whether it is known, and not the very frame that it follows, which somebody else tells to tf."""
+        """Whether it is known, and not identical to the followed frame, which another node publishes."""
         return self.is_known and self.name != self.linked_to
 
     @property
-    def told(self) -> dict[str, str]:
-        """The names under which it is told to tf, by kind."""
+    def published_names(self) -> dict[str, str]:
+        """The names of the frame on tf, by kind."""
         own = self.name if self.published and self.is_own else ""
         pushed = self.pushed_to if self.is_known else ""
         return {kind: name for kind, name in (("own", own), ("pushed", pushed)) if name}
 
     @property
-    def waits(self) -> bool:
-        """Whether the pose is still to be expressed in the parent's frame."""
+    def is_pending(self) -> bool:
+        """Whether the pose must still be converted to the parent's frame."""
         return bool(self.parent) and self.parent != self.base and self.pose is not None and not self.linked_to
 
     @property
@@ -64,11 +64,11 @@ class Frame:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is to be written: it follows a frame, waits, moves, or has moved."""
-        return bool(self.linked_to) or self.waits or self.moves or self.pose != self.written
+        """Whether its pose needs updates: it follows a frame, is pending, moves, or has moved."""
+        return bool(self.linked_to) or self.is_pending or self.moves or self.pose != self.written
 
     def at(self, now: float) -> Pose:
-        """Where it is at a time (s); it is known."""
+        """Returns the pose at a time (s); requires a known pose."""
         assert self.pose is not None
         seconds = now - self.since
         if not self.moves or seconds <= 0.0:
@@ -78,10 +78,10 @@ class Frame:
 
 
 def frame_of(element: Element, parent: str, now: float) -> Frame:
-    """The frame that an element's properties describe.
+    """Creates the frame that an element's properties describe.
 
-    :param parent: the frame of its nearest spatial parent, "" when it has none.
-    :param now: when it is so (s).
+    :param parent: the frame of its nearest spatial parent; "" without one.
+    :param now: time of the properties (s).
     """
     vx, vy, vz = (v if v is not None and math.isfinite(v) else 0.0 for v in data.numbers(element, data.VELOCITY))
     pose = data.pose_of(element)
@@ -100,10 +100,10 @@ def frame_of(element: Element, parent: str, now: float) -> Frame:
     )
 
 
-def gone_on(frame: Frame, before: Frame) -> Frame:
-    """A frame that has been moving since an earlier state of it, whose properties tell the old pose still.
+def continued(frame: Frame, before: Frame) -> Frame:
+    """Continues the motion of an earlier state of a frame, if the properties still contain the old pose.
 
-    What is written of an element that moves is older than where it is; another change of it must not take it back.
+    The written pose of a moving element is older than its current one; another change of the element must not reset it.
     """
     if before.pose is None or (frame.written, frame.base) != (before.written, before.base):
         return frame
@@ -113,12 +113,12 @@ def gone_on(frame: Frame, before: Frame) -> Frame:
 
 
 class PoseTracker:
-    """The frames by element. Safe to use from all threads; nothing is called back."""
+    """The frames by element. Thread-safe; calls no other code."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._frames: dict[str, Frame] = {}
-        self._ids: dict[str, str] = {}  # by the names of frames
+        self._ids: dict[str, str] = {}  # by name of the frame
         self._busy: set[str] = set()
         self._changed: set[str] = set()
 
@@ -128,13 +128,13 @@ class PoseTracker:
 
     def drop(self, eid: str) -> None:
         with self._lock:
-            self._forget_name(eid)
+            self._remove_name(eid)
             self._frames.pop(eid, None)
             self._busy.discard(eid)
             self._changed.add(eid)
 
     def exchange(self, old: Frame, new: Frame) -> bool:
-        """Puts a frame in the place of another one; False when that has been replaced meanwhile."""
+        """Replaces a frame; returns False if it has been replaced meanwhile."""
         with self._lock:
             is_there = self._frames.get(old.id) is old
             if is_there:
@@ -146,7 +146,7 @@ class PoseTracker:
             return self._frames.get(eid)
 
     def named(self, name: str) -> Frame | None:
-        """The frame of that name; a leading slash counts for nothing."""
+        """Returns the frame with a name, ignoring a leading slash."""
         with self._lock:
             return self._frames.get(self._ids.get(name.lstrip("/"), ""))
 
@@ -155,23 +155,23 @@ class PoseTracker:
             return list(self._frames.values())
 
     def busy(self) -> list[Frame]:
-        """Those of which something is to be written."""
+        """Returns the frames that need updates."""
         with self._lock:
             return [self._frames[eid] for eid in self._busy]
 
     def take_changed(self) -> dict[str, Frame | None]:
-        """The frames, by element, that were put or dropped since this was asked last; None: dropped."""
+        """Returns the frames that were set (or None: removed) since the last call, by element."""
         with self._lock:
             changed, self._changed = self._changed, set()
             return {eid: self._frames.get(eid) for eid in changed}
 
-    def _forget_name(self, eid: str) -> None:
+    def _remove_name(self, eid: str) -> None:
         frame = self._frames.get(eid)
         if frame is not None and self._ids.get(frame.name.lstrip("/")) == eid:
             del self._ids[frame.name.lstrip("/")]
 
     def _put(self, frame: Frame) -> None:
-        self._forget_name(frame.id)
+        self._remove_name(frame.id)
         self._ids[frame.name.lstrip("/")] = frame.id
         self._frames[frame.id] = frame
         self._changed.add(frame.id)

@@ -1,4 +1,4 @@
-"""The spatial relations between two boxes: one of Allen's on each axis, and equal or different orientation."""
+"""Spatial relations between two boxes: one of Allen's per axis, and equal or different orientation."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from collections.abc import Sequence
 from skiros2_std_reasoners.core import allen
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, angle_between
 
-#: Angles up to this one are equal (rad).
+#: Maximum angle between equal orientations (rad).
 ANGLE_TOLERANCE = 0.05
 
-#: The answer when the pose of one relative to the other is not known.
+#: The relation for an unknown relative pose.
 UNKNOWN = ":unknownT"
 SAME_ANGLE, OTHER_ANGLE = ":eqA", ":pA"
 
-#: All relations that may be answered.
+#: All relations.
 ALL = (*(f":{name}{axis}" for axis in "XYZ" for name in allen.RELATIONS), SAME_ANGLE, OTHER_ANGLE, UNKNOWN)
 
 
 def relations_between(
     relative: Pose | None, subject_size: Sequence[float], object_size: Sequence[float]
 ) -> list[tuple[str, allen.Metric]]:
-    """The relations from a subject to an object, each with its distance or distances (m, rad).
+    """Returns the relations from a subject to an object, each with its distance or distances (m, rad).
 
-    :param relative: the object's pose in the subject's frame; None: not known.
-    :param subject_size, object_size: the edges of the boxes, both along the axes of the subject's frame (m).
+    :param relative: pose of the object in the subject's frame; None if unknown.
+    :param subject_size, object_size: edge lengths of the boxes along the axes of the subject's frame (m).
     """
     if relative is None:
         return [(UNKNOWN, -1.0)]

@@ -1,4 +1,4 @@
-"""The pose and size of an element, as its properties hold them."""
+"""Pose and size of an element in its properties."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ PUBLISH = "skiros:PublishTf"
 LINKED_TO = "skiros:LinkedToFrameId"
 PUSH_TO = "skiros:PushToFrameId"
 
-#: All properties that the spatial reasoner owns.
+#: All properties of the spatial reasoner.
 PROPERTIES = (*POSITION, *ORIENTATION, *SIZE, BASE_FRAME, FRAME, TIME_STAMP, PUBLISH, LINKED_TO, PUSH_TO, *VELOCITY)
 
 
 def numbers(element: Element, keys: Sequence[str]) -> list[float | None]:
-    """The values of some properties; None for one that is missing or no number."""
+    """Returns the values of properties; None for a missing one, or one that is not a number."""
     return [_number(element.value_of(key)) for key in keys]
 
 
 def text(element: Element, key: str) -> str:
-    """The text of a property, "" when it is missing."""
+    """Returns the text of a property; "" if it is missing."""
     return str(element.value_of(key) or "")
 
 
 def is_true(element: Element, key: str) -> bool:
-    """Whether a property is true; scenes may write it as text."""
+    """Whether a property is true; accepts text values of scenes."""
     return str(element.value_of(key)).strip().lower() in ("true", "1")
 
 
 def pose_of(element: Element) -> Pose | None:
-    """The pose in the frame `skiros:BaseFrameId`; None when a part is missing or not finite."""
+    """Returns the pose in the frame `skiros:BaseFrameId`; None if a part is missing or not finite."""
     position, orientation = _finite(element, POSITION), _finite(element, ORIENTATION)
     if position is None or orientation is None:
         return None
@@ -50,7 +50,7 @@ def pose_of(element: Element) -> Pose | None:
 
 
 def placement_of(element: Element) -> Pose | None:
-    """As `pose_of`, where a missing orientation is no rotation."""
+    """Returns the pose like `pose_of`, with no rotation for a missing orientation."""
     position = _finite(element, POSITION)
     if position is None:
         return None
@@ -65,11 +65,11 @@ def set_pose(element: Element, pose: Pose) -> None:
 
 
 def set_numbers(element: Element, keys: Sequence[str], values: Any) -> None:
-    """Writes some properties.
+    """Writes properties.
 
-    :param values: a list, tuple or array of as many numbers; None takes a value away.
-    :raises WrongValue: there are more or fewer.
-    :raises WrongType: one is no number.
+    :param values: a list, tuple or array with one number per key; None removes a value.
+    :raises WrongValue: the number of values is wrong.
+    :raises WrongType: a value is not a number.
     """
     try:
         given = list(values)

@@ -1,4 +1,4 @@
-"""The codes under which `getData` and `setData` know poses and sizes."""
+"""The codes of `getData` and `setData` for poses and sizes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _POSE = (*space.POSITION, *space.ORIENTATION)
 
 @dataclass(frozen=True)
 class Code:
-    """What gets and what sets the data behind a code, and the properties they are made of."""
+    """Getter and setter of a code, and its properties."""
 
     keys: Sequence[str]
     get: Callable[[Element], Any]

@@ -1,7 +1,7 @@
-"""Many transforms as one tf message, kept as the bytes that go over the wire.
+"""Many transforms as one tf message, kept in serialised form.
 
-Making a thousand `TransformStamped` anew 25 times a second takes half a core. Here each transform is packed once; for a
-message only the stamps are written, and the positions of what moves.
+Creating a thousand `TransformStamped` 25 times per second takes half a core. Here each transform is serialised once;
+for a message, only stamps and the positions of moving frames are written.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _POSITION_SIZE = 24
 
 @dataclass
 class _Packed:
-    """A transform: its bytes, where its pose is in them, and where they are in the message."""
+    """A transform: its bytes, and the offset of its pose."""
 
     content: bytes
     pose_at: int
@@ -38,7 +38,7 @@ class _Packed:
 
 
 class PackedTransforms:
-    """Transforms by key, in one message. Used by one thread."""
+    """Transforms by key, in one message. Not thread-safe."""
 
     def __init__(self) -> None:
         self._packed: dict[Hashable, _Packed] = {}
@@ -59,10 +59,10 @@ class PackedTransforms:
         velocity: Vector = (0.0, 0.0, 0.0),
         since: float = 0.0,
     ) -> None:
-        """A transform, in the place of the one of that key.
+        """Sets the transform of a key.
 
-        :param velocity: with which it has moved since (m/s, in `base`).
-        :param since: when it was at that pose (s).
+        :param velocity: since that time (m/s, in `base`).
+        :param since: the time of the pose (s).
         """
         head = b"".join((bytes(12), _text(base), _text(name)))
         content = head + struct.pack("<7d", *pose.position, *pose.orientation)
@@ -78,15 +78,15 @@ class PackedTransforms:
             self._moving = None
 
     def drop(self, key: Hashable) -> None:
-        """Takes a transform away, if it is there."""
+        """Removes a transform, if it exists."""
         if self._packed.pop(key, None) is not None:
             self._is_laid_out = False
 
     def message(self, stamp: Any, now: float) -> PackedMessage:
-        """All transforms as they are now.
+        """Returns a message of all transforms at a time.
 
-        :param stamp: the time they are told with (a ROS time).
-        :param now: the same clock as `since` (s).
+        :param stamp: the time in the message (a ROS time).
+        :param now: the same time by the clock of `since` (s).
         """
         if not self._is_laid_out:
             self._lay_out()
@@ -118,7 +118,7 @@ class PackedTransforms:
 
 
 class PackedMessage(TFMessage):
-    """A `TFMessage` that is packed already; for publishing only."""
+    """A serialised `TFMessage`, for publishing only."""
 
     def __init__(self, content: bytes) -> None:
         super().__init__()
@@ -129,7 +129,7 @@ class PackedMessage(TFMessage):
 
 
 class IncomingMessage(TFMessage):
-    """A `TFMessage` that is unpacked when its transforms are asked for."""
+    """A `TFMessage` that is deserialised on access to its transforms."""
 
     def __init__(self) -> None:
         self.content = b""
@@ -147,11 +147,11 @@ class IncomingMessage(TFMessage):
 
 
 def _text(text: str) -> bytes:
-    """A text as ROS packs it; tf2 knows no leading slash."""
+    """Serialises a text for tf2, without leading slash."""
     encoded = text.lstrip("/").encode()
     return struct.pack("<I", len(encoded)) + encoded
 
 
 def _indices(starts: list[int], length: int) -> NDArray[np.intp]:
-    """For each start the indices of so many bytes."""
+    """Returns the indices of `length` bytes from each start."""
     return np.array(starts, np.intp).reshape(-1, 1) + np.arange(length)

@@ -1,4 +1,4 @@
-"""Poses of elements as messages of geometry_msgs, and back."""
+"""Converts poses of elements to messages of geometry_msgs, and back."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from skiros2_std_reasoners.core import spatial_data as data
 from skiros2_std_reasoners.core.geometry import Pose
 from skiros2_std_reasoners.ros.transforms import transform_message
 
-#: Times in messages are below it (s).
+#: Upper bound of times in messages (s).
 _NO_TIME = 2.0**32 - 1
 
 
 def pose_message(element: Element) -> Any:
-    """The pose as a `Pose`."""
+    """Returns the pose as a `Pose` message."""
     return _pose_message(_known_pose(element))
 
 
 def pose_stamped_message(element: Element) -> Any:
-    """The pose as a `PoseStamped` in the frame `skiros:BaseFrameId`."""
+    """Returns the pose as a `PoseStamped` message in the frame `skiros:BaseFrameId`."""
     message = PoseStamped()
     message.header.frame_id = data.text(element, data.BASE_FRAME)
     message.header.stamp = _stamp(element)
@@ -33,15 +33,15 @@ def pose_stamped_message(element: Element) -> Any:
 
 
 def transform_stamped_message(element: Element) -> Any:
-    """The pose as a `TransformStamped` from `skiros:BaseFrameId` to `skiros:FrameId`."""
+    """Returns the pose as a `TransformStamped` message from `skiros:BaseFrameId` to `skiros:FrameId`."""
     frame = data.text(element, data.FRAME) or element.id
     return transform_message(data.text(element, data.BASE_FRAME), frame, _known_pose(element), _stamp(element))
 
 
 def set_from_message(element: Element, message: Any) -> None:
-    """Writes the pose that a message holds, and its frame and time where it has them.
+    """Writes the pose in a message, and its frame and time, if it has them.
 
-    :raises WrongType: it is none of `Pose`, `PoseStamped`, `Transform` and `TransformStamped`.
+    :raises WrongType: it is not a `Pose`, `PoseStamped`, `Transform` or `TransformStamped`.
     """
     if isinstance(message, (PoseStamped, TransformStamped)):
         if message.header.frame_id:
@@ -74,6 +74,6 @@ def _known_pose(element: Element) -> Pose:
 
 
 def _stamp(element: Element) -> Any:
-    """When the pose was measured; 0, not known, also for times that no message can hold."""
+    """Returns the time of the pose; 0 if it is unknown or out of the range of messages."""
     stamp = data.numbers(element, [data.TIME_STAMP])[0]
     return rospy.Time.from_sec(stamp) if stamp is not None and 0 < stamp < _NO_TIME else rospy.Time(0)

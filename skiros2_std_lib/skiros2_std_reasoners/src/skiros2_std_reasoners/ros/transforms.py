@@ -1,4 +1,4 @@
-"""The transforms that tf knows, and those that a spatial reasoner tells it."""
+"""The transforms on tf, and those of a spatial reasoner."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from geometry_msgs.msg import TransformStamped
 from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, normalized
 from skiros2_std_reasoners.ros.packed_transforms import IncomingMessage, PackedMessage
 
-#: How long a look-up waits when this process has only begun to listen to tf (s).
+#: Timeout of a lookup right after subscribing to tf (s).
 _FIRST_WAIT = 1.0
 
-#: So many of our own messages are recognised when they come back.
+#: Number of own messages that are recognised on tf.
 _OWN_MESSAGES = 10
 
-#: How often a look-up that waits looks again (s).
+#: Period of checks in a blocking lookup (s).
 _POLL_PERIOD = 0.01
 
 
 class Transforms:
-    """All transforms known here: what comes over tf, and frames of our own, known at once. Safe in all threads.
+    """The transforms from tf and the reasoner's own frames, which are available immediately. Thread-safe.
 
-    Listening begins with the first look-up, or with `listen`.
+    Subscribes to tf with the first lookup, or with `listen`.
 
-    :param moving: tells where a frame of our own is now that moves: (base, pose); None for others.
+    :param moving: returns (base, pose) of a moving own frame; None for other frames.
     """
 
     def __init__(self, moving: Callable[[str], tuple[str, Pose] | None] = lambda name: None) -> None:
@@ -40,12 +40,12 @@ class Transforms:
         self._subscribers: list[Any] = []
         self._own: set[str] = set()
         self._gone: set[str] = set()
-        #: The frames that other nodes have published.
+        #: The frames published by other nodes.
         self.elsewhere: set[str] = set()
         self._sent: deque[bytes] = deque(maxlen=_OWN_MESSAGES)
 
     def listen(self) -> bool:
-        """Begins to listen to tf; False when that was so already, or this process is no node."""
+        """Subscribes to tf. Returns False if it is subscribed already, or this process is not a node."""
         with self._lock:
             if self._subscribers or not rospy.core.is_initialized():
                 return False
@@ -56,25 +56,25 @@ class Transforms:
             return True
 
     def sent(self, message: PackedMessage) -> None:
-        """A message of our own frames that is about to be published; it need not be read when it comes back."""
+        """Registers a message of own frames before it is published; it is ignored on arrival."""
         self._sent.append(message.content)
 
     def put(self, base: str, name: str, pose: Pose) -> None:
-        """A frame of our own: from now on it is there at any time, until it is put elsewhere."""
+        """Sets an own frame, valid at any time until it is set again."""
         self._own.add(_legal(name))
         self._gone.discard(_legal(name))
         if _legal(base) and _legal(name):
             self._set(transform_message(base, name, pose, rospy.Time(0)), True)
 
     def drop(self, name: str) -> None:
-        """The frame is no longer our own: it is not known until tf tells of it."""
+        """Removes an own frame; it is unknown until tf contains it."""
         self._own.discard(_legal(name))
         self._gone.add(_legal(name))
 
     def find(self, base: str, target: str, duration: float = 0.0) -> Pose | None:
-        """Where a frame is in another one, as far as known; None when it is not.
+        """Returns the latest pose of a frame in another one; None if it is unknown.
 
-        :param duration: how long to wait for it (s).
+        :param duration: timeout (s).
         """
         base, target = _legal(base), _legal(target)
         if base == target:
@@ -124,7 +124,7 @@ class Transforms:
 
 
 def transform_message(base: str, name: str, pose: Pose, stamp: Any) -> Any:
-    """A `TransformStamped` that says where a frame is in another one."""
+    """Creates a `TransformStamped` message."""
     message = TransformStamped()
     message.header.frame_id = _legal(base)
     message.header.stamp = stamp
@@ -136,5 +136,5 @@ def transform_message(base: str, name: str, pose: Pose, stamp: Any) -> Any:
 
 
 def _legal(name: str) -> str:
-    """tf2 knows no leading slash, and fails at a zero character."""
+    """Removes leading slashes and zero characters, which tf2 rejects."""
     return name.lstrip("/").replace("\0", "")

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from skiros2_demo.story import Story
+from skiros2_demo.progress_report import ProgressReport
 from support.recorded_run import FAILURE, PLAN, PRODUCT, RUNNING, TRAY_B, tree
 
 NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
@@ -30,60 +30,60 @@ def out() -> io.StringIO:
 
 
 @pytest.fixture
-def story(out: io.StringIO) -> Story:
-    return Story(out, lambda thing: NAMES.get(thing, thing))
+def report(out: io.StringIO) -> ProgressReport:
+    return ProgressReport(out, lambda thing: NAMES.get(thing, thing))
 
 
-def test_a_plan_is_told_once(story: Story, out: io.StringIO) -> None:
-    story.feedback(feedback("planning"))
+def test_a_plan_is_told_once(report: ProgressReport, out: io.StringIO) -> None:
+    report.feedback(feedback("planning"))
     for states in (("waiting", "waiting"), ("running", "waiting")):
-        story.feedback(feedback("running", "a plan of 2 steps", PLAN, *states))
+        report.feedback(feedback("running", "a plan of 2 steps", PLAN, *states))
     assert out.getvalue().count("1. pick     Object: Product A") == 1
     assert "anew" not in out.getvalue()
-    assert story.reasons == []
+    assert report.reasons == []
 
 
-def test_the_steps_come_with_their_states(story: Story) -> None:
-    steps = story.feedback(feedback("running", "", PLAN, "running"))
+def test_the_steps_come_with_their_states(report: ProgressReport) -> None:
+    steps = report.feedback(feedback("running", "", PLAN, "running"))
     assert [(step["label"], step["state"]) for step in steps] == [("pick", "running"), ("place", "waiting")]
 
 
-def test_why_it_is_planned_anew_is_told_with_the_new_plan(story: Story, out: io.StringIO) -> None:
-    story.feedback(feedback("running", "", PLAN))
-    story.feedback(feedback("planning", "the world has become such that the plan does not lead to the goal", PLAN))
-    story.feedback(feedback("running", "a plan of 2 steps", AGAIN))
-    assert story.reasons == ["the world has become such that the plan does not lead to the goal"]
+def test_why_it_is_planned_anew_is_told_with_the_new_plan(report: ProgressReport, out: io.StringIO) -> None:
+    report.feedback(feedback("running", "", PLAN))
+    report.feedback(feedback("planning", "the world has become such that the plan does not lead to the goal", PLAN))
+    report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert report.reasons == ["the world has become such that the plan does not lead to the goal"]
     assert "\nPlanned anew, for the world has become such" in out.getvalue()
     assert out.getvalue().count("1. pick") == 2
 
 
-def test_the_reason_is_what_the_step_says_with_names_for_ids(story: Story) -> None:
-    story.feedback(feedback("running", "", PLAN, "running"))
+def test_the_reason_is_what_the_step_says_with_names_for_ids(report: ProgressReport) -> None:
+    report.feedback(feedback("running", "", PLAN, "running"))
     failed = feedback("planning", "step 1 (much text) has failed", PLAN, "failed")
     message = f"skiros:Pick-pick(Failure): {TRAY_B}-Tray B holds no {PRODUCT}"
     failed.steps = json.dumps([{"number": 1, "state": "failed", "message": message}])
-    story.feedback(failed)
-    story.feedback(feedback("running", "a plan of 2 steps", AGAIN))
-    assert story.reasons == ["pick has failed: Tray B holds no Product A"]
+    report.feedback(failed)
+    report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
+    assert report.reasons == ["pick has failed: Tray B holds no Product A"]
 
 
 def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:
     out = Terminal()
-    story = Story(out, str)
-    story.tree(tree("pick", RUNNING, ended=False))
-    story.say("  ! a hand comes")
-    assert story.runs
+    report = ProgressReport(out, str)
+    report.tree(tree("pick", RUNNING, ended=False))
+    report.say("  ! a hand comes")
+    assert report.runs
     assert "a hand comes" not in out.getvalue()
-    story.tree(tree("pick", FAILURE))
-    assert not story.runs
+    report.tree(tree("pick", FAILURE))
+    assert not report.runs
     shown = out.getvalue()
     assert shown.index("failure") < shown.index("  ! a hand comes")
 
 
 def test_what_waits_for_a_tree_is_said_at_the_end_at_the_latest() -> None:
     out = Terminal()
-    story = Story(out, str)
-    story.tree(tree("pick", RUNNING, ended=False))
-    story.say("  ! a hand comes")
-    story.end()
+    report = ProgressReport(out, str)
+    report.tree(tree("pick", RUNNING, ended=False))
+    report.say("  ! a hand comes")
+    report.end()
     assert "  ! a hand comes" in out.getvalue()

@@ -1,4 +1,4 @@
-"""The commands that tell of skills: list, describe and why."""
+"""The commands list, describe and why."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import SkirosError, UnknownName
 from skiros2_common.core.names import local_name
 from skiros2_skill.command_line.connection import Manager
-from skiros2_skill.command_line.description import REQUIRED, Parameter, Skill, choose
+from skiros2_skill.command_line.description import REQUIRED, Parameter, Skill, find_skill
 from skiros2_skill.command_line.world import CONDITIONS, Registered, World
 
 
 def list_skills(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The skills that a robot has, with their parameters: in brackets those that are not required."""
+    """Lists the skills of a robot with their parameters; optional ones are in brackets."""
     skills = sorted(manager.skills(), key=lambda skill: (skill.type, skill.label))
     rows = [(s.label, s.type, " ".join(_short(p) for p in _in_order(s) if p.key != "Robot")) for s in skills]
     lines = table(screen, rows, ("skill", "type", "parameters")) if rows else [f"{manager.name} has no skills"]
@@ -24,16 +24,16 @@ def list_skills(manager: Manager, arguments: argparse.Namespace, screen: Screen)
 
 
 def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """A skill: its parameters, conditions and implementations."""
+    """Shows the parameters, conditions and implementations of a skill."""
     skills = manager.skills()
-    choice = choose(arguments.skill, skills)
+    named = find_skill(arguments.skill, skills)
     world = World(manager.name, manager.author)
     lines: list[str] = []
     data = []
-    for skill in choice.skills:
+    for skill in named.skills:
         others = [s.label for s in skills if s.type == skill.type and s is not skill]
-        registered, trouble = _registered(world, skill)
-        lines += ["", *_described(skill, others, registered, trouble, screen)]
+        registered, error = _registered(world, skill)
+        lines += ["", *_described(skill, others, registered, error, screen)]
         conditions = {kind: [vars(c) for c in some] for kind, some in registered.conditions.items()}
         known = {"purpose": registered.purpose, "module": registered.module, "classes": registered.classes}
         data.append({**_skill_json(skill), **known, "conditions": conditions})
@@ -41,7 +41,7 @@ def describe(manager: Manager, arguments: argparse.Namespace, screen: Screen) ->
 
 
 def why(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Why a task, or nodes in it, failed: by default the one that failed or was refused last."""
+    """Shows why a task or its nodes failed, by default the last task that failed or was refused."""
     answer = manager.why(-1 if arguments.task is None else arguments.task)
     if not answer.ok:
         raise UnknownName(answer.text)
@@ -49,14 +49,14 @@ def why(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Comm
 
 
 def _registered(world: World, skill: Skill) -> tuple[Registered, str]:
-    """What the world model tells of a skill, and what keeps it from that."""
+    """What the world model has registered of a skill, and the error text when it does not answer."""
     try:
         return world.registered(skill.type, skill.label), ""
     except SkirosError as error:
         return Registered(), str(error)
 
 
-def _described(skill: Skill, others: list[str], registered: Registered, trouble: str, screen: Screen) -> list[str]:
+def _described(skill: Skill, others: list[str], registered: Registered, error: str, screen: Screen) -> list[str]:
     facts = [
         ("type", skill.type),
         ("under", " > ".join(map(local_name, registered.classes[:-1]))),
@@ -71,7 +71,7 @@ def _described(skill: Skill, others: list[str], registered: Registered, trouble:
         conditions = registered.conditions.get(kind, [])
         if conditions:
             lines += ["", f"{kind}-conditions", *_indented([(c.label, c.text) for c in conditions], screen)]
-    return [*lines, "", screen.fitted(f"conditions are not known: {trouble}")] if trouble else lines
+    return [*lines, "", screen.fitted(f"conditions are not known: {error}")] if error else lines
 
 
 def _indented(rows: Any, screen: Screen) -> list[str]:
@@ -81,9 +81,9 @@ def _indented(rows: Any, screen: Screen) -> list[str]:
 
 
 def _in_order(skill: Skill) -> list[Parameter]:
-    """What has to be given first, then other required ones, and the robot last."""
+    """The parameters that must be given first, then other required ones; the robot last."""
     return sorted(
-        skill.parameters.values(), key=lambda p: (p.key == "Robot", not p.has_to_be_given, p.kind != REQUIRED)
+        skill.parameters.values(), key=lambda p: (p.key == "Robot", not p.must_be_given, p.kind != REQUIRED)
     )
 
 
@@ -98,10 +98,10 @@ def _default(parameter: Parameter) -> str:
 
 
 def _values(parameter: Parameter) -> str:
-    shown: list[Any] = parameter.as_json()["default"]
-    if len(shown) == 1:
-        return shown[0] if isinstance(shown[0], str) else json.dumps(shown[0], ensure_ascii=False)
-    return json.dumps(shown, ensure_ascii=False)
+    values: list[Any] = parameter.as_json()["default"]
+    if len(values) == 1:
+        return values[0] if isinstance(values[0], str) else json.dumps(values[0], ensure_ascii=False)
+    return json.dumps(values, ensure_ascii=False)
 
 
 def _skill_json(skill: Skill) -> dict[str, Any]:

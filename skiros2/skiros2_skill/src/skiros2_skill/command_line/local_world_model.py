@@ -1,4 +1,4 @@
-"""A world model for a command that needs no running one: with the ontologies of packages and of a workspace."""
+"""A world model in this process with the ontologies of packages and a workspace."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skiros2_world_model.core.knowledge_base import is_knowledge_file
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 
-#: Where a package keeps its ontologies.
+#: The folders of a package that may have ontologies.
 _FOLDERS = ("owl", "ontology", "ontologies")
 
 
@@ -24,14 +24,14 @@ _FOLDERS = ("owl", "ontology", "ontologies")
 def world_model_of(
     packages: Sequence[str], workspace: Path | None, author: str, scene: Path | None = None
 ) -> Iterator[LocalWorldModel]:
-    """A world model in this process that knows the platform's ontologies, those of the packages and of the workspace.
+    """Yields a world model with the ontologies of the platform, of packages and of a workspace.
 
     :param packages: Python packages.
-    :param workspace: a folder; None: there is none.
-    :param author: who makes the changes.
-    :param scene: a file with the scene; None: it is blank.
-    :raises ConfigurationError: there is no such workspace, or the scene cannot be read.
-    :raises WmException: it is refused.
+    :param workspace: a folder, or None.
+    :param author: of changes.
+    :param scene: a scene file; None: a blank scene.
+    :raises ConfigurationError: the workspace does not exist, or the scene cannot be read.
+    :raises WmException: the scene is refused.
     """
     if workspace is not None and not workspace.is_dir():
         raise ConfigurationError(f"workspace {workspace}: there is no such folder")
@@ -48,7 +48,7 @@ def world_model_of(
 
 
 def _folders(packages: Sequence[str]) -> Iterator[Path]:
-    """The folders with the ontologies of packages."""
+    """The ontology folders of packages."""
     packs = rospkg.RosPack()
     for package in packages:
         try:
@@ -62,7 +62,7 @@ def _folders(packages: Sequence[str]) -> Iterator[Path]:
 
 
 def _root(package: str) -> Path | None:
-    """The folder of the ROS package that a Python package lies in; None when there is none."""
+    """The folder of the ROS package that contains a Python package; None when there is none."""
     spec = importlib.util.find_spec(package.partition(".")[0])
     if spec is None or not spec.origin:
         return None
@@ -70,7 +70,7 @@ def _root(package: str) -> Path | None:
 
 
 def _gather(folders: Sequence[Path], into: Path) -> None:
-    """Copies the ontologies of some folders into one."""
+    """Copies the ontologies of folders into one folder."""
     for number, folder in enumerate(folders):
         for file in sorted(folder.rglob("*")):
             if file.is_file() and is_knowledge_file(file.name):

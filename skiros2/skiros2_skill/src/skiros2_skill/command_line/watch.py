@@ -1,4 +1,4 @@
-"""The command that watches tasks."""
+"""The command watch."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from skiros2_skill.command_line.connection import Manager
 from skiros2_skill.command_line.tree import SUCCESS, Changes, HoldConditions, has_ended, picture, summary, word_of
 from skiros2_skill.command_line.world import World
 
-#: A task: the `SkillProgress` of each of its nodes, each before its children, the root first.
+#: A task: the `SkillProgress` of each node, parents before children.
 Nodes = Sequence[Any]
 
-#: A terminal is drawn anew so often at most (s).
+#: Minimum time between redraws of a terminal (s).
 _PERIOD = 0.1
 
 
 def watch(manager: Manager, arguments: argparse.Namespace, page: Screen) -> CommandResult:
-    """Shows what tasks do, as a tree on a terminal, else a line for each change; by default all, until Ctrl-C."""
+    """Shows tasks: a live tree on a terminal, otherwise one line per change; by default all tasks, until Ctrl-C."""
     holds = Conditions(World(manager.name, manager.author))
     if arguments.once:
         return _picture(_tasks(manager, arguments.task), page, holds)
-    from skiros2_skill.command_line.following import Follower, become_node
+    from skiros2_skill.command_line.monitor import TaskMonitor, become_node
 
     become_node("skill_watch")
-    follower = Follower(manager)  # before it is asked: no news are lost
+    monitor = TaskMonitor(manager)  # before the query, so that no message is lost
     try:
         first = _tasks(manager, arguments.task)
-        return _follow(follower, arguments.task, first, _view(manager.name, arguments.json, page, holds))
+        return _show_until_end(monitor, arguments.task, first, _view(manager.name, arguments.json, page, holds))
     finally:
-        follower.close()
+        monitor.close()
 
 
 def _tasks(manager: Manager, task_id: int | None) -> list[Nodes]:
-    """The tasks that have not ended: this one, or all."""
+    """The tasks that have not ended: one, or all."""
     if task_id is None:
         return manager.tasks()
     tasks = manager.tasks(task_id)
     if not tasks:
-        raise UnknownName(f"no task {task_id} runs on {manager.name}; why {task_id} may tell its end")
+        raise UnknownName(f"no task {task_id} runs on {manager.name}; it may have ended, see why {task_id}")
     return tasks
 
 
@@ -57,18 +57,18 @@ def _picture(tasks: list[Nodes], page: Screen, holds: HoldConditions) -> Command
     return CommandResult(lines[1:] or ["no task runs"], [task_json(nodes) for nodes in tasks])
 
 
-def _follow(follower: Any, task_id: int | None, news: list[Nodes], view: View) -> CommandResult:
-    """Shows what comes, until the task has ended; without one, until Ctrl-C."""
+def _show_until_end(monitor: Any, task_id: int | None, messages: list[Nodes], view: View) -> CommandResult:
+    """Shows messages until the task has ended; without `task_id`, until Ctrl-C."""
     try:
         while True:
-            for nodes in news:
+            for nodes in messages:
                 if task_id in (None, nodes[0].id):
                     view.show(nodes)
             view.draw()
-            ended = [nodes for nodes in news if nodes[0].id == task_id and has_ended(nodes)]
+            ended = [nodes for nodes in messages if nodes[0].id == task_id and has_ended(nodes)]
             if ended:
                 return CommandResult(status=OK if ended[0][0].state == SUCCESS else REFUSED)
-            news = follower.news(_PERIOD)
+            messages = monitor.receive(_PERIOD)
     except KeyboardInterrupt:
         return CommandResult()
 
@@ -82,26 +82,26 @@ def _view(robot: str, as_json: bool, page: Screen, holds: HoldConditions) -> Vie
 
 
 class Conditions:
-    """The hold-conditions of skills in words, from the world model; none where it does not tell them."""
+    """The texts of the hold-conditions of skills, from the world model; [] when it does not have them."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._known: dict[tuple[str, str], list[str]] = {}
-        self._is_there = True
+        self._is_available = True
 
     def __call__(self, skill_type: str, label: str) -> list[str]:
         key = (skill_type, label)
         if key not in self._known:
-            self._known[key] = self._read(*key) if self._is_there and ":" in skill_type else []
+            self._known[key] = self._read(*key) if self._is_available and ":" in skill_type else []
         return self._known[key]
 
     def _read(self, skill_type: str, label: str) -> list[str]:
         try:
             return [c.text for c in self._world.registered(skill_type, label).conditions["hold"]]
         except Unavailable:
-            self._is_there = False
+            self._is_available = False
             return []
-        except SkirosError:  # a skill that is not offered by itself
+        except SkirosError:  # the manager does not offer this skill itself
             return []
 
 
@@ -109,14 +109,14 @@ class View(Protocol):
     """Shows tasks on a stream."""
 
     def show(self, nodes: Nodes) -> None:
-        """A task is so now."""
+        """Adds a message."""
 
     def draw(self) -> None:
-        """Called when all that is new was shown, some times a second."""
+        """Called several times a second, after new messages were added."""
 
 
 class LineView:
-    """A line for each change, and for the beginning and the end of each task."""
+    """One line per change, and per start and end of a task."""
 
     def __init__(self, out: TextIO, page: Screen) -> None:
         self._out = out
@@ -140,7 +140,7 @@ class LineView:
 
 
 class JsonView:
-    """A line of JSON for each message."""
+    """One line of JSON per message."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out
@@ -153,9 +153,9 @@ class JsonView:
 
 
 class LiveView:
-    """The trees of all tasks, drawn anew in place on a terminal. Those of tasks that have ended stay above.
+    """The trees of all tasks, redrawn in place on a terminal. The trees of ended tasks stay above.
 
-    :param idle: stands there while no task runs.
+    :param idle: shown while no task runs.
     """
 
     def __init__(self, out: TextIO, holds: HoldConditions, idle: str = "") -> None:
@@ -188,9 +188,9 @@ class LiveView:
 
 
 def task_json(nodes: Nodes) -> dict[str, Any]:
-    """A task as JSON has it."""
+    """Converts a task to JSON data."""
     root = nodes[0]
-    told = [
+    children = [
         {
             "id": node.id,
             "parent": node.parent_id,
@@ -210,5 +210,5 @@ def task_json(nodes: Nodes) -> dict[str, Any]:
         "state": word_of(root.state),
         "ended": has_ended(nodes),
         "message": root.progress_message,
-        "nodes": told,
+        "nodes": children,
     }

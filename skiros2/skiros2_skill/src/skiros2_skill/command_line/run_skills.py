@@ -22,18 +22,18 @@ from skiros2_skill.command_line.world import World
 
 log = logging.getLogger(__name__)
 
-#: How often what is new is shown (s).
+#: Period of the display (s).
 _PERIOD = 0.1
 
-#: How long the last progress may come after the result (s): they have connections of their own.
-_OVERTAKEN = 3.0
+#: How long to wait for the last progress after the result (s); they arrive on different connections.
+_PROGRESS_TIMEOUT = 3.0
 
-#: What is shown of an element.
+#: The displayed fields of an element.
 _ELEMENT = {"id", "label", "type"}
 
 
 def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Runs skills one after the other, as one task, until they have ended. Ctrl-C preempts them."""
+    """Runs skills in sequence, as one task, until it has ended. Ctrl-C preempts it."""
     known = manager.skills()
     steps = read_steps(arguments.words, known, World(manager.name, manager.author).find_element)
     from skiros2_msgs import msg as msgs
@@ -42,49 +42,49 @@ def run(manager: Manager, arguments: argparse.Namespace, screen: Screen) -> Comm
     if arguments.detach:
         task_id = manager.command("start", -1, skills)
         return CommandResult([f"task {task_id} runs on {manager.name}"], {"robot": manager.name, "task": task_id})
-    from skiros2_skill.command_line.following import become_node
+    from skiros2_skill.command_line.monitor import become_node
     from skiros2_skill.ros.skill_run import SkillRunner
 
     become_node("skill_run")
     out = None if arguments.json else sys.stdout
-    telling = _Telling(manager.name, screen, out)
+    display = _ProgressDisplay(manager.name, screen, out)
     try:
-        running = SkillRunner(manager.name).run(manager.author, skills, telling.take)
-        interrupted = _follow(running, telling)
-        result = running.result()
+        skill_run = SkillRunner(manager.name).run(manager.author, skills, display.on_feedback)
+        interrupted = _wait(skill_run, display)
+        result = skill_run.result()
     except TimedOut as error:
         raise Unavailable(str(error)) from None
     if result.task_id < 0:
         raise Refused(result.message or "cancelled before it was started")
     status = INTERRUPTED if interrupted else OK if result.state == SUCCESS else REFUSED
     explanations = _explanations(manager, result)
-    lines, data = _told(result, explanations, manager.name, telling.seconds, _not_given(steps, known))
+    lines, data = _summary(result, explanations, manager.name, display.seconds, _not_given(steps, known))
     return CommandResult([screen.fitted(line) if screen.width else line for line in lines], data, status)
 
 
-def _follow(running: Any, telling: _Telling) -> bool:
-    """Tells how it goes on until it has ended. Returns whether it was interrupted, and so preempted."""
+def _wait(skill_run: Any, display: _ProgressDisplay) -> bool:
+    """Displays the progress until the task has ended. Returns whether Ctrl-C has preempted it."""
     interrupted = False
     while True:
         try:
-            while not running.wait(_PERIOD):
-                telling.tell()
-            telling.tell_end()
+            while not skill_run.wait(_PERIOD):
+                display.update()
+            display.finish()
             return interrupted
         except KeyboardInterrupt:
-            name = f"task {running.task}" if running.task >= 0 else "what was not started yet"
+            name = f"task {skill_run.task}" if skill_run.task >= 0 else "the skills before their start"
             if interrupted:
-                sys.stderr.write(f"{name} has not ended yet; leaving it\n")
+                sys.stderr.write(f"{name} has not ended yet; it keeps running\n")
                 raise
             interrupted = True
-            running.cancel()
-            sys.stderr.write(f"preempting {name}; Ctrl-C again leaves it alone\n")
+            skill_run.cancel()
+            sys.stderr.write(f"preempting {name}; Ctrl-C again ends this command at once\n")
 
 
-class _Telling:
-    """Tells on a stream how a task goes on.
+class _ProgressDisplay:
+    """Displays the progress of a task.
 
-    :param out: None: nowhere.
+    :param out: a stream; None: no display.
     """
 
     def __init__(self, robot: str, screen: Screen, out: TextIO | None) -> None:
@@ -92,29 +92,29 @@ class _Telling:
         self._robot = robot
         self._changes = Changes(screen)
         self._lock = threading.Lock()
-        self._news: list[Any] = []
+        self._received: list[Any] = []
         self._ended = threading.Event()
         self._task = -1
         self._began_at = time.monotonic()
 
     @property
     def seconds(self) -> float:
-        """Since it began."""
+        """The time since the start (s)."""
         return time.monotonic() - self._began_at
 
-    def take(self, feedback: Any) -> None:
-        """Something is new; called by a thread of ROS."""
+    def on_feedback(self, feedback: Any) -> None:
+        """Handles feedback; called in a thread of ROS."""
         with self._lock:
-            self._news.append(feedback)
+            self._received.append(feedback)
         if feedback.progress and has_ended(feedback.progress):
             self._ended.set()
 
-    def tell(self) -> None:
+    def update(self) -> None:
         with self._lock:
-            news, self._news = self._news, []
+            received, self._received = self._received, []
         if self._out is None:
             return
-        for feedback in news:
+        for feedback in received:
             if self._task < 0:
                 self._task = feedback.task_id
                 self._out.write(f"task {self._task} on {self._robot}\n")
@@ -122,28 +122,28 @@ class _Telling:
                 self._out.write(line.shown(self._out.isatty()) + "\n")
         self._out.flush()
 
-    def tell_end(self) -> None:
-        """The last news, which the result may have overtaken."""
-        self._ended.wait(_OVERTAKEN)
-        self.tell()
+    def finish(self) -> None:
+        """Displays the last progress, which may arrive after the result."""
+        self._ended.wait(_PROGRESS_TIMEOUT)
+        self.update()
 
 
 def _explanations(manager: Manager, result: Any) -> list[dict[str, Any]]:
-    """Why a task failed: what the manager tells when it is asked, where it also looks up who changed what."""
-    told = result.explanation
+    """Why a task failed. The service `why` adds the authors of changes to the explanations of the result."""
+    text = result.explanation
     if result.state != SUCCESS:
         try:
-            told = manager.why(result.task_id).json
+            text = manager.why(result.task_id).json
         except SkirosError as error:
             log.debug("%s", error)
-    explanations: list[dict[str, Any]] = json.loads(told or "[]")
+    explanations: list[dict[str, Any]] = json.loads(text or "[]")
     return explanations
 
 
-def _told(
-    result: Any, explanations: list[dict[str, Any]], robot: str, seconds: float, shown: set[str]
+def _summary(
+    result: Any, explanations: list[dict[str, Any]], robot: str, seconds: float, keys: set[str]
 ) -> tuple[list[str], dict[str, Any]]:
-    """A result for people and for programs."""
+    """The summary of a result, for people and as JSON."""
     params = {p["key"]: [_brief(v) for v in p["values"]] for p in (json.loads(m.param) for m in result.params)}
     preempted = result.state != SUCCESS and bool(explanations) and explanations[-1]["stage"] == PREEMPT
     data = {
@@ -156,7 +156,7 @@ def _told(
         "explanations": explanations,
     }
     if result.state == SUCCESS:
-        return [f"task {result.task_id} has succeeded after {seconds:.1f} s", *_found(params, shown)], data
+        return [f"task {result.task_id} has succeeded after {seconds:.1f} s", *_values(params, keys)], data
     failed = f"task {result.task_id} {'was preempted' if preempted else 'has failed'} after {seconds:.1f} s"
     if preempted:
         return [failed], data
@@ -168,25 +168,25 @@ def _told(
 
 
 def _not_given(steps: list[Step], known: list[Skill]) -> set[str]:
-    """The parameters of the skills that were not given and have no default: what they are is of interest."""
+    """The parameters that were not given and have no default; their final values are displayed."""
     types = {step.type for step in steps}
     given = {key for step in steps for key in step.given}
     declared = [p for skill in known if skill.type in types for p in skill.parameters.values()]
     return {p.key for p in declared if not p.default} - {*given, "Robot"}
 
 
-def _found(params: dict[str, list[Any]], keys: set[str]) -> list[str]:
-    return [f"  {key} = {_shown(values)}" for key, values in sorted(params.items()) if key in keys]
+def _values(params: dict[str, list[Any]], keys: set[str]) -> list[str]:
+    return [f"  {key} = {_format(values)}" for key, values in sorted(params.items()) if key in keys]
 
 
 def _brief(value: Any) -> Any:
-    """A value; of an element only what it is known by."""
+    """A value; of an element only id, label and type."""
     if isinstance(value, dict) and value.keys() > _ELEMENT:
         return {part: value[part] for part in ("id", "label", "type")}
     return value
 
 
-def _shown(values: list[Any]) -> str:
+def _format(values: list[Any]) -> str:
     return ", ".join(_reference(v) if isinstance(v, dict) and v.keys() == _ELEMENT else json.dumps(v) for v in values)
 
 

@@ -51,7 +51,7 @@ class Writer:
         self.error: Exception | None = None
 
     def start(self) -> None:
-        """Goes on until a request breaks off."""
+        """Continues until a request fails."""
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
 

@@ -17,11 +17,10 @@ from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.engine_worker import DOMAIN_FILE, PROBLEM_FILE, write_pddl
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import makespan, planner_named
+from skiros2_task.core.planners import UpPlanner, makespan, planner_named
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.schedule import seconds_of
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
-from skiros2_task.core.up_problem import UpProblem
+from skiros2_task.core.up_model import UpProblem
 from support.planning_world import PlanningWorld, transport_world
 
 ALIAS = "lama-first"
@@ -77,7 +76,7 @@ def _writing(processes: EngineProcesses, folder: Path) -> Iterator[Measurement]:
     def written(size: int) -> float:
         def write() -> None:
             os.chdir(folder / "written")
-            write_pddl(UpProblem(planners[size].look(_goal(worlds[size]))))
+            write_pddl(UpProblem(planners[size].read_task(_goal(worlds[size]))))
 
         before = Path.cwd()
         try:
@@ -96,8 +95,8 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     """How long the best plan takes with all robots at work, beside other engines' plans, dealt out likewise."""
     world = transport_world(*size)
     durations = Durations()
-    for action in TaskPlanner(world.wm, planner_named(processes), Limits()).look(_goal(world)).actions:
-        durations.learn(action.skill, "/any", SECONDS[action.skill.label])
+    for action in TaskPlanner(world.wm, planner_named(processes), Limits()).read_task(_goal(world)).actions:
+        durations.record(action.skill, "/any", SECONDS[action.skill.label])
     cost = makespan(durations)
     ours = _plan(TaskPlanner(world.wm, planner_named(processes, "best", durations), Limits(OTHERS_TIME)), _goal(world))
     assert ours.task is not None

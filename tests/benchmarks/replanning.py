@@ -7,13 +7,13 @@ import time
 from collections.abc import Iterator
 
 from benchmarks.measurement import Measurement, paired
-from skiros2_task.core.conductor import Achievement, Conductor, Goal
 from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planner import Limits, Planner
-from skiros2_task.core.portfolio import planner_named
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.planners import planner_named
+from skiros2_task.core.planning import TaskPlanner, Verdict
 from support.planning_world import PlanningWorld, transport_world
-from support.stand_in_crew import StandInCrew
+from support.stand_in_step_runner import StandInStepRunner
 
 RUNS = 5
 
@@ -61,27 +61,27 @@ def _planned(planner: Planner) -> float:
 
 def _replanned(planner: Planner) -> float:
     world = transport_world(*SIZE)
-    crew = StandInCrew(world, STEP)
-    conductor = Conductor(TaskPlanner(world.wm, planner, _LIMITS), crew)
-    crew.on_change = conductor.world_changed
+    crew = StandInStepRunner(world, STEP)
+    executor = GoalExecutor(TaskPlanner(world.wm, planner, _LIMITS), crew)
+    crew.on_change = executor.world_changed
     again = threading.Event()
     begins = 0
 
-    def on_change(achievement: Achievement) -> None:
+    def on_change(execution: GoalExecution) -> None:
         nonlocal begins
-        if achievement.executive.replans and achievement.executive.plan_begins > 1:
-            begins = achievement.executive.plan_begins
+        if execution.machine.replans and execution.machine.plan_start > 1:
+            begins = execution.machine.plan_start
             again.set()
 
     try:
-        conductor.achieve(Goal(_goal(world)), on_change, lambda achievement, end: None)
+        executor.achieve(Goal(_goal(world)), on_change, lambda execution, end: None)
         crew.wait_for_starts(2)
         world.wm.set_relation(world.places[8], "skiros:contain", world.products[8], False)
         world.wm.set_relation(world.places[9], "skiros:contain", world.products[8], True)
         start = time.monotonic()
-        conductor.world_changed()
+        executor.world_changed()
         if not again.wait(_LIMITS.seconds):
             raise RuntimeError("it was not planned anew")
-        return crew.wait_for_job(lambda job: job.number >= begins) - start
+        return crew.wait_for_step(lambda step: step.number >= begins) - start
     finally:
-        conductor.close()
+        executor.close()

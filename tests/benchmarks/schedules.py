@@ -12,7 +12,7 @@ from benchmarks.measurement import Measurement, paired
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import schedule
-from skiros2_task.core.simulation import flaw
+from skiros2_task.core.semantics import validate
 from support.transport_cell import transport_plan
 from support.transport_task import ROBOT, transport_task
 
@@ -30,7 +30,7 @@ def measure() -> Iterator[Measurement]:
         task = transport_task(*size)
         durations = Durations()
         for action in task.actions:
-            durations.learn(action.skill, "", SECONDS[action.name])
+            durations.record(action.skill, "", SECONDS[action.name])
         plan = transport_plan(task, task.members[ROBOT][:1])
         if plan is None:
             raise RuntimeError(f"no plan for {size}")
@@ -40,7 +40,7 @@ def measure() -> Iterator[Measurement]:
             f"de-order and schedule {'/'.join(map(str, size))}, {len(steps)} steps, {alone:g} s -> {makespan:g} s",
             lambda: _timed(lambda: schedule(task, deorder(task, steps), durations)),  # noqa: B023 - called at once
             "one simulation of the plan",
-            lambda: _timed(lambda: flaw(task, steps)),  # noqa: B023 - called at once
+            lambda: _timed(lambda: validate(task, steps)),  # noqa: B023 - called at once
             unit="s",
             runs=RUNS,
             limit=LIMIT,

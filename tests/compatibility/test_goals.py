@@ -17,8 +17,8 @@ from skiros2_skill.core.skill import SkillDescription
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner
-from skiros2_task.core.up_planner import UpPlanner
+from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planning import PlanningResult, TaskPlanner
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 BOLT_BIN, GEAR_BIN, TABLE, STATION = "plant:Bin-4", "plant:Bin-5", "skiros:Location-6", "skiros:Location-7"
@@ -118,7 +118,7 @@ def test_a_parameter_is_inferred_by_templates(bench: SkillBench) -> None:
 
 
 @rule("conditions", "Planning goes by the templates of abstract relations: scenes give elements free labels")
-def test_what_is_planned_with_is_found_by_templates(bench: SkillBench, processes: EngineProcesses) -> None:
+def test_planned_templates_are_found(bench: SkillBench, processes: EngineProcesses) -> None:
     result = plan(bench, processes, f"(skiros:contain {TABLE} plant:gear)")
     found = steps(result)
     assert [label for label, _ in found] == ["drive_fake", "locate_fake", "pick_fake", "drive_fake", "place_fake"]

@@ -19,8 +19,8 @@ from skiros2_skill.core.tree.node import all_nodes
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.task_planner import TaskPlanner
 
 LIBRARIES = Path(__file__).parents[1] / "libraries"
 TABLE, STATION = "skiros:Location-6", "skiros:Location-7"

@@ -24,7 +24,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.plan import SkillCall
 from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.up_problem import UpProblem
+from skiros2_task.core.up_model import UpProblem
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.planning_world import SCENE, PlanningWorld
 
@@ -85,7 +85,7 @@ def _content(problem: Problem) -> dict[str, Any]:
 
 
 def _action(action: Any) -> tuple[Any, ...]:
-    """An action, with numbers for the names of its parameters, which the PDDL may choose anew."""
+    """An action with numbered parameters, because PDDL may rename them."""
     numbers = {p.name: f"?{number}" for number, p in enumerate(action.parameters)}
 
     def numbered(item: Any) -> str:

@@ -17,8 +17,8 @@ from skiros2_task.core.formula import (
     disjunction,
     holds,
 )
-from skiros2_task.core.simulation import after
-from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.semantics import apply_step
+from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, precondition_of
 
 ROBOT, THING = "cora:Robot", "skiros:Product"
@@ -92,7 +92,7 @@ def planned_tasks(draw: st.DrawFn, most: int = 6) -> tuple[PlanningTask, tuple[P
         if not possible:
             break
         plan.append(draw(st.sampled_from(possible)))
-        state = after(task, state, plan[-1])
+        state = apply_step(task, state, plan[-1])
     wanted = draw(st.lists(st.sampled_from(facts), unique=True, max_size=4))
     goal = conjunction(atom if atom in state else Not(atom) for atom in wanted)
     return PlanningTask(actions, objects, members, (*FACTS, READY), init, goal), tuple(plan)

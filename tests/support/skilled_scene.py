@@ -9,8 +9,8 @@ from skiros2_skill.core.library.library import SkillLibrary
 from skiros2_skill.ros.registration import Registration
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
+from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel
 from support.ros import ROOT

@@ -1,6 +1,6 @@
 """A cell of robots that carry products, without a world model: facts, a clock, and robots that take time and fail.
 
-It does what an executive asks for, and tells it what has come of that.
+It executes the commands of an execution state machine, and reports the results.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from skiros2_task.core.commands import Claim, Command, End, Look, Plan, Start, Stop, Wake
+from skiros2_task.core.commands import Claim, Command, End, Plan, ReadWorld, Start, Stop, Wake
 from skiros2_task.core.durations import Durations
-from skiros2_task.core.execution import Executive
+from skiros2_task.core.execution import ExecutionStateMachine
 from skiros2_task.core.formula import And, Atom, holds
-from skiros2_task.core.jobs import Job, carried_out, make_jobs, with_jobs_done, without_skills
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.planning import Verdict
 from skiros2_task.core.schedule import schedule
+from skiros2_task.core.steps import Step, make_steps, with_steps_done, without_skills
 from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
-from skiros2_task.core.task_planner import Verdict
 from support.transport_task import CONTAIN, GRIPPER, PLACE, ROBOT, contain, transport_task
 
 PLANNING_TIME, STEP_TIME = 0.5, 2.0
@@ -31,7 +31,7 @@ class Doing:
     :param fails: it changes nothing, and fails.
     """
 
-    job: Job
+    step: Step
     until: float
     fails: bool = False
 
@@ -48,7 +48,7 @@ class TransportCell:
         places: int,
         products: int,
         max_replans: int = 5,
-        fails: Callable[[Job], bool] = lambda job: False,
+        fails: Callable[[Step], bool] = lambda step: False,
     ) -> None:
         task = transport_task(robots, places, products)
         self.robots = task.members[ROBOT]
@@ -58,13 +58,13 @@ class TransportCell:
         self.now = 0.0
         self.gone: set[str] = set()
         self.doing: dict[int, Doing] = {}
-        self.started: list[tuple[Job, bool]] = []  # with whether what it needs held
+        self.started: list[tuple[Step, bool]] = []  # with whether what it needs held
         self.end: End | None = None
         self.plans = 0  # that were asked for
         self._fails = fails
         self._due: list[tuple[float, Callable[[], Sequence[Command]]]] = []
-        self.executive = Executive(lambda: self.now, max_replans)
-        self.tell(self.executive.begin())
+        self.machine = ExecutionStateMachine(lambda: self.now, max_replans)
+        self.tell(self.machine.begin())
 
     @property
     def task(self) -> PlanningTask:
@@ -75,25 +75,25 @@ class TransportCell:
     def reached(self) -> bool:
         return holds(self._task.goal, self.facts)
 
-    # -- what the executive asks for ---------------------------------------------------------------------------
+    # -- commands of the state machine ---------------------------------------------------------------------------
 
     def tell(self, commands: Sequence[Command]) -> None:
-        """Does what the executive has answered."""
+        """Executes commands."""
         for command in commands:
             assert self.end is None, f"{command} after the end"
             if isinstance(command, Plan):
                 self.plans += 1
                 self._later(PLANNING_TIME, self._plan(command))
             elif isinstance(command, Claim):
-                self._later(0.0, self.executive.granted)
+                self._later(0.0, self.machine.granted)
             elif isinstance(command, Start):
-                self._start(command.job)
+                self._start(command.step)
             elif isinstance(command, Stop):
                 self._later(0.1, lambda number=command.number: self._stopped(number))
-            elif isinstance(command, Look):
-                self._later(command.after, lambda: self.executive.world(self.task))
+            elif isinstance(command, ReadWorld):
+                self._later(command.delay, lambda: self.machine.world(self.task))
             elif isinstance(command, Wake):
-                self._later(command.after, self.executive.wake)
+                self._later(command.delay, self.machine.wake)
             else:
                 assert not self.doing, "steps run after the end"
                 self.end = command
@@ -103,34 +103,34 @@ class TransportCell:
 
     def _plan(self, command: Plan) -> Callable[[], Sequence[Command]]:
         """Plans with the world as it is now; the answer comes later."""
-        seen, first = self.task, self.executive.first_number
-        gone = frozenset((manager, "") for manager in command.gone)
+        seen, first = self.task, self.machine.first_number
+        gone = frozenset((manager, "") for manager in command.lost)
         for avoided in (gone | command.avoided, gone):
-            task = without_skills(with_jobs_done(seen, command.running), avoided)
+            task = without_skills(with_steps_done(seen, command.running), avoided)
             steps = transport_plan(task, [r for r in self.robots if (r, "") not in avoided])
             if steps is not None:
                 plan = schedule(task, deorder(task, steps), Durations())
                 calls = [SkillCall(robot_of(task, s), "", s.action, ()) for s in plan.order.steps]
-                jobs = make_jobs(task, plan, calls, first)
-                return lambda: self.executive.planned(seen, jobs)
-        return lambda: self.executive.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
+                steps = make_steps(task, plan, calls, first)
+                return lambda: self.machine.planned(seen, steps)
+        return lambda: self.machine.no_plan(Verdict.IMPOSSIBLE, "impossible", False)
 
-    def _start(self, job: Job) -> None:
-        robot = job.call.manager
-        assert robot not in self.gone, f"{job}: the robot is gone"
-        assert not any(d.job.call.manager == robot for d in self.doing.values()), f"{job}: the robot is busy"
-        self.started.append((job, holds(job.needs, self.facts)))
-        fails = self._fails(job) or not holds(job.needs, self.facts)
-        self.doing[job.number] = Doing(job, self.now + STEP_TIME, fails)
+    def _start(self, step: Step) -> None:
+        robot = step.call.manager
+        assert robot not in self.gone, f"{step}: the robot is gone"
+        assert not any(d.step.call.manager == robot for d in self.doing.values()), f"{step}: the robot is busy"
+        self.started.append((step, holds(step.precondition, self.facts)))
+        fails = self._fails(step) or not holds(step.precondition, self.facts)
+        self.doing[step.number] = Doing(step, self.now + STEP_TIME, fails)
 
     def _stopped(self, number: int) -> Sequence[Command]:
         doing = self.doing.pop(number, None)
-        return self.executive.ended(number, False, "stopped") if doing is not None else []
+        return self.machine.ended(number, False, "stopped") if doing is not None else []
 
     # -- what happens ------------------------------------------------------------------------------------------
 
     def run(self, until: float = float("inf"), most: int = 10_000) -> None:
-        """Goes on until that time, or the end.
+        """Continues until that time, or the end.
 
         :raises AssertionError: it does not end.
         """
@@ -152,15 +152,15 @@ class TransportCell:
         number, doing = next((n, d) for n, d in self.doing.items() if d.until <= self.now)
         del self.doing[number]
         if not doing.fails:
-            self.facts = carried_out(self.facts, doing.job)
-        self.tell(self.executive.ended(number, not doing.fails, "broken" if doing.fails else ""))
+            self.facts = doing.step.apply(self.facts)
+        self.tell(self.machine.ended(number, not doing.fails, "broken" if doing.fails else ""))
         self.change(self.facts)
 
     def change(self, facts: frozenset[Atom]) -> None:
         """Makes the world another."""
         self.facts = facts
         if self.end is None:
-            self.tell(self.executive.world(self.task))
+            self.tell(self.machine.world(self.task))
 
     def move(self, product: str, place: str) -> None:
         """Somebody carries a product away."""
@@ -170,16 +170,16 @@ class TransportCell:
     def lose(self, robot: str) -> None:
         """A robot disappears, with what it was doing; what it held lies where it stood."""
         self.gone.add(robot)
-        for number in [n for n, d in self.doing.items() if d.job.call.manager == robot]:
+        for number in [n for n, d in self.doing.items() if d.step.call.manager == robot]:
             del self.doing[number]
         if self.end is None:
-            self.tell(self.executive.robot_gone(robot))
+            self.tell(self.machine.robot_lost(robot))
 
     def find(self, robot: str) -> None:
         """A robot is back."""
         self.gone.discard(robot)
         if self.end is None:
-            self.tell(self.executive.robot_back(robot))
+            self.tell(self.machine.robot_found(robot))
 
 
 def transport_plan(task: PlanningTask, robots: Sequence[str]) -> list[PlanStep] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from skiros2_task.core.actions import Action, Effect, Variable
 from skiros2_task.core.formula import Atom, Formula, Kind, Predicate, conjunction
-from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import EVERYTHING, PlanningTask
 
 AT = Predicate(Kind.RELATION, "skiros:at")

@@ -37,7 +37,8 @@ def test_three_robots_share_a_cell_and_one_goal(ros: Ros) -> None:
     wait_until(lambda: "/tm/achieve/status" in ros.master.topics(), WAIT, "the task manager")
 
     tasks = TaskManagerInterface()
-    tasks.achieve([f"(skiros:contain {tray} {product})" for product, tray in PLACES.items()], wish="best", seconds=3.0)
+    goals = [f"(skiros:contain {tray} {product})" for product, tray in PLACES.items()]
+    tasks.achieve(goals, quality="best", seconds=3.0)
     result = tasks.wait_for_result()
 
     assert result.state == "succeeded", f"{result.message}\n{result.done}\n{result.explanations}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.planning import TaskPlanner, Verdict
 from support.skilled_scene import planner_of, scene_with_skills, steps
 
 TRAY_A, TRAY_B, TRAY_C = "demo:Tray-10", "demo:Tray-12", "demo:Tray-11"

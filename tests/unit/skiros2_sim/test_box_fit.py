@@ -25,7 +25,7 @@ from skiros2_std_reasoners.core.geometry import (
     from_euler,
     rotated,
 )
-from support.looks import turn_between
+from support.box_symmetry import turn_between
 
 EYE = np.array((0.2, -0.1, 0.6))
 SIZES = [(0.05, 0.05, 0.05), (0.05, 0.05, 0.09), (0.04, 0.06, 0.1), (0.2, 0.3, 0.04)]

@@ -19,7 +19,7 @@ from skiros2_std_reasoners.core.geometry import (
     Vector,
     from_euler,
 )
-from support.looks import turn_between
+from support.box_symmetry import turn_between
 
 TOP = 0.5
 SIZES: dict[str, Vector] = {

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
+from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from support.skilled_scene import planner_of, scene_with_skills, steps
 

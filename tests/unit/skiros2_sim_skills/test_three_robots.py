@@ -15,8 +15,8 @@ from skiros2_sim.core.world import World
 from skiros2_skill.testing import SkillBench
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import Portfolio, Wish, makespan
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.planners import Portfolio, Quality, makespan
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from support.skilled_scene import scene_with_skills
 
 ROOT = Path(__file__).parents[3]
@@ -33,7 +33,7 @@ ROBOTS["stationary"] = ["look", "pick", "place"]
 def plan() -> Iterator[PlanningResult]:
     wmi = scene_with_skills("skiros2_sim_skills", SCENE.name, ROBOTS)
     processes = EngineProcesses()
-    yield TaskPlanner(wmi, Portfolio(processes, Wish.BEST, makespan()), Limits(10.0)).plan(GOAL)
+    yield TaskPlanner(wmi, Portfolio(processes, Quality.BEST, makespan()), Limits(10.0)).plan(GOAL)
     processes.close()
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
+from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.core.preview import preview
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.up_planner import UpPlanner
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.plan_checks import CheckedPlanner, carry_out, is_known
 from support.planning_world import PlanningWorld

@@ -10,7 +10,7 @@ import pytest
 from skiros2_task.core.archive import Archive
 
 
-def test_each_request_has_a_folder_and_the_latest_pddl_lies_on_top(tmp_path: Path) -> None:
+def test_request_has_folder_and_latest_pddl_is_on_top(tmp_path: Path) -> None:
     archive = Archive(tmp_path / "planner")
     archive.keep({"domain.pddl": "one", "p01.pddl": "p", "goal.txt": "g"})
     archive.keep({"domain.pddl": "two", "p01.pddl": "p"})
@@ -23,7 +23,7 @@ def test_each_request_has_a_folder_and_the_latest_pddl_lies_on_top(tmp_path: Pat
     assert kept == [["domain.pddl", "goal.txt", "p01.pddl"], ["domain.pddl", "p01.pddl"]]
 
 
-def test_old_requests_are_dropped_and_what_others_put_there_is_not(tmp_path: Path) -> None:
+def test_old_requests_are_pruned_and_other_files_kept(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     archive = Archive(tmp_path, count=3)
     for _ in range(5):
@@ -32,17 +32,17 @@ def test_old_requests_are_dropped_and_what_others_put_there_is_not(tmp_path: Pat
     assert (tmp_path / "mine").is_dir()
 
 
-def test_the_oldest_requests_are_dropped_first_also_within_a_second(tmp_path: Path) -> None:
+def test_oldest_requests_are_pruned_first_within_a_second(tmp_path: Path) -> None:
     archive = Archive(tmp_path, count=3)
     for number in range(20):
         archive.keep({"goal.txt": str(number)})
     assert {(p / "goal.txt").read_text() for p in tmp_path.iterdir()} == {"17", "18", "19"}
 
 
-def test_a_folder_that_cannot_be_written_is_told_and_does_no_harm(
+def test_unwritable_folder_is_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "planner").write_text("a file")
     with caplog.at_level(logging.WARNING):
         Archive(tmp_path / "planner").keep({"goal.txt": "g"})
-    assert "not kept" in caplog.text
+    assert "not archived" in caplog.text

@@ -9,7 +9,7 @@ import pytest
 
 from skiros2_common.core.discrete_reasoner import DiscreteReasoner, reasoners
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.task_planner import PlanningResult, Verdict
+from skiros2_task.core.planning import PlanningResult, Verdict
 from support.planning_world import (
     DRIVE,
     INFERRED,
@@ -51,7 +51,7 @@ def labels(result: PlanningResult) -> list[str]:
 # -- drive, pick and place ----------------------------------------------------------------------------------------
 
 
-def test_one_robot_brings_a_product(plan: Plan) -> None:
+def test_one_robot_brings_product(plan: Plan) -> None:
     world = transport_world()
     (robot,), (gripper,), (start, target), (product,) = (
         world.robots,
@@ -67,7 +67,7 @@ def test_one_robot_brings_a_product(plan: Plan) -> None:
     ]
 
 
-def test_each_step_names_the_manager_of_its_robot(plan: Plan) -> None:
+def test_step_names_manager_of_its_robot(plan: Plan) -> None:
     world = transport_world(robots=2, places=3)
     alpha, beta = world.robots
     places = world.places
@@ -79,7 +79,7 @@ def test_each_step_names_the_manager_of_its_robot(plan: Plan) -> None:
     assert labels(result) == ["drive", "drive"]
 
 
-def test_a_skill_is_done_by_a_robot_that_has_it(plan: Plan) -> None:
+def test_robot_with_the_skill_is_chosen(plan: Plan) -> None:
     world = transport_world(robots=1)
     driver = world.robot("driver", DRIVE, at=world.places[0])
     world.gripper(driver)
@@ -87,7 +87,7 @@ def test_a_skill_is_done_by_a_robot_that_has_it(plan: Plan) -> None:
     assert {call.manager for call in result.calls} == {"/alpha"}
 
 
-def test_what_one_robot_cannot_do_alone_several_do_together(plan: Plan) -> None:
+def test_robots_cooperate(plan: Plan) -> None:
     world = PlanningWorld()
     near, far = world.thing("skiros:Location"), world.thing("skiros:Location")
     product = world.thing("skiros:Product", inside=near)
@@ -100,7 +100,7 @@ def test_what_one_robot_cannot_do_alone_several_do_together(plan: Plan) -> None:
     assert [call.manager for call in result.calls] == ["/carrier", "/carrier", "/carrier", "/painter"]
 
 
-def test_all_products_of_a_type_are_brought(plan: Plan) -> None:
+def test_forall_goal_is_planned(plan: Plan) -> None:
     world = transport_world(places=2, products=4)
     goal = f"(forall (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))"
     result = plan(world, goal)
@@ -108,35 +108,35 @@ def test_all_products_of_a_type_are_brought(plan: Plan) -> None:
     assert sorted(brought) == sorted([world.products[0], world.products[2]])
 
 
-def test_a_type_that_no_skill_names_may_be_quantified_over(plan: Plan) -> None:
+def test_quantifier_may_use_class_without_skill(plan: Plan) -> None:
     world = transport_world(places=2)
     starter = world.thing("skiros:Starter", inside=world.places[0])
     result = plan(world, f"(forall (?x - skiros:Starter) (skiros:contain {world.places[1]} ?x))")
     assert {arguments.get("Object") for _, arguments in steps(result)} == {None, starter}
 
 
-def test_some_product_is_enough_for_exists(plan: Plan) -> None:
+def test_exists_goal_needs_one_product(plan: Plan) -> None:
     world = transport_world(places=2, products=3)
     world.relate(world.robots[0], "skiros:at", world.places[1])
     goal = f"(exists (?x - skiros:Product) (skiros:contain {world.grippers[0]} ?x))"
     assert labels(plan(world, goal)) == ["pick"]
 
 
-def test_one_of_two_goals_is_enough_for_or(plan: Plan) -> None:
+def test_or_goal_needs_one_part(plan: Plan) -> None:
     world = transport_world()
     product = world.products[0]
     goal = f"(or (skiros:contain {product} {world.places[0]}) (skiros:contain {world.places[1]} {product}))"
     assert labels(plan(world, goal)) == ["pick", "drive", "place"]
 
 
-def test_many_alternatives_that_all_have_to_hold_are_not_multiplied_out(plan: Plan) -> None:
+def test_conjunction_of_disjunctions_is_not_expanded(plan: Plan) -> None:
     world = transport_world(places=6, products=12)
     somewhere = " ".join(f"(contain {place} ?p)" for place in world.places[3:])
     result = plan(world, f"(forall (?p - skiros:Product) (or {somewhere}))")
     assert labels(result).count("place") == 6
 
 
-def test_what_must_not_hold_any_more_is_undone(plan: Plan) -> None:
+def test_negative_goal_is_planned(plan: Plan) -> None:
     world = transport_world()
     goal = f"(not (skiros:contain {world.places[0]} {world.products[0]}))"
     assert labels(plan(world, goal)) == ["pick"]
@@ -156,7 +156,7 @@ def test_what_must_not_hold_any_more_is_undone(plan: Plan) -> None:
         "(skiros:spatiallyRelated {place} {product})",
     ],
 )
-def test_a_goal_that_holds_needs_nothing(plan: Plan, goal: str) -> None:
+def test_satisfied_goal_needs_no_plan(plan: Plan, goal: str) -> None:
     world = transport_world()
     names = {"place": world.places[0], "other": world.places[1], "product": world.products[0]}
     names |= {"robot": world.robots[0], "gripper": world.grippers[0]}
@@ -164,14 +164,14 @@ def test_a_goal_that_holds_needs_nothing(plan: Plan, goal: str) -> None:
     assert (result.verdict, result.calls) == (Verdict.NOTHING_TO_DO, ()), result.message
 
 
-def test_a_goal_that_no_skill_serves_is_impossible_and_says_so(plan: Plan) -> None:
+def test_goal_without_skill_is_impossible(plan: Plan) -> None:
     world = transport_world()
     result = plan(world, f"(skiros:hasA {world.places[0]} {world.products[0]})")
     assert result.verdict is Verdict.IMPOSSIBLE
     assert f"(skiros:hasA {world.places[0]} {world.products[0]}) cannot be reached: no skill" in result.message
 
 
-def test_a_missing_condition_is_named(plan: Plan) -> None:
+def test_missing_condition_is_reported(plan: Plan) -> None:
     world = transport_world(robots=0)
     world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
     world.thing("rparts:GripperEffector", ContainerState="Empty")  # lies about
@@ -180,15 +180,15 @@ def test_a_missing_condition_is_named(plan: Plan) -> None:
     assert "needs\n" in result.message
 
 
-def test_a_missing_kind_of_element_is_named(plan: Plan) -> None:
+def test_missing_class_of_elements_is_reported(plan: Plan) -> None:
     world = transport_world(robots=0)
     world.robot("handless", DRIVE, PICK, PLACE, at=world.places[0])
     result = plan(world, f"(skiros:contain {world.places[1]} {world.products[0]})")
     assert result.verdict is Verdict.IMPOSSIBLE
-    assert any("the scene has nothing for Gripper (rparts:GripperEffector)" in note for note in result.notes)
+    assert any("the scene has no element for Gripper (rparts:GripperEffector)" in note for note in result.notes)
 
 
-def test_goals_that_exclude_each_other_are_impossible(plan: Plan) -> None:
+def test_goals_that_are_contradictory_are_impossible(plan: Plan) -> None:
     world = transport_world(places=3)
     robot, places = world.robots[0], world.places
     result = plan(world, f"(skiros:at {robot} {places[1]}), (skiros:at {robot} {places[2]})")
@@ -196,7 +196,7 @@ def test_goals_that_exclude_each_other_are_impossible(plan: Plan) -> None:
     assert "can never hold together" in result.message
 
 
-def test_a_goal_that_contradicts_itself_is_impossible(plan: Plan) -> None:
+def test_contradictory_goal_is_impossible(plan: Plan) -> None:
     world = transport_world()
     atom = f"(skiros:at {world.robots[0]} {world.places[1]})"
     result = plan(world, f"{atom}, (not {atom})")
@@ -204,7 +204,7 @@ def test_a_goal_that_contradicts_itself_is_impossible(plan: Plan) -> None:
     assert f"{atom} cannot be reached: the goal asks for it and for the opposite" in result.message
 
 
-def test_without_robots_only_what_holds_can_be_had(plan: Plan) -> None:
+def test_world_without_robots_has_no_plan(plan: Plan) -> None:
     world = transport_world(robots=0)
     places, product = world.places, world.products[0]
     assert plan(world, f"(skiros:contain {places[0]} {product})").verdict is Verdict.NOTHING_TO_DO
@@ -233,7 +233,7 @@ CLOSE = skill("Close", DOOR, [IS_OPEN], [prop("Door", "skiros:Open", "=", True, 
         "(forall (?x - skiros:Product) (or (not (= ?x {product})) (Painted ?x)))",
     ],
 )
-def test_the_forms_of_a_goal_may_be_put_together(plan: Plan, goal: str) -> None:
+def test_goal_forms_can_be_nested(plan: Plan, goal: str) -> None:
     world = PlanningWorld()
     product, _ = world.thing("skiros:Product", Surface="Raw"), world.thing("skiros:Product", Surface="Raw")
     robot = world.robot("alpha", skill("Paint", PRODUCT, [given("Object")], [PAINTED]))
@@ -252,7 +252,7 @@ def test_the_forms_of_a_goal_may_be_put_together(plan: Plan, goal: str) -> None:
         (False, "(not (Open {door}))", []),
     ],
 )
-def test_a_truth_property_is_a_predicate_of_its_name(plan: Plan, is_open: bool, goal: str, expected: list[str]) -> None:
+def test_boolean_property_is_predicate(plan: Plan, is_open: bool, goal: str, expected: list[str]) -> None:
     world = PlanningWorld()
     door = world.thing("skiros:Container", Open=is_open)
     world.robot("alpha", OPEN, CLOSE)
@@ -261,7 +261,7 @@ def test_a_truth_property_is_a_predicate_of_its_name(plan: Plan, is_open: bool, 
     assert result.verdict is (Verdict.PLANNED if expected else Verdict.NOTHING_TO_DO)
 
 
-def test_a_missing_truth_property_is_neither_true_nor_false(plan: Plan) -> None:
+def test_missing_boolean_is_neither_true_nor_false(plan: Plan) -> None:
     world = PlanningWorld()
     door = world.thing("skiros:Container")
     world.robot("alpha", OPEN, CLOSE)
@@ -270,7 +270,7 @@ def test_a_missing_truth_property_is_neither_true_nor_false(plan: Plan) -> None:
     assert f"needs\n    (skiros:Open_False {door}) cannot be reached" in result.message
 
 
-def test_negative_truth_conditions_are_planned_with(plan: Plan) -> None:
+def test_negative_boolean_condition_is_planned(plan: Plan) -> None:
     """A door has to be shut (state False) before what is inside may be heated."""
     world = PlanningWorld()
     oven = world.thing("skiros:Container", Open=True)
@@ -281,7 +281,7 @@ def test_negative_truth_conditions_are_planned_with(plan: Plan) -> None:
     assert labels(plan(world, f"(Temperature_Hot {oven}), (Open {oven})")) == ["close", "heat", "open"]
 
 
-def test_a_text_property_changes_from_value_to_value(plan: Plan) -> None:
+def test_text_property_changes_value(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw")
     raw = prop("Object", "skiros:Surface", "=", "Raw")
@@ -297,7 +297,7 @@ def test_a_text_property_changes_from_value_to_value(plan: Plan) -> None:
     assert plan(world, f"(Painted {product}), (Primed {product})").verdict is Verdict.IMPOSSIBLE
 
 
-def test_a_text_with_spaces_is_a_predicate_too(plan: Plan) -> None:
+def test_text_with_spaces_is_predicate(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw")
     paint = skill(
@@ -311,7 +311,7 @@ def test_a_text_with_spaces_is_a_predicate_too(plan: Plan) -> None:
         assert labels(plan(world, goal)) == ["paint"]
 
 
-def test_a_value_of_two_properties_has_to_be_written_with_its_property(plan: Plan) -> None:
+def test_ambiguous_value_needs_property(plan: Plan) -> None:
     world = PlanningWorld()
     camera = world.thing("skiros:DepthCamera", StateProperty="Busy", Power="Busy")
     switch = skill(
@@ -327,7 +327,7 @@ def test_a_value_of_two_properties_has_to_be_written_with_its_property(plan: Pla
     assert labels(plan(world, f"(Power_Idle {camera})")) == ["stop"]
 
 
-def test_having_a_property_is_planned_for(plan: Plan) -> None:
+def test_has_property_goal_is_planned(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     weigh = skill("Weigh", PRODUCT, [has("Object", "skiros:Weight", False)], [has("Object", "skiros:Weight")])
@@ -337,7 +337,7 @@ def test_having_a_property_is_planned_for(plan: Plan) -> None:
     assert labels(plan(world, f"(has_Weight {product})")) == ["weigh"]
 
 
-def test_numbers_are_compared(plan: Plan) -> None:
+def test_numeric_comparisons_are_planned(plan: Plan) -> None:
     world = PlanningWorld()
     battery = world.thing("skiros:Product", Charge=20.0)
     low = prop("Object", "skiros:Charge", "<", 50.0)
@@ -355,7 +355,7 @@ def test_numbers_are_compared(plan: Plan) -> None:
     assert plan(world, f"(> (Charge {battery}) 100)").verdict is Verdict.IMPOSSIBLE
 
 
-def test_a_locked_device_is_free_before_and_after(plan: Plan) -> None:
+def test_locked_device_is_free_before_and_after(plan: Plan) -> None:
     """What a skill itself holds while it runs is not asked for at its start."""
     from skiros2_common.core.abstract_skill import ParamOptions
 
@@ -375,7 +375,7 @@ def test_a_locked_device_is_free_before_and_after(plan: Plan) -> None:
 # -- relations ----------------------------------------------------------------------------------------------------
 
 
-def test_a_relation_holds_when_one_under_it_does(plan: Plan) -> None:
+def test_relation_holds_by_subproperty(plan: Plan) -> None:
     """`contain` and `hasA` are under `spatiallyRelated`."""
     world = transport_world()
     inspect = skill(
@@ -391,7 +391,7 @@ def test_a_relation_holds_when_one_under_it_does(plan: Plan) -> None:
     assert dict(result.calls[-1].arguments)["Robot"].id == inspector
 
 
-def test_what_must_not_be_related_must_not_be_so_by_a_relation_under_it(plan: Plan) -> None:
+def test_negated_relation_includes_subproperties(plan: Plan) -> None:
     world = transport_world()
     sweep = skill(
         "Sweep",
@@ -403,7 +403,7 @@ def test_what_must_not_be_related_must_not_be_so_by_a_relation_under_it(plan: Pl
     assert labels(plan(world, f"(Clean {world.places[0]})")) == ["pick", "sweep"]
 
 
-def test_only_what_is_stated_of_templates_is_planned(plan: Plan) -> None:
+def test_abstract_relation_needs_statement(plan: Plan) -> None:
     world = PlanningWorld()
     kind = Element("skiros:LargeBox", "skiros:bolt_box")
     kind.addRelation("-1", "sumo:isLocationOf", "skiros:bolt")
@@ -432,7 +432,7 @@ class Neighbours(DiscreteReasoner):
         return [":nextTo"] if obj.getIdNumber() == sub.getIdNumber() + 1 else []
 
 
-def test_relations_that_a_reasoner_computes_are_facts(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_computed_relations_are_facts(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reasoners, "_by_name", {})
     reasoners.add(Neighbours())
     world = PlanningWorld()
@@ -449,7 +449,7 @@ def test_relations_that_a_reasoner_computes_are_facts(plan: Plan, monkeypatch: p
     assert plan(world, f"(nextTo {second} {third})").verdict is Verdict.NOTHING_TO_DO
 
 
-def test_what_the_scene_says_of_a_relation_that_a_reasoner_computes_does_not_count(
+def test_computed_relation_overrides_scene(
     plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reasoners, "_by_name", {})
@@ -463,7 +463,7 @@ def test_what_the_scene_says_of_a_relation_that_a_reasoner_computes_does_not_cou
     assert plan(world, f"(nextTo {first} {third})").verdict is Verdict.IMPOSSIBLE
 
 
-def test_what_has_to_hold_throughout_has_to_hold_at_the_start(plan: Plan) -> None:
+def test_hold_condition_is_a_precondition(plan: Plan) -> None:
     world = transport_world()
     watch = skill(
         "Watch",
@@ -476,7 +476,7 @@ def test_what_has_to_hold_throughout_has_to_hold_at_the_start(plan: Plan) -> Non
     assert labels(plan(world, f"(Watched {world.products[0]})")) == ["pick", "drive", "place", "watch"]
 
 
-def test_one_of_several_conditions_is_enough(plan: Plan) -> None:
+def test_or_condition_needs_one_part(plan: Plan) -> None:
     world = transport_world()
     place, product = world.places[0], world.products[0]
     touch = skill(
@@ -494,7 +494,7 @@ def test_one_of_several_conditions_is_enough(plan: Plan) -> None:
 # -- parameters ---------------------------------------------------------------------------------------------------
 
 
-def test_a_value_has_to_be_of_the_type_that_a_condition_names(plan: Plan) -> None:
+def test_type_condition_restricts_parameter(plan: Plan) -> None:
     world = PlanningWorld()
     starter, part = world.thing("skiros:Starter"), world.thing("skiros:Part")
     turn = skill(
@@ -508,7 +508,7 @@ def test_a_value_has_to_be_of_the_type_that_a_condition_names(plan: Plan) -> Non
     assert plan(world, f"(Turned {part})").verdict is Verdict.IMPOSSIBLE
 
 
-def test_classes_with_several_superclasses_serve_parameters_of_each(plan: Plan) -> None:
+def test_class_with_two_superclasses_fits_both(plan: Plan) -> None:
     """A robot is an agent and a device; other agents and devices are not both."""
     world = PlanningWorld()
     human, arm = world.thing("sumo:Agent"), world.thing("rparts:ArmDevice")
@@ -523,7 +523,7 @@ def test_classes_with_several_superclasses_serve_parameters_of_each(plan: Plan) 
     assert plan(world, f"(Greeted {arm})").verdict is Verdict.IMPOSSIBLE
 
 
-def test_a_parameter_that_was_declared_with_an_element_keeps_it(plan: Plan) -> None:
+def test_parameter_with_fixed_element_keeps_it(plan: Plan) -> None:
     world = PlanningWorld()
     first, second = world.thing("skiros:Product"), world.thing("skiros:Product")
     mark = skill(
@@ -537,7 +537,7 @@ def test_a_parameter_that_was_declared_with_an_element_keeps_it(plan: Plan) -> N
     assert plan(world, f"(Marked {second})").verdict is Verdict.IMPOSSIBLE
 
 
-def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> None:
+def test_optional_parameter_without_conditions_is_unset(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     mark = skill(
@@ -571,7 +571,7 @@ def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> Non
         ),
         (
             skill("Paint", PRODUCT, [prop("Nothing", "skiros:Surface", "=", "Raw")], [PAINTED]),
-            "none of its parameters",
+            "not one of its parameters",
         ),
         (
             skill("Paint", PRODUCT, [prop("Object", "skiros:Weight", ">", "much")], [PAINTED]),
@@ -579,7 +579,7 @@ def test_an_optional_parameter_without_conditions_stays_unset(plan: Plan) -> Non
         ),
     ],
 )
-def test_a_skill_that_cannot_be_planned_with_is_left_out_and_told(plan: Plan, offered: Any, reason: str) -> None:
+def test_unusable_skill_is_reported(plan: Plan, offered: Any, reason: str) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw")
     world.robot("alpha", offered)
@@ -588,7 +588,7 @@ def test_a_skill_that_cannot_be_planned_with_is_left_out_and_told(plan: Plan, of
     assert any(reason in note and "/alpha" in note for note in result.notes), result.notes
 
 
-def test_skills_that_cannot_help_are_left_out_and_told(plan: Plan) -> None:
+def test_irrelevant_skills_are_reported(plan: Plan) -> None:
     world = transport_world()
     world.robot("other", OPEN, CLOSE)
     result = plan(world, f"(skiros:at {world.robots[0]} {world.places[1]})")
@@ -597,7 +597,7 @@ def test_skills_that_cannot_help_are_left_out_and_told(plan: Plan) -> None:
     assert all(name in note for name in ("open", "close", "pick", "place"))
 
 
-def test_elements_that_cannot_matter_are_left_out_and_listed(plan: Plan) -> None:
+def test_irrelevant_elements_are_reported(plan: Plan) -> None:
     world = transport_world(1, 2, 1)
     tool = world.thing("skiros:Tool")
     result = plan(world, f"(skiros:at {world.robots[0]} {world.places[1]})")
@@ -608,7 +608,7 @@ def test_elements_that_cannot_matter_are_left_out_and_listed(plan: Plan) -> None
     assert note.endswith("left out: 1 rparts:GripperEffector, 1 skiros:Product, 1 skiros:Scene, 1 skiros:Tool")
 
 
-def test_labels_that_pddl_cannot_hold_come_back_as_they_were(plan: Plan) -> None:
+def test_labels_invalid_in_pddl_round_trip(plan: Plan) -> None:
     world = PlanningWorld()
     first, second = world.thing("skiros:Product"), world.thing("skiros:Part")
     one = skill(
@@ -639,7 +639,7 @@ def test_labels_that_pddl_cannot_hold_come_back_as_they_were(plan: Plan) -> None
 # -- templates, elements that come and go -------------------------------------------------------------------------
 
 
-def test_a_template_without_instance_stands_for_itself(plan: Plan) -> None:
+def test_template_without_instance_stands_for_itself(plan: Plan) -> None:
     """The box of starters holds starters by its template; which one is taken is found when the skill runs."""
     world = PlanningWorld()
     table = world.thing("skiros:Location")
@@ -662,21 +662,21 @@ def test_a_template_without_instance_stands_for_itself(plan: Plan) -> None:
 
 
 @pytest.mark.parametrize("label", ["skiros:starter", "motor 7"])
-def test_a_template_with_an_instance_means_the_instance(plan: Plan, label: str) -> None:
+def test_template_denotes_its_instance(plan: Plan, label: str) -> None:
     world = transport_world()
     starter = world.thing("skiros:Starter", label, inside=world.places[0], Template="skiros:starter")
     result = plan(world, f"(skiros:contain {world.places[1]} skiros:starter)")
     assert {arguments.get("Object") for _, arguments in steps(result)} == {None, starter}
 
 
-def test_one_goal_leaves_nothing_behind_for_the_next(plan: Plan) -> None:
+def test_plans_are_independent(plan: Plan) -> None:
     world = transport_world()
     plan(world, f"(skiros:contain {world.places[1]} skiros:starter)")
     result = plan(world, f"(forall (?x - skiros:Product) (skiros:contain {world.places[1]} ?x))")
     assert {arguments.get("Object") for _, arguments in steps(result)} == {None, world.products[0]}
 
 
-def test_a_removed_element_cannot_be_used_any_more(plan: Plan) -> None:
+def test_removed_element_is_not_used(plan: Plan) -> None:
     world = transport_world(products=2)
     eat = skill(
         "Eat",
@@ -694,7 +694,7 @@ def test_a_removed_element_cannot_be_used_any_more(plan: Plan) -> None:
     assert "eat" in labels(result)
 
 
-def test_an_element_that_a_skill_makes_can_be_used(plan: Plan) -> None:
+def test_created_element_is_used(plan: Plan) -> None:
     world = transport_world(products=0)
     cast = skill("Cast", [*HERE, *PRODUCT], [AT], [made("Object"), related("Place", "skiros:contain", "Object")])
     world.robot("caster", cast, at=world.places[0])
@@ -722,7 +722,7 @@ def weight(operator: str, value: float, state: bool = True) -> Any:
         [prop("Object", "skiros:Surface", "=", "Raw"), has("Object", "skiros:Surface", False)],
     ],
 )
-def test_a_skill_whose_conditions_exclude_each_other_is_left_out_and_told(plan: Plan, pre: list[Any]) -> None:
+def test_a_skill_whose_conditions_are_contradictory_is_left_out_and_told(plan: Plan, pre: list[Any]) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw", Weight=5.0, Open=True)
     world.robot("alpha", skill("Paint", PRODUCT, pre, [PAINTED]))
@@ -740,7 +740,7 @@ def test_a_skill_whose_conditions_exclude_each_other_is_left_out_and_told(plan: 
         [prop("Object", "skiros:Wet", "=", True, False), prop("Object", "skiros:Wet", "=", False, False)],
     ],
 )
-def test_conditions_that_only_look_as_if_they_excluded_each_other_are_planned_with(plan: Plan, pre: list[Any]) -> None:
+def test_compatible_conditions_are_accepted(plan: Plan, pre: list[Any]) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw", Weight=5.0, Open=True)
     world.robot("alpha", skill("Paint", PRODUCT, pre, [PAINTED]))
@@ -751,12 +751,12 @@ def test_conditions_that_only_look_as_if_they_excluded_each_other_are_planned_wi
     ("cls", "key", "value", "reason"),
     [
         ("skiros:Parameter", "skiros:ParameterType", 7, "its parameter 'Object' is of type 7, expected 0, 1 or 2"),
-        ("skiros:ConditionProperty", "skiros:hasSubject", "", "speaks of '', which is none of its parameters"),
+        ("skiros:ConditionProperty", "skiros:hasSubject", "", "refers to '', which is not one of its parameters"),
         ("skiros:ConditionProperty", "skiros:operator", "!=", "has the operator '!=', expected one of = > < >= <="),
-        ("skiros:ConditionProperty", "skiros:appliedOnType", "", "does not name what it is about"),
+        ("skiros:ConditionProperty", "skiros:appliedOnType", "", "does not name its relation, property or class"),
     ],
 )
-def test_a_skill_that_somebody_broke_in_the_scene_is_left_out_and_told(
+def test_malformed_skill_element_is_reported(
     plan: Plan, cls: str, key: str, value: Any, reason: str
 ) -> None:
     world = transport_world()
@@ -772,7 +772,7 @@ def test_a_skill_that_somebody_broke_in_the_scene_is_left_out_and_told(
     assert any(reason in note and "/painter" in note for note in result.notes), result.notes
 
 
-def test_a_condition_that_is_a_part_of_itself_is_told(plan: Plan) -> None:
+def test_recursive_condition_is_reported(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     either = one_of(given("Object"), prop("Object", "skiros:Surface", "=", "Raw"))
@@ -787,7 +787,7 @@ class Pose:
     """A value that the world model does not know."""
 
 
-def test_a_parameter_of_any_python_type_is_no_element(plan: Plan) -> None:
+def test_parameter_of_python_type_is_not_an_element(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     paint = skill("Paint", [*PRODUCT, ("Where", Pose(), REQUIRED)], [given("Object")], [PAINTED])
@@ -795,14 +795,14 @@ def test_a_parameter_of_any_python_type_is_no_element(plan: Plan) -> None:
     assert steps(plan(world, f"(Painted {product})")) == [("paint", {"Robot": robot, "Object": product})]
 
 
-def test_a_class_may_be_written_without_its_prefix(plan: Plan) -> None:
+def test_class_name_may_omit_prefix(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     world.robot("alpha", skill("Paint", [("Object", Element("Product"), REQUIRED)], [given("Object")], [PAINTED]))
     assert labels(plan(world, f"(Painted {product})")) == ["paint"]
 
 
-def test_a_skill_for_one_robot_may_have_a_parameter_of_any_name(plan: Plan) -> None:
+def test_parameter_names_do_not_clash_with_robot(plan: Plan) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product")
     painted = prop("Manager", "skiros:Surface", "=", "Painted")
@@ -825,7 +825,7 @@ def test_a_skill_for_one_robot_may_have_a_parameter_of_any_name(plan: Plan) -> N
         ("(contain {place})", "'contain' is a relation"),
         ("(contain {place} {product} {robot})", "expected one or two elements after 'contain', found 3"),
         ("(contain)", "found no subject"),
-        ("(skiros:Product {product})", "'skiros:Product' is a class; no skill changes what class"),
+        ("(skiros:Product {product})", "'skiros:Product' is a class; no skill changes the class"),
         ("(> (Wieght {product}) 2)", "unknown property 'Wieght'"),
         ("(= {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
         ("(contain {place} skiros:Product-9999)", "unknown element 'skiros:Product-9999'"),
@@ -840,7 +840,7 @@ def test_a_skill_for_one_robot_may_have_a_parameter_of_any_name(plan: Plan) -> N
         ),
     ],
 )
-def test_a_goal_that_cannot_be_read_says_what_and_where(plan: Plan, goal: str, expected: str) -> None:
+def test_goal_error_has_position_and_reason(plan: Plan, goal: str, expected: str) -> None:
     world = transport_world()
     names = {"place": world.places[0], "product": world.products[0], "robot": world.robots[0]}
     result = plan(world, goal.format(**names, gripper=world.grippers[0]))

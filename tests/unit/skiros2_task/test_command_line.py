@@ -48,7 +48,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp
     return run
 
 
-def test_a_plan_is_shown_in_time(run: Run) -> None:
+def test_plan_prints_schedule(run: Run) -> None:
     result = run("plan", GOAL, *OFFLINE)
     assert (result.status, result.err) == (0, "")
     head, empty, columns, _, *rows = result.out.splitlines()
@@ -63,7 +63,7 @@ def test_a_plan_is_shown_in_time(run: Run) -> None:
     assert rows[1][columns.index("parameters") :].startswith('Object="Product A", Container="Tray A"')
 
 
-def test_a_plan_is_json_too(run: Run) -> None:
+def test_plan_prints_json(run: Run) -> None:
     plan = run("plan", GOAL, *OFFLINE, "--json").json
     assert (plan["verdict"], plan["makespan"], plan["why"]) == ("planned", 4.0, None)
     assert [(s["number"], s["type"], s["label"], s["after"]) for s in plan["steps"]] == [
@@ -76,7 +76,7 @@ def test_a_plan_is_json_too(run: Run) -> None:
     assert plan["steps"][1]["parameters"]["Object"] == product
 
 
-def test_what_was_made_is_kept(run: Run, tmp_path: Path) -> None:
+def test_plan_archives_files(run: Run, tmp_path: Path) -> None:
     assert run("plan", GOAL, *OFFLINE).status == 0
     (request,) = (p for p in (tmp_path / "planner").iterdir() if p.is_dir())
     assert (request / "goal.txt").read_text() == GOAL
@@ -84,13 +84,13 @@ def test_what_was_made_is_kept(run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["plan", "preview", "explain"])
-def test_a_goal_that_holds_needs_nothing(run: Run, command: str) -> None:
+def test_satisfied_goal_needs_no_plan(run: Run, command: str) -> None:
     result = run(command, "(skiros:contain demo:Tray-10 skiros:Product-14)", *OFFLINE)
     assert (result.status, result.out) == (0, "the goal holds already\n")
 
 
 @pytest.mark.parametrize("command", ["plan", "preview", "explain"])
-def test_a_goal_that_cannot_be_reached_is_explained(run: Run, command: str) -> None:
+def test_impossible_goal_is_explained(run: Run, command: str) -> None:
     result = run(command, IMPOSSIBLE, *OFFLINE)
     assert (result.status, result.err) == (1, "")
     assert f"{IMPOSSIBLE} cannot be reached" in result.out.splitlines()
@@ -100,7 +100,7 @@ def test_a_goal_that_cannot_be_reached_is_explained(run: Run, command: str) -> N
     assert [goal["state"] for goal in why["goals"]] == ["unreachable"]
 
 
-def test_the_preview_tells_what_changes(run: Run) -> None:
+def test_preview_prints_changes(run: Run) -> None:
     result = run("preview", GOAL, *OFFLINE)
     assert (result.status, result.err) == (0, "")
     lines = result.out.splitlines()
@@ -114,7 +114,7 @@ def test_the_preview_tells_what_changes(run: Run) -> None:
     assert GOAL in states[-1]
 
 
-def test_the_explanation_tells_what_each_step_is_for(run: Run) -> None:
+def test_explain_prints_purpose_of_steps(run: Run) -> None:
     lines = run("explain", GOAL, *OFFLINE).out.splitlines()
     assert f"     makes {GOAL} for the goal" in lines
     assert "     makes (skiros:contain rparts:GripperEffector-4 skiros:Product-14) for step 4" in lines
@@ -122,7 +122,7 @@ def test_the_explanation_tells_what_each_step_is_for(run: Run) -> None:
     assert [step["number"] for step in data["steps"]] == [1, 2, 3, 4]
 
 
-def test_skills_are_shown_as_planning_understands_them(run: Run) -> None:
+def test_domain_prints_planning_actions(run: Run) -> None:
     result = run("domain", *OFFLINE)
     assert result.status == 0
     drive, *_ = result.out.split("\n\n")
@@ -144,7 +144,7 @@ def test_skills_are_shown_as_planning_understands_them(run: Run) -> None:
     assert data["skills"][0]["skill"] == "skiros:Drive (drive)"
 
 
-def test_the_pddl_for_a_goal_is_printed_or_written(run: Run, tmp_path: Path) -> None:
+def test_domain_prints_or_writes_pddl(run: Run, tmp_path: Path) -> None:
     printed = run("domain", GOAL, *OFFLINE)
     assert printed.status == 0
     assert "(define (domain" in printed.out
@@ -159,7 +159,7 @@ def test_the_pddl_for_a_goal_is_printed_or_written(run: Run, tmp_path: Path) -> 
     assert refused.err == f"domain: {tmp_path / 'file'}: File exists\n"
 
 
-def test_only_some_skills_of_a_library_may_be_given(run: Run) -> None:
+def test_skills_option_selects_skills(run: Run) -> None:
     result = run("plan", GOAL, *OFFLINE, "--skills", "pick", "place")
     assert result.status == 1
     assert "(skiros:at cora:Robot-1 " in result.out
@@ -168,14 +168,14 @@ def test_only_some_skills_of_a_library_may_be_given(run: Run) -> None:
     assert unknown.err.startswith("plan: skiros2_demo_skills: no skill fly; there are: ")
 
 
-def test_a_robot_is_chosen_by_name(run: Run) -> None:
+def test_robot_option_selects_robot(run: Run) -> None:
     assert run("plan", GOAL, *OFFLINE, "--robot", "demo:mobile_manipulator").status == 0
     nobody = run("plan", GOAL, *OFFLINE, "--robot", "demo:nobody")
     assert nobody.status == 1
     assert "demo:nobody" in nobody.err
 
 
-def test_without_libraries_a_scene_of_robots_without_skills_says_so(run: Run) -> None:
+def test_scene_without_skills_is_reported(run: Run) -> None:
     result = run("plan", GOAL, "--scene", str(DEMO))
     assert result.status == 1
     assert "no robot in the world model offers skills" in result.out
@@ -186,13 +186,13 @@ def test_without_libraries_a_scene_of_robots_without_skills_says_so(run: Run) ->
     [
         ((GOAL, "--scene", "/no/such.ttl"), 1, "plan: scene /no/such.ttl: there is no such file\n"),
         ((GOAL, "--libraries", "some"), 2, "are for scene files; name one with --scene\n"),
-        ((GOAL, "--seconds", "0", *OFFLINE), 2, "'0' is no number of seconds"),
+        ((GOAL, "--seconds", "0", *OFFLINE), 2, "'0' is not a positive number of seconds"),
         ((), 2, "the following arguments are required: GOAL"),
         ((GOAL, "--scene", str(DEMO), "--libraries", "no_such_package"), 1, "no_such_package"),
         (("@/no/such", *OFFLINE), 1, "plan: goal file /no/such: No such file or directory\n"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(
+def test_invalid_argument_is_reported_in_one_line(
     run: Run, arguments: tuple[str, ...], status: int, expected: str
 ) -> None:
     result = run("plan", *arguments)
@@ -203,31 +203,31 @@ def test_what_cannot_be_used_is_refused_in_one_line(
 
 @pytest.mark.parametrize("goal", ["(skiros:contain demo:Tray-12 ", "(skiros:contain demo:Tray-12 skiros:Product-99)"])
 @pytest.mark.parametrize("command", ["plan", "preview", "explain", "domain"])
-def test_a_goal_that_cannot_be_read_is_refused(run: Run, command: str, goal: str) -> None:
+def test_invalid_goal_is_refused(run: Run, command: str, goal: str) -> None:
     result = run(command, goal, *OFFLINE)
     assert (result.status, result.err) == (1, "")
     place, text, mark, *notes = result.out.splitlines()
-    assert notes[:1] in ([], ["what planning could not use:"])
+    assert notes[:1] in ([], ["not used for planning:"])
     assert place.startswith("goal, line 1, column ")
     assert text.strip() == goal.strip()
     assert mark.strip() == "^"
 
 
-def test_an_engine_that_is_not_there_is_told(run: Run) -> None:
+def test_unknown_engine_is_reported(run: Run) -> None:
     result = run("plan", GOAL, *OFFLINE, "--planner", "no-such-engine")
     assert result.status == 1
     assert "no-such-engine" in result.out
 
 
-def test_what_can_make_plans_is_listed(run: Run) -> None:
+def test_engines_lists_planners(run: Run) -> None:
     listed = run("engines", "--json").json
-    assert listed["wishes"] == ["first", "best", "optimal"]
+    assert listed["qualities"] == ["first", "best", "optimal"]
     assert {"fast-downward", "fast-downward-opt"} <= set(listed["engines"])
     names = [line.split()[0] for line in run("engines").out.splitlines()]
-    assert names == [*listed["wishes"], *listed["engines"]]
+    assert names == [*listed["qualities"], *listed["engines"]]
 
 
-def test_goals_come_from_files_and_several_have_all_to_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_goal_text_reads_files_and_joins_goals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "goal.pddl"
     file.write_text("(a b)\n; with a comment\n(c d)")
     assert goal_text([str(file)]) == file.read_text()

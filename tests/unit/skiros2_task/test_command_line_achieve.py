@@ -10,7 +10,7 @@ from typing import Any
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.explanation import EXECUTE, Explanation
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
-from skiros2_task.command_line.achieving import Telling, told
+from skiros2_task.command_line.achieve import ProgressPrinter, format_result
 
 
 def planned(number: int, label: str, robot: str, end: float, **arguments: str) -> dict[str, Any]:
@@ -40,15 +40,15 @@ def feedback(phase: str, message: str = "", plan: Any = (), steps: Any = ()) -> 
 def lines(*feedbacks: Any, fancy: bool = True) -> list[str]:
     """What is told, without the times."""
     out = io.StringIO()
-    telling = Telling(Screen(fancy=fancy), out)
+    printer = ProgressPrinter(Screen(fancy=fancy), out)
     for one in feedbacks:
-        telling.take(one)
+        printer.on_feedback(one)
     found = out.getvalue().splitlines()
     assert all(re.match(r" *\d+\.\d s  ", line) for line in found)
     return [line.partition(" s  ")[2] for line in found]
 
 
-def test_plan_and_steps_are_told_once_each() -> None:
+def test_plan_and_step_states_are_printed_once() -> None:
     running = [progress(1, "/alpha", "running"), progress(2, "/beta", "waiting")]
     later = [progress(1, "/alpha", "succeeded"), progress(2, "/beta", "running")]
     assert lines(
@@ -65,7 +65,7 @@ def test_plan_and_steps_are_told_once_each() -> None:
     ]
 
 
-def test_a_failure_and_the_plan_that_follows_are_told() -> None:
+def test_failure_and_new_plan_are_printed() -> None:
     failed = [progress(1, "/alpha", "failed", "the way is blocked"), progress(2, "/beta", "dropped")]
     again = [*PLAN[1:], planned(3, "drive", "/beta", 4.0)]
     found = lines(
@@ -83,52 +83,54 @@ def test_a_failure_and_the_plan_that_follows_are_told() -> None:
     ]
 
 
-def test_with_json_nothing_is_told_on_the_way() -> None:
-    telling = Telling(Screen(), None)
-    telling.take(feedback("running", "", PLAN))
-    assert telling.seconds >= 0.0
+def test_json_output_has_no_progress() -> None:
+    printer = ProgressPrinter(Screen(), None)
+    printer.on_feedback(feedback("running", "", PLAN))
+    assert printer.seconds >= 0.0
 
 
 def result(state: str, message: str = "", done: Any = (), explanations: Any = ()) -> Any:
     return AchieveResult(state, message, json.dumps(list(done)), json.dumps(list(explanations)))
 
 
-def test_what_the_result_overtakes_is_told_before_it_and_not_again() -> None:
+def test_final_states_are_printed_before_result() -> None:
     out = io.StringIO()
-    telling = Telling(Screen(fancy=True), out)
-    telling.take(feedback("running", "", PLAN, [progress(1, "/alpha", "running"), progress(2, "/beta", "waiting")]))
+    printer = ProgressPrinter(Screen(fancy=True), out)
+    steps = [progress(1, "/alpha", "running"), progress(2, "/beta", "waiting")]
+    printer.on_feedback(feedback("running", "", PLAN, steps))
     done = [{**PLAN[0], **progress(1, "/alpha", "succeeded")}]
-    telling.end(result("succeeded", "done", done))
+    printer.end(result("succeeded", "done", done))
     assert out.getvalue().splitlines()[-1].endswith("  ✓ 1 drive by /alpha")
-    telling.take(feedback("running", "", PLAN, [progress(1, "/alpha", "succeeded"), progress(2, "/beta", "running")]))
+    steps = [progress(1, "/alpha", "succeeded"), progress(2, "/beta", "running")]
+    printer.on_feedback(feedback("running", "", PLAN, steps))
     assert out.getvalue().splitlines()[-1].endswith("  ✓ 1 drive by /alpha")
 
 
-def test_a_goal_that_is_reached_tells_what_was_done() -> None:
+def test_reached_goal_prints_step_count() -> None:
     done = [progress(1, "/alpha", "failed"), progress(2, "/beta", "succeeded"), progress(3, "/alpha", "succeeded")]
-    text, data = told(result("succeeded", "done", done), 12.34)
+    text, data = format_result(result("succeeded", "done", done), 12.34)
     assert text == ["the goal is reached after 12.3 s: 2 steps done, 1 more did not succeed"]
     assert data == {"state": "succeeded", "message": "done", "done": done, "explanations": []}
 
 
-def test_a_goal_that_held_already_says_so() -> None:
-    assert told(result("nothing_to_do", "the goal holds already"), 0.5)[0] == ["the goal holds already"]
+def test_satisfied_goal_prints_message() -> None:
+    assert format_result(result("nothing_to_do", "the goal holds already"), 0.5)[0] == ["the goal holds already"]
 
 
-def test_a_goal_that_is_not_reached_tells_why() -> None:
+def test_failed_goal_prints_explanation() -> None:
     why = Explanation(EXECUTE, "skiros:Drive", "drive", 3, -1, "the way is blocked", stamp=1.0)
     done = [progress(1, "/alpha", "failed", "the way is blocked")]
-    text, data = told(result("failed", "planned anew 5 times", done, [why.to_dict()]), 60.0)
+    text, data = format_result(result("failed", "broken after 5 replans", done, [why.to_dict()]), 60.0)
     assert text == [
         "the goal is not reached after 60.0 s, 0 steps done",
-        "planned anew 5 times",
+        "broken after 5 replans",
         *(f"  {line}" for line in why.lines()),
     ]
     assert data["explanations"] == [why.to_dict()]
 
 
-def test_a_goal_that_was_cancelled_says_so() -> None:
-    assert told(result("cancelled", "by the client"), 1.0)[0] == [
+def test_cancelled_goal_prints_message() -> None:
+    assert format_result(result("cancelled", "by the client"), 1.0)[0] == [
         "the goal was cancelled after 1.0 s, 0 steps done",
         "by the client",
     ]

@@ -10,11 +10,11 @@ import pytest
 from skiros2_common.core.skill_description import ParamOptions
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
-from skiros2_task.core.goal import GoalReader
-from skiros2_task.core.problem import make_task
+from skiros2_task.core.compiler import make_task
+from skiros2_task.core.goal_reader import GoalReader
+from skiros2_task.core.planning import PlanningResult, Verdict
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.task_planner import PlanningResult, Verdict
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, prop, skill
 from support.planning_world import given as specified
 
@@ -47,10 +47,10 @@ def task_of(world: PlanningWorld, goal: str) -> PlanningTask:
     return make_task(view, GoalReader(view, condition_predicates(view.robots)).read(goal))
 
 
-NEEDED = ("skill skiros:Photo (photo) needs what holds only while skill skiros:Flash (flash) runs: skiros:Lit",)
+NEEDED = ("skill skiros:Photo (photo) needs a fact that holds only while skill skiros:Flash (flash) runs: skiros:Lit",)
 
 
-def test_what_holds_only_while_another_skill_runs_needs_both_at_the_same_time() -> None:
+def test_need_of_temporary_fact_requires_concurrency() -> None:
     assert task_of(*lamp_world(FLASH, PHOTO)).concurrent == NEEDED
 
 
@@ -59,20 +59,20 @@ def test_what_holds_only_while_another_skill_runs_needs_both_at_the_same_time() 
     [((FLASH, PHOTO, SWITCH), False), ((FLASH, PHOTO), True), ((PHOTO,), False)],
     ids=["another skill makes it for good", "it holds at the start", "nothing makes it"],
 )
-def test_else_steps_may_run_one_after_the_other(skills: tuple[Any, ...], lit: bool) -> None:
+def test_permanent_fact_requires_no_concurrency(skills: tuple[Any, ...], lit: bool) -> None:
     assert task_of(*lamp_world(*skills, lit=lit)).concurrent == ()
 
 
-def test_a_goal_that_holds_only_while_a_skill_runs_is_told() -> None:
+def test_temporary_goal_fact_is_reported() -> None:
     world, _ = lamp_world(FLASH, PHOTO)
     (lamp,) = [e.id for e in world.wm.resolve_elements(Element("sumo:Device")) if e.label == "lamp"]
     goal = f"(Lit {lamp})"
     assert task_of(world, goal).concurrent == (
-        "the goal needs what holds only while skill skiros:Flash (flash) runs: skiros:Lit",
+        "the goal needs a fact that holds only while skill skiros:Flash (flash) runs: skiros:Lit",
     )
 
 
-def test_skills_that_lock_one_device_need_no_concurrency() -> None:
+def test_lock_requires_no_concurrency() -> None:
     world = PlanningWorld()
     world.thing("skiros:DepthCamera", StateProperty="Idle")
     product = world.thing("skiros:Product")
@@ -87,7 +87,7 @@ def test_skills_that_lock_one_device_need_no_concurrency() -> None:
     assert task_of(world, f"(Seen {product})").concurrent == ()
 
 
-def test_without_a_plan_it_is_said_what_would_have_to_run_at_the_same_time(plan: Plan) -> None:
+def test_no_plan_names_required_concurrency(plan: Plan) -> None:
     result = plan(*lamp_world(FLASH, PHOTO))
     assert result.verdict is Verdict.IMPOSSIBLE
     assert NEEDED[0] in result.message
@@ -95,6 +95,6 @@ def test_without_a_plan_it_is_said_what_would_have_to_run_at_the_same_time(plan:
     assert result.why is not None and NEEDED[0] in result.why.reason
 
 
-def test_with_a_plan_nothing_is_said(plan: Plan) -> None:
+def test_plan_has_no_concurrency_message(plan: Plan) -> None:
     result = plan(*lamp_world(FLASH, PHOTO, SWITCH))
     assert [call.label for call in result.calls] == ["switch", "photo"]

@@ -35,7 +35,7 @@ def after(effect: Predicate, state: bool, *used: Predicate) -> dict[Predicate, b
     return dict(families(effect).consequences(effect, state, used))
 
 
-def test_a_relation_is_asked_of_itself_and_of_those_under_it_that_change() -> None:
+def test_relation_expands_to_changed_subproperties() -> None:
     atom = Atom(relation("spatiallyRelated"), ("a", "b"))
     contains = Atom(relation("contain"), ("a", "b"))
     facts = families(relation("contain"), relation("at"))
@@ -44,29 +44,29 @@ def test_a_relation_is_asked_of_itself_and_of_those_under_it_that_change() -> No
     assert families(relation("at")).positive(atom) == atom
 
 
-def test_taking_a_relation_away_takes_those_under_it_away() -> None:
+def test_deleting_relation_deletes_subproperties() -> None:
     used = (relation("spatiallyRelated"), relation("contain"), relation("at"))
     assert after(relation("spatiallyRelated"), False, *used) == {used[0]: False, used[1]: False}
     assert after(relation("contain"), False, *used) == {used[1]: False}
     assert after(relation("contain"), True, *used) == {used[1]: True}
 
 
-def test_a_new_value_takes_the_place_of_the_others() -> None:
+def test_new_value_replaces_others() -> None:
     used = (value("Full"), value("Empty"), value("Full", "Other"), has("State"))
     assert after(value("Full"), True, *used) == {used[0]: True, used[1]: False, used[3]: True}
 
 
-def test_a_text_that_is_taken_away_leaves_the_other_values() -> None:
+def test_deleted_text_keeps_other_values() -> None:
     assert after(value("Full"), False, value("Full"), value("Empty")) == {value("Full"): False}
 
 
-def test_not_true_is_false() -> None:
+def test_negated_true_is_false() -> None:
     used = (value(True), value(False))
     assert after(value(True), False, *used) == {value(True): False, value(False): True}
     assert after(value(False), True, *used) == {value(True): False, value(False): True}
 
 
-def test_a_property_that_is_gone_has_no_value_at_all() -> None:
+def test_deleted_property_has_no_value() -> None:
     used = (value("Full"), compares(">", 1.0, "State"), has("State"))
     assert after(has("State"), False, *used) == dict.fromkeys(used, False)
     assert after(has("State"), True, *used) == {has("State"): True}
@@ -89,13 +89,13 @@ def test_a_property_that_is_gone_has_no_value_at_all() -> None:
         (compares("=", 5.0), False, compares("<", 6.0), False),
     ],
 )
-def test_a_number_that_a_skill_brings_about_answers_only_what_follows_from_it(
+def test_numeric_effect_decides_implied_comparisons(
     effect: Predicate, state: bool, asked: Predicate, holds: bool
 ) -> None:
     assert after(effect, state, asked) == {asked: holds}
 
 
-def test_not_above_means_at_most_or_without_a_value() -> None:
+def test_negated_comparison_includes_missing_value() -> None:
     atom = Atom(compares(">", 5.0), ("a",))
     expected = Or((Atom(compares("<=", 5.0), ("a",)), Not(Atom(has("Weight"), ("a",)))))
     assert families().negative(atom) == expected

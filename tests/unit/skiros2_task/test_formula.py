@@ -36,14 +36,14 @@ def painted(term: str) -> Atom:
 A, B, C = painted("a"), painted("b"), painted("c")
 
 
-def test_a_conjunction_is_flat_and_holds_each_part_once() -> None:
+def test_conjunction_is_flat_without_duplicates() -> None:
     assert conjunction([A, And((B, A)), TRUE]) == And((A, B))
     assert conjunction([A]) == A
     assert conjunction([A, FALSE]) == FALSE
     assert conjunction([]) == TRUE
 
 
-def test_a_disjunction_is_flat_and_holds_each_part_once() -> None:
+def test_disjunction_is_flat_without_duplicates() -> None:
     assert disjunction([A, Or((B, A)), FALSE]) == Or((A, B))
     assert disjunction([A, TRUE]) == TRUE
     assert disjunction([]) == FALSE
@@ -62,30 +62,30 @@ def test_a_disjunction_is_flat_and_holds_each_part_once() -> None:
         (FALSE, False),
     ],
 )
-def test_a_formula_holds_by_the_facts(formula: Formula, answer: bool) -> None:
+def test_holds_evaluates_formula(formula: Formula, answer: bool) -> None:
     assert holds(formula, {A}) is answer
 
 
-def test_rewriting_moves_negations_to_the_atoms() -> None:
+def test_rewrite_returns_negation_normal_form() -> None:
     formula = Not(And((A, Or((Not(B), C)))))
     assert rewrite(formula, lambda a: a, Not) == Or((Not(A), And((B, Not(C)))))
 
 
-def test_a_negated_quantifier_becomes_the_other_one() -> None:
+def test_rewrite_swaps_negated_quantifier() -> None:
     every = ForAll((("?x", "skiros:Product"),), painted("?x"))
     assert rewrite(Not(every), lambda a: a, Not) == Exists(every.variables, Not(painted("?x")))
 
 
-def test_literals_know_whether_they_have_to_hold() -> None:
+def test_literals_have_polarity() -> None:
     assert list(literals(And((A, Not(Or((B, Not(C)))))))) == [(A, True), (B, False), (C, True)]
 
 
-def test_binding_leaves_variables_of_inner_quantifiers() -> None:
+def test_bind_keeps_variables_of_inner_quantifiers() -> None:
     formula = And((painted("?x"), ForAll((("?x", "T"),), painted("?x"))))
     assert bind(formula, {"?x": "a"}) == And((A, ForAll((("?x", "T"),), painted("?x"))))
 
 
-def test_quantifiers_are_written_out_over_the_objects() -> None:
+def test_quantifiers_are_expanded() -> None:
     things = {"T": ("a", "b"), "U": ("u",), "Nothing": ()}.__getitem__
     inside = Atom(IN, ("?u", "?t"))
     every = ForAll((("?t", "T"), ("?u", "U")), inside)
@@ -96,7 +96,7 @@ def test_quantifiers_are_written_out_over_the_objects() -> None:
     assert expand_quantifiers(Exists((("?n", "Nothing"),), painted("?n")), things) == FALSE
 
 
-def test_a_formula_reads_like_a_goal() -> None:
+def test_formula_text_is_goal_syntax() -> None:
     heavy = Atom(Predicate(Kind.COMPARES, "skiros:Weight", 2.0, ">"), ("a",))
     formula = And((Atom(IN, ("t", "a")), Not(A), heavy))
     assert str(formula) == "(and (skiros:contain t a) (not (State_Painted a)) (> (skiros:Weight a) 2))"

@@ -10,7 +10,7 @@ from skiros2_common.core.errors import WrongType, WrongValue
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.formula import TRUE, And, Exists, ForAll, Formula, Not, Or
-from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.goals import (
     all_of,
     any_of,
@@ -23,7 +23,7 @@ from skiros2_task.core.goals import (
     negated,
     related,
 )
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 from support.planning_world import PlanningWorld, transport_world
 
 SOME_TEXTS = ("Empty", "Full", "Half full (nearly)", "a, b; c", "not", "Größe", "2 x 4")
@@ -54,7 +54,7 @@ def normal(formula: Formula) -> Formula:
     return formula
 
 
-def test_the_text_of_each_form() -> None:
+def test_goal_has_expected_text() -> None:
     tray = Element("skiros:LargeBox", "tray", "skiros:LargeBox-3")
     part = "skiros:Product-4"
     assert str(related(tray, "contain", part)) == "(skiros:contain skiros:LargeBox-3 skiros:Product-4)"
@@ -72,7 +72,7 @@ def test_the_text_of_each_form() -> None:
     assert str(both) == expected
 
 
-def test_what_is_the_same_is_known_at_once_unless_a_variable_is_left() -> None:
+def test_is_same_of_constants_is_simplified() -> None:
     assert is_same("a", "a") == TRUE
     assert is_same("a", "b") == Or(())
     assert str(exists("Product", lambda x: negated(is_same(x, "a")))) == (
@@ -80,13 +80,13 @@ def test_what_is_the_same_is_known_at_once_unless_a_variable_is_left() -> None:
     )
 
 
-def test_an_element_without_id_is_meant_by_its_label() -> None:
+def test_element_without_id_is_named_by_label() -> None:
     assert (
         str(related("a", "contain", Element("skiros:Starter", "skiros:starter"))) == "(skiros:contain a skiros:starter)"
     )
 
 
-def test_what_cannot_be_a_goal_is_refused() -> None:
+def test_invalid_goal_raises() -> None:
     with pytest.raises(WrongValue, match="neither id nor label"):
         related("a", "contain", Element("skiros:Product"))
     with pytest.raises(WrongType, match="expected an element or its id, found int"):
@@ -95,7 +95,7 @@ def test_what_cannot_be_a_goal_is_refused() -> None:
         compares("a", "Weight", "<>", 3.0)
 
 
-def test_every_formula_reads_back_from_its_text(world: PlanningWorld) -> None:
+def test_goal_text_round_trip(world: PlanningWorld) -> None:
     things = st.sampled_from([*world.places, *world.products, *world.robots])
     atoms = st.one_of(
         st.builds(related, things, st.sampled_from(["skiros:contain", "skiros:at"]), things),

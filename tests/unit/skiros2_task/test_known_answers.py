@@ -6,18 +6,18 @@ import pytest
 
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import Wish, planner_named
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.planners import Quality, planner_named
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from support.plan_checks import CheckedPlanner, carry_out, is_known
 from support.planning_catalogue import CASES, IMPOSSIBLE, Case
 
 NAMES = [case.name for case in CASES]
 
 
-def answer(case: Case, processes: EngineProcesses, wish: Wish) -> PlanningResult:
+def answer(case: Case, processes: EngineProcesses, quality: Quality) -> PlanningResult:
     """What planning says. A plan is validated, and carried out on a copy of the world: the goal has to hold then."""
     world, goal = case.build()
-    planner = CheckedPlanner(planner_named(processes, wish.value), goal_action=wish is Wish.OPTIMAL)
+    planner = CheckedPlanner(planner_named(processes, quality.value), goal_action=quality is Quality.OPTIMAL)
     result = TaskPlanner(world.wm, planner, Limits(seconds=60.0)).plan(goal)
     if result.verdict is Verdict.PLANNED and is_known(world, result.calls):
         after = carry_out(world, result.calls)
@@ -30,15 +30,15 @@ def expected(case: Case) -> Verdict:
 
 
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
-def test_planning_knows_the_answer(case: Case, processes: EngineProcesses) -> None:
-    result = answer(case, processes, Wish.FIRST)
+def test_known_case_has_known_verdict(case: Case, processes: EngineProcesses) -> None:
+    result = answer(case, processes, Quality.FIRST)
     assert result.verdict is expected(case), result.message
     assert len(result.calls) >= max(0, case.steps)
     assert len({call.manager for call in result.calls}) >= (case.managers if result.calls else 0)
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.steps > 0], ids=[c.name for c in CASES if c.steps > 0])
-def test_the_shortest_plan_is_as_long_as_it_is_known_to_be(case: Case, processes: EngineProcesses) -> None:
-    result = answer(case, processes, Wish.OPTIMAL)
+def test_optimal_plan_has_known_length(case: Case, processes: EngineProcesses) -> None:
+    result = answer(case, processes, Quality.OPTIMAL)
     assert result.verdict is Verdict.PLANNED, result.message
     assert len(result.calls) == case.steps, result.message

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.skill_description import ParamOptions
 from skiros2_task.core.actions import Action, Effect, Variable, condition_predicates
+from skiros2_task.core.compiler import make_task
 from skiros2_task.core.formula import Atom, Formula, Kind, Not, Or, Predicate, conjunction, disjunction
-from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.partial_order import GOAL, INIT, CausalLink, PartialOrder, deorder
-from skiros2_task.core.problem import make_task
-from skiros2_task.core.simulation import flaw
-from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.semantics import validate
+from skiros2_task.core.skills import Skill
 from skiros2_task.core.task import EVERYTHING, PlanningTask, PlanStep, during_of, effects_of, robot_of
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, prop, skill
 from support.planning_world import given as specified
 from support.random_tasks import planned_tasks
@@ -40,7 +40,7 @@ def bring(robot: int, product: int, start: int, target: int) -> tuple[PlanStep, 
 # -- which order is kept ------------------------------------------------------------------------------------------
 
 
-def test_steps_of_one_robot_that_need_each_other_stay_in_order() -> None:
+def test_dependent_steps_of_one_robot_stay_in_order() -> None:
     assert deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before == {(0, 1), (1, 2)}
 
 
@@ -50,25 +50,25 @@ def test_two_robots_work_at_the_same_time() -> None:
     assert deorder(task, plan).before == {(0, 1), (1, 2)}
 
 
-def test_a_step_waits_for_what_another_robot_makes() -> None:
+def test_step_follows_producer_on_other_robot() -> None:
     task = transport_task(2, 3, 1, contain(L[2], P[0]))
     plan = (*bring(0, 0, 0, 1), PlanStep("drive", (R[1], L[0], L[1])), *bring(1, 0, 1, 2))
     assert deorder(task, plan).before == {(0, 1), (1, 2), (2, 4), (3, 4), (4, 5), (5, 6)}
 
 
-def test_links_tell_where_each_fact_comes_from() -> None:
+def test_causal_links_name_producers() -> None:
     links = deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).links
     assert CausalLink(INIT, 0, at(R[0], L[0]), True) in links
     assert CausalLink(1, 2, at(R[0], L[1]), True) in links
     assert CausalLink(2, GOAL, contain(L[1], P[0]), True) in links
 
 
-def test_what_follows_from_other_orders_is_left_out() -> None:
+def test_order_is_transitively_reduced() -> None:
     """The robot and its gripper order pick before place, too; through the drive that is said already."""
     assert (0, 2) not in deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before
 
 
-def test_predecessors_are_those_right_before_a_step() -> None:
+def test_predecessors_are_direct() -> None:
     order = PartialOrder(bring(0, 0, 0, 1), frozenset({(0, 2), (1, 2)}), ())
     assert order.predecessors() == [[], [], [0, 1]]
 
@@ -108,43 +108,43 @@ def small_task(
 NOTHING = conjunction([])
 
 
-def test_a_step_that_spoils_what_another_needs_waits_for_its_end() -> None:
+def test_deleting_step_follows_consumer() -> None:
     task, plan = small_task(B, frozenset({A}), use=(A, {B: True}, {}), spoil=(NOTHING, {A: False}, {}))
     assert deorder(task, plan).before == {(0, 1)}
 
 
-def test_a_step_that_spoils_what_is_made_for_another_stays_before_it_is_made() -> None:
+def test_deleting_step_precedes_producer() -> None:
     task, plan = small_task(
         C, frozenset({A}), spoil=(A, {A: False, B: False}, {}), make=(NOTHING, {B: True}, {}), use=(B, {C: True}, {})
     )
     assert deorder(task, plan).before == {(0, 1), (1, 2)}
 
 
-def test_what_must_not_hold_is_a_need_too() -> None:
+def test_negative_condition_is_a_need() -> None:
     task, plan = small_task(
         B, frozenset({A}), clear=(NOTHING, {A: False}, {}), use=(Not(A), {B: True}, {}), again=(NOTHING, {A: True}, {})
     )
     assert deorder(task, plan).before == {(0, 1), (1, 2)}
 
 
-def test_steps_that_make_a_fact_different_stay_in_order_though_nobody_needs_it() -> None:
+def test_opposite_effects_stay_in_order() -> None:
     task, plan = small_task(NOTHING, frozenset(), make=(NOTHING, {A: True}, {}), undo=(NOTHING, {A: False}, {}))
     assert deorder(task, plan).before == {(0, 1)}
 
 
-def test_a_fact_that_two_steps_make_comes_from_the_first() -> None:
+def test_first_of_two_producers_is_linked() -> None:
     task, plan = small_task(
         C, frozenset(), one=(NOTHING, {A: True}, {}), two=(NOTHING, {A: True}, {}), use=(A, {C: True}, {})
     )
     assert deorder(task, plan).before == {(0, 2)}
 
 
-def test_of_alternatives_the_one_that_holds_from_the_start_is_needed() -> None:
+def test_disjunction_uses_oldest_fact() -> None:
     task, plan = small_task(C, frozenset({B}), one=(NOTHING, {A: True}, {}), use=(disjunction([A, B]), {C: True}, {}))
     assert deorder(task, plan).before == set()
 
 
-def test_a_denied_alternative_needs_all_its_parts() -> None:
+def test_negated_disjunction_needs_all_parts() -> None:
     nor = Not(Or((A, B)))
     task, plan = small_task(
         C, frozenset({A, B}), a=(NOTHING, {A: False}, {}), b=(NOTHING, {B: False}, {}), use=(nor, {C: True}, {})
@@ -152,29 +152,29 @@ def test_a_denied_alternative_needs_all_its_parts() -> None:
     assert deorder(task, plan).before == {(0, 2), (1, 2)}
 
 
-def test_steps_that_lock_one_device_follow_each_other() -> None:
+def test_steps_that_lock_one_device_are_ordered() -> None:
     lock = (A, {A: True}, {A: False})
     task, plan = small_task(A, frozenset({A}), one=lock, two=lock, three=lock)
     assert deorder(task, plan).before == {(0, 1), (1, 2)}
 
 
-def test_a_step_that_needs_a_device_free_does_not_run_while_it_is_locked() -> None:
+def test_step_that_needs_free_device_is_ordered() -> None:
     task, plan = small_task(B, frozenset({A}), lock=(A, {}, {A: False}), use=(A, {B: True}, {}))
     assert deorder(task, plan).before == {(0, 1)}
 
 
-def test_steps_that_only_read_a_fact_run_at_the_same_time() -> None:
+def test_readers_of_a_fact_may_overlap() -> None:
     task, plan = small_task(conjunction([B, C]), frozenset({A}), one=(A, {B: True}, {}), two=(A, {C: True}, {}))
     assert deorder(task, plan).before == set()
 
 
 @pytest.mark.parametrize("plan", [bring(0, 0, 1, 0), bring(0, 0, 0, 1)[:2]], ids=["a step", "the goal"])
-def test_a_plan_that_does_not_work_is_refused(plan: tuple[PlanStep, ...]) -> None:
+def test_deorder_raises_on_invalid_plan(plan: tuple[PlanStep, ...]) -> None:
     with pytest.raises(WrongValue, match=r"the plan does not work: .* does not hold"):
         deorder(transport_task(1, 2, 1), plan)
 
 
-def test_a_locked_device_is_a_resource_of_skills_too() -> None:
+def test_lock_of_skill_orders_steps() -> None:
     """Two robots look through one camera, which each locks while it looks."""
     world = PlanningWorld()
     camera = world.thing("skiros:DepthCamera", StateProperty="Idle")
@@ -200,7 +200,7 @@ def test_a_locked_device_is_a_resource_of_skills_too() -> None:
 
 
 @given(planned=planned_tasks(), data=st.data())
-def test_each_order_that_respects_it_is_a_plan_that_works(
+def test_every_linearisation_is_valid(
     planned: tuple[PlanningTask, tuple[PlanStep, ...]], data: st.DataObject
 ) -> None:
     task, plan = planned
@@ -210,11 +210,11 @@ def test_each_order_that_respects_it_is_a_plan_that_works(
     while len(done) < len(plan):
         ready = [i for i in range(len(plan)) if i not in done and all(p in done for p in above[i])]
         done.append(data.draw(st.sampled_from(ready)))
-    assert flaw(task, [plan[i] for i in done]) == ""
+    assert validate(task, [plan[i] for i in done]) == ""
 
 
 @given(planned=planned_tasks())
-def test_steps_that_may_run_at_the_same_time_leave_each_other_alone(
+def test_unordered_steps_do_not_interfere(
     planned: tuple[PlanningTask, tuple[PlanStep, ...]],
 ) -> None:
     """Neither makes false what the other makes, not even while it runs, and each has a robot of its own."""
@@ -227,7 +227,7 @@ def test_steps_that_may_run_at_the_same_time_leave_each_other_alone(
 
 
 @given(planned=planned_tasks())
-def test_each_link_is_from_before_and_nothing_between_breaks_it(
+def test_no_step_breaks_a_causal_link(
     planned: tuple[PlanningTask, tuple[PlanStep, ...]],
 ) -> None:
     task, plan = planned

@@ -18,30 +18,30 @@ from skiros2_task.core.pddl_names import NameIndex, Naming, pddl_name
         ("", "n"),
     ],
 )
-def test_a_name_has_only_what_pddl_allows(text: str, name: str) -> None:
+def test_pddl_name_is_valid(text: str, name: str) -> None:
     assert pddl_name(text) == name
 
 
-def test_names_that_become_equal_are_kept_apart_and_lead_back() -> None:
+def test_equal_names_are_numbered() -> None:
     naming = Naming()
     names = [naming.name(thing, [thing]) for thing in ("Pick it", "pick_it", "PICK IT")]
     assert names == ["pick_it", "pick_it_2", "pick_it_3"]
-    assert [naming.thing(name) for name in names] == ["Pick it", "pick_it", "PICK IT"]
-    assert naming.thing("PICK_IT_2") == "pick_it"
+    assert [naming.key(name) for name in names] == ["Pick it", "pick_it", "PICK IT"]
+    assert naming.key("PICK_IT_2") == "pick_it"
 
 
-def test_a_thing_keeps_its_name() -> None:
+def test_key_keeps_its_name() -> None:
     naming = Naming()
     assert naming.name(1, ["a"]) == naming.name(1, ["b"]) == "a"
 
 
-def test_the_first_free_wish_is_taken() -> None:
+def test_first_free_candidate_is_chosen() -> None:
     naming = Naming()
     naming.name(1, ["idle"])
     assert naming.name(2, ["idle", "camera_idle"]) == "camera_idle"
 
 
-def test_words_of_pddl_are_not_taken() -> None:
+def test_reserved_words_are_not_chosen() -> None:
     assert Naming().name(1, ["Object"]) == "object_"
     assert Naming().name(1, ["not"]) == "not_"
 
@@ -67,11 +67,11 @@ def index() -> NameIndex:
         ("contains", []),
     ],
 )
-def test_a_name_is_found_without_its_prefix_and_in_any_case(index: NameIndex, text: str, found: list[str]) -> None:
+def test_find_ignores_prefix_and_case(index: NameIndex, text: str, found: list[str]) -> None:
     assert index.find(text) == found
 
 
-def test_names_that_look_alike_are_proposed(index: NameIndex) -> None:
-    assert index.near("skiros:contains")[0] == "skiros:contain"
-    assert index.near("contians") != []
-    assert index.near("zzzz") == []
+def test_near_matches_returns_similar_names(index: NameIndex) -> None:
+    assert index.near_matches("skiros:contains")[0] == "skiros:contain"
+    assert index.near_matches("contians") != []
+    assert index.near_matches("zzzz") == []

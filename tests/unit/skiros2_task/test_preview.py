@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import condition_predicates
-from skiros2_task.core.goal import GoalReader
+from skiros2_task.core.compiler import make_task
+from skiros2_task.core.goal_reader import GoalReader
 from skiros2_task.core.plan import skill_calls
-from skiros2_task.core.preview import Changed, Preview, preview
-from skiros2_task.core.problem import make_task
+from skiros2_task.core.preview import FactChange, Preview, preview
 from skiros2_task.core.task import PlanStep
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.preview_copy import PreviewCopy
 from support.planning_world import INFERRED, REQUIRED, PlanningWorld, has, made, prop, related, skill, transport_world
 
@@ -27,7 +27,7 @@ def drive(world: PlanningWorld, start: int, end: int) -> PlanStep:
     return PlanStep("drive", (world.robots[0], world.places[start], world.places[end]))
 
 
-def test_each_step_tells_what_it_changes_and_what_holds_then() -> None:
+def test_step_reports_changes_and_state() -> None:
     world = transport_world(places=3)
     found = tried(
         world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1), drive(world, 1, 2), states=True
@@ -36,8 +36,8 @@ def test_each_step_tells_what_it_changes_and_what_holds_then() -> None:
     assert found.works
     assert [step.changes for step in found.steps] == [
         [
-            Changed(robot, "skiros:at", world.places[i], False),
-            Changed(robot, "skiros:at", world.places[i + 1], True),
+            FactChange(robot, "skiros:at", world.places[i], False),
+            FactChange(robot, "skiros:at", world.places[i + 1], True),
         ]
         for i in range(2)
     ]
@@ -51,7 +51,7 @@ def test_each_step_tells_what_it_changes_and_what_holds_then() -> None:
     assert f"   then holds: (skiros:at {world.robots[0]} {world.places[1]})" in str(found).splitlines()
 
 
-def test_the_world_model_stays_as_it_is() -> None:
+def test_world_model_is_unchanged() -> None:
     world = transport_world()
     before = {e.id: e.printState(verbose=True) for e in world.wm.resolve_elements(Element())}
     version = world.wm.version
@@ -60,16 +60,16 @@ def test_the_world_model_stays_as_it_is() -> None:
     assert world.wm.version == version
 
 
-def test_conditions_that_do_not_hold_are_told() -> None:
+def test_unsatisfied_conditions_are_reported() -> None:
     world = transport_world(places=3)
     found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 1, 2))
     assert not found.works
-    (unmet,) = found.steps[0].unmet
+    (unmet,) = found.steps[0].unsatisfied
     assert world.places[0] in unmet
     assert found.reached
 
 
-def test_a_goal_that_is_not_reached_is_told() -> None:
+def test_unreached_goal_is_reported() -> None:
     world = transport_world(places=3)
     found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 0, 1))
     assert not found.reached
@@ -77,7 +77,7 @@ def test_a_goal_that_is_not_reached_is_told() -> None:
     assert str(found).endswith("the goal does not hold at the end")
 
 
-def test_what_is_made_is_there_for_the_next_steps_and_what_is_removed_is_gone() -> None:
+def test_created_and_removed_elements_affect_later_steps() -> None:
     world = transport_world()
     bake = skill(
         "Bake",
@@ -103,11 +103,11 @@ def test_what_is_made_is_there_for_the_next_steps_and_what_is_removed_is_gone() 
     baked, eaten = found.steps
     assert baked.arguments["Object"] == "a new skiros:Product"
     (new,) = [change.element for change in baked.changes if not change.name]
-    assert Changed(world.places[0], "skiros:contain", new, True) in baked.changes
-    assert Changed(new, "", "", False) in eaten.changes
+    assert FactChange(world.places[0], "skiros:contain", new, True) in baked.changes
+    assert FactChange(new, "", "", False) in eaten.changes
 
 
-def test_what_a_skill_leaves_open_is_assumed_and_said_to_be() -> None:
+def test_open_effect_is_assumed_and_reported() -> None:
     world = transport_world()
     fill = skill(
         "Fill", [*PRODUCT], [has("Object", "skiros:Weight", False)], [prop("Object", "skiros:Weight", ">", 2.0)]
@@ -116,10 +116,10 @@ def test_what_a_skill_leaves_open_is_assumed_and_said_to_be() -> None:
     found = tried(world, f"(> (skiros:Weight {world.products[0]}) 1)", PlanStep("fill", (filler, world.products[0])))
     assert found.works, str(found)
     (assumed,) = found.steps[0].assumed
-    assert assumed.startswith(f"{world.products[0]} skiros:Weight 3.0, of which is known only: ")
+    assert assumed.startswith(f"{world.products[0]} skiros:Weight 3.0, an example for: ")
 
 
-def test_it_travels_as_json() -> None:
+def test_preview_json_round_trip() -> None:
     world = transport_world(places=3)
     found = tried(world, f"(skiros:at {world.robots[0]} {world.places[2]})", drive(world, 1, 2))
     assert Preview.from_json(found.to_json()) == found

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 
-from skiros2_task.core.reachability import Patience, explore
-from skiros2_task.core.simulation import after
+from skiros2_task.core.reachability import Deadline, explore
+from skiros2_task.core.semantics import apply_step
 from skiros2_task.core.task import PlanStep
 from support.transport_task import transport_task
 
@@ -18,9 +18,9 @@ R, G, A, B, P = (
 )
 
 
-def test_all_that_a_plan_reaches_is_found() -> None:
+def test_facts_reached_by_plans_are_reachable() -> None:
     task = transport_task(1, 2, 1)
-    reached = explore(task, Patience(10.0))
+    reached = explore(task, Deadline(10.0))
     state = task.init
     for step in (
         PlanStep("pick", (R, G, A, P)),
@@ -28,16 +28,16 @@ def test_all_that_a_plan_reaches_is_found() -> None:
         PlanStep("place", (R, G, B, P)),
     ):
         assert state <= reached.true
-        state = after(task, state, step)
+        state = apply_step(task, state, step)
     assert state <= reached.true
     assert reached.complete
 
 
-def test_who_cancels_it_is_not_kept_waiting() -> None:
+def test_explore_stops_when_cancelled() -> None:
     cancelled = threading.Event()
     cancelled.set()
-    assert not explore(transport_task(1, 2, 1), Patience(60.0, cancelled)).complete
+    assert not explore(transport_task(1, 2, 1), Deadline(60.0, cancelled)).complete
 
 
-def test_without_time_it_is_said_that_not_all_was_found() -> None:
-    assert not explore(transport_task(1, 2, 1), Patience(-1.0)).complete
+def test_explore_is_incomplete_after_deadline() -> None:
+    assert not explore(transport_task(1, 2, 1), Deadline(-1.0)).complete

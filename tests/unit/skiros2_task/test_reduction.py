@@ -10,11 +10,11 @@ from hypothesis import given
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import disjunction, holds
 from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.planning import TaskPlanner
 from skiros2_task.core.reduction import reduced
 from skiros2_task.core.schedule import schedule_plan
-from skiros2_task.core.simulation import after, flaw
+from skiros2_task.core.semantics import apply_step, validate
 from skiros2_task.core.task import PlanningTask, PlanStep, precondition_of
-from skiros2_task.core.task_planner import TaskPlanner
 from support.planning_world import DRIVE, REQUIRED, PlanningWorld, prop, related, skill
 from support.random_tasks import planned_tasks
 from support.transport_task import at, contain, transport_task
@@ -44,25 +44,25 @@ BRING = (PICK, drive(A, B), PLACE)
 )
 def test_redundant_steps_are_removed(plan: tuple[PlanStep, ...]) -> None:
     task = transport_task(1, 3, 1)
-    assert flaw(task, plan) == ""
+    assert validate(task, plan) == ""
     assert reduced(task, plan) == BRING
 
 
-def test_a_plan_without_redundant_steps_stays() -> None:
+def test_plan_without_redundant_steps_is_unchanged() -> None:
     assert reduced(transport_task(1, 3, 1), BRING) == BRING
 
 
-def test_a_plan_for_a_goal_that_holds_becomes_empty() -> None:
+def test_plan_for_satisfied_goal_becomes_empty() -> None:
     task = transport_task(1, 3, 1, goal=at(R, A))
     assert reduced(task, (drive(A, B), drive(B, A))) == ()
 
 
-def test_of_alternatives_in_a_goal_one_is_kept() -> None:
+def test_one_alternative_of_goal_is_kept() -> None:
     task = transport_task(1, 3, 1, goal=disjunction([at(R, C), contain(B, P)]))
     plan = (*BRING, drive(B, C))
     found = reduced(task, plan)
     assert len(found) < len(plan)
-    assert flaw(task, found) == ""
+    assert validate(task, found) == ""
 
 
 class GivenPlan:
@@ -77,7 +77,7 @@ class GivenPlan:
         return PlannerAnswer(Outcome.SOLVED, self._plan)
 
 
-def test_a_planner_that_looks_twice_gives_a_plan_that_looks_once() -> None:
+def test_repeated_step_is_removed_from_result() -> None:
     world = PlanningWorld()
     start, table = world.thing("skiros:Location"), world.thing("skiros:Location")
     look = skill(
@@ -99,28 +99,28 @@ def _without(task: PlanningTask, plan: tuple[PlanStep, ...], index: int) -> tupl
     for number, step in enumerate(plan):
         if number != index and holds(precondition_of(task, step), state):
             kept.append(step)
-            state = after(task, state, step)
+            state = apply_step(task, state, step)
     return tuple(kept) if holds(task.goal, state) else None
 
 
 @given(planned_tasks(most=8))
-def test_a_reduced_plan_works_and_has_no_redundant_steps(
+def test_reduced_plan_is_valid_and_minimal(
     drawn: tuple[PlanningTask, tuple[PlanStep, ...]],
 ) -> None:
     task, plan = drawn
     found = reduced(task, plan)
-    assert flaw(task, found) == ""
+    assert validate(task, found) == ""
     left = iter(plan)
     assert all(step in left for step in found), "the order has changed"
     for index in range(len(found)):
-        assert flaw(task, found[:index] + found[index + 1 :]) != ""
+        assert validate(task, found[:index] + found[index + 1 :]) != ""
         assert _without(task, found, index) is None
 
 
 @given(planned_tasks(most=8))
-def test_a_scheduled_plan_has_no_redundant_steps(drawn: tuple[PlanningTask, tuple[PlanStep, ...]]) -> None:
+def test_scheduled_plan_has_no_redundant_steps(drawn: tuple[PlanningTask, tuple[PlanStep, ...]]) -> None:
     task, plan = drawn
     found = schedule_plan(task, plan, Durations()).order.steps
-    assert flaw(task, found) == ""
+    assert validate(task, found) == ""
     for index in range(len(found)):
         assert _without(task, found, index) is None

@@ -10,7 +10,7 @@ from skiros2_task.core.durations import Durations
 from skiros2_task.core.formula import Atom, Formula, Kind, conjunction, conjuncts
 from skiros2_task.core.partial_order import deorder
 from skiros2_task.core.schedule import Schedule, Scheduled, schedule, seconds_of
-from skiros2_task.core.simulation import flaw
+from skiros2_task.core.semantics import validate
 from skiros2_task.core.task import PlanningTask, PlanStep
 from support.random_tasks import planned_tasks
 from support.transport_task import at, contain, transport_task
@@ -37,29 +37,29 @@ def timed(task: PlanningTask) -> Durations:
     """Drive takes 5 s, pick and place 2 s each."""
     durations = Durations()
     for action in task.actions:
-        durations.learn(action.skill, "", 5.0 if action.name == "drive" else 2.0)
+        durations.record(action.skill, "", 5.0 if action.name == "drive" else 2.0)
     return durations
 
 
-def test_steps_start_when_those_before_them_have_ended() -> None:
+def test_step_starts_after_predecessors() -> None:
     task = transport_task(1, 2, 1)
     found = scheduled(task, bring(0, 0, 0, 1), timed(task))
     assert found.steps == (Scheduled(0, R[0], 0.0, 2.0), Scheduled(1, R[0], 2.0, 7.0), Scheduled(2, R[0], 7.0, 9.0))
     assert found.makespan == 9.0
 
 
-def test_robots_work_at_the_same_time() -> None:
+def test_steps_of_two_robots_overlap() -> None:
     task = transport_task(2, 2, 1, conjunction([contain(L[1], P[0]), at(R[1], L[1])]))
     found = scheduled(task, (*bring(0, 0, 0, 1), PlanStep("drive", (R[1], L[0], L[1]))), timed(task))
     assert (found.steps[3].start, found.makespan) == (0.0, 9.0)
 
 
-def test_an_empty_plan_takes_no_time() -> None:
+def test_empty_plan_has_zero_makespan() -> None:
     task = transport_task(1, 2, 1, conjunction([]))
     assert scheduled(task, (), Durations()).makespan == 0.0
 
 
-def test_where_nobody_is_known_to_have_the_skill_the_plan_stays_as_it_is() -> None:
+def test_plan_without_capable_robot_is_unchanged() -> None:
     task = transport_task(2, 2, 1)
     able = {a for a in task.init if a.predicate.kind is not Kind.CAN}
     free = [replace(a, precondition=without_can(a.precondition)) for a in task.actions]
@@ -77,17 +77,17 @@ def without_can(formula: Formula) -> Formula:
 
 
 @given(planned=planned_tasks())
-def test_a_schedule_is_a_plan_that_works_and_takes_no_longer_than_its_steps_one_after_the_other(
+def test_schedule_is_valid_and_not_longer_than_sequence(
     planned: tuple[PlanningTask, tuple[PlanStep, ...]],
 ) -> None:
     task, plan = planned
     durations = Durations()
     for number, action in enumerate(task.actions, 1):
-        durations.learn(action.skill, "/robot-0", float(number))
+        durations.record(action.skill, "/robot-0", float(number))
     found = scheduled(task, plan, durations)
     steps = found.order.steps
-    assert flaw(task, steps) == ""
-    assert flaw(task, [steps[s.step] for s in sorted(found.steps, key=lambda s: (s.start, s.end))]) == ""
+    assert validate(task, steps) == ""
+    assert validate(task, [steps[s.step] for s in sorted(found.steps, key=lambda s: (s.start, s.end))]) == ""
     spent = [seconds_of(task, step, durations) for step in steps]
     longest: list[float] = []
     for before, seconds in zip(found.order.predecessors(), spent, strict=True):

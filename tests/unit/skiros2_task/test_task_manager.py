@@ -8,7 +8,7 @@ from typing import Any
 from actionlib_msgs.msg import GoalID
 
 from skiros2_msgs.msg import AssignTaskGoal
-from skiros2_task.core.task_planner import PlanningResult, Verdict
+from skiros2_task.core.planning import PlanningResult, Verdict
 from skiros2_task.ros.task_manager import TaskManager
 
 
@@ -41,7 +41,7 @@ class Handle:
         self.ended.set()
 
 
-def test_a_goal_may_come_while_another_ends() -> None:
+def test_goal_may_arrive_while_another_ends() -> None:
     manager = TaskManager(NoPlan(), lambda call: None)  # type: ignore[arg-type]
     lock = threading.RLock()
     first, second = Handle(lock), Handle(lock)

@@ -16,9 +16,9 @@ import pytest
 from skiros2_task.core.engine_processes import EngineProcesses
 from skiros2_task.core.formula import Not, Or, conjunction
 from skiros2_task.core.planner import Limits, Outcome
+from skiros2_task.core.planners import UpPlanner
 from skiros2_task.core.processes import descendants
-from skiros2_task.core.simulation import flaw
-from skiros2_task.core.up_planner import UpPlanner
+from skiros2_task.core.semantics import validate
 from support.ros import wait_until
 from support.running import command, running_in
 from support.transport_task import at, contain, transport_task
@@ -33,19 +33,19 @@ def planner(processes: EngineProcesses) -> UpPlanner:
 
 
 @pytest.mark.parametrize(("robots", "places", "products"), [(1, 2, 1), (2, 4, 3)])
-def test_a_plan_leads_to_the_goal(planner: UpPlanner, robots: int, places: int, products: int) -> None:
+def test_plan_is_valid(planner: UpPlanner, robots: int, places: int, products: int) -> None:
     task = transport_task(robots, places, products)
     answer = planner.solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
-    assert flaw(task, answer.plan) == ""
+    assert validate(task, answer.plan) == ""
 
 
-def test_alternatives_and_negations_in_goals_are_planned_for(planner: UpPlanner) -> None:
+def test_disjunctive_and_negative_goals_are_solved(planner: UpPlanner) -> None:
     goal = conjunction([Not(contain(A, P)), Or((contain(P, A), at(R, C)))])
     task = transport_task(1, 3, 1, goal)
     answer = planner.solve(task, LIMITS)
     assert answer.outcome is Outcome.SOLVED, answer.reason
-    assert flaw(task, answer.plan) == ""
+    assert validate(task, answer.plan) == ""
 
 
 @pytest.mark.parametrize(
@@ -53,13 +53,13 @@ def test_alternatives_and_negations_in_goals_are_planned_for(planner: UpPlanner)
     [contain(P, B), conjunction([at(R, A), at(R, B)]), Or((contain(P, A), contain(P, B)))],
     ids=["no skill does it", "not both", "neither of two"],
 )
-def test_a_goal_that_cannot_be_reached_is_proven_so(planner: UpPlanner, goal: object) -> None:
+def test_impossible_goal_is_proven(planner: UpPlanner, goal: object) -> None:
     answer = planner.solve(transport_task(1, 2, 1, goal), LIMITS)  # type: ignore[arg-type]
     assert (answer.outcome, answer.plan) == (Outcome.IMPOSSIBLE, ())
     assert answer.reason
 
 
-def test_the_pddl_is_given_back_and_readable(planner: UpPlanner) -> None:
+def test_answer_has_pddl_files(planner: UpPlanner) -> None:
     files = dict(planner.solve(transport_task(1, 2, 1), LIMITS).files)
     assert set(files) == {"domain.pddl", "p01.pddl", "plan.txt"}
     assert "(:action drive" in files["domain.pddl"]
@@ -68,20 +68,20 @@ def test_the_pddl_is_given_back_and_readable(planner: UpPlanner) -> None:
     assert files["plan.txt"].splitlines()[1] == "(drive cora_robot-0 skiros_location-0 skiros_location-1)"
 
 
-def test_nothing_is_written_to_the_working_folder_and_nothing_is_left(planner: UpPlanner, own_folder: Path) -> None:
+def test_run_leaves_no_files(planner: UpPlanner, own_folder: Path) -> None:
     assert planner.solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
     assert list((own_folder / "work").iterdir()) == []
     assert list((own_folder / "tmp").iterdir()) == []
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
 
 
-def test_several_plan_at_once(planner: UpPlanner) -> None:
+def test_runs_are_concurrent(planner: UpPlanner) -> None:
     outcomes: dict[int, Outcome] = {}
 
     def solve(places: int) -> None:
         task = transport_task(1, places, 1)
         answer = planner.solve(task, LIMITS)
-        outcomes[places] = answer.outcome if not flaw(task, answer.plan) else Outcome.FAILED
+        outcomes[places] = answer.outcome if not validate(task, answer.plan) else Outcome.FAILED
 
     threads = [threading.Thread(target=solve, args=(n,)) for n in (2, 3, 4)]
     for thread in threads:
@@ -91,7 +91,7 @@ def test_several_plan_at_once(planner: UpPlanner) -> None:
     assert outcomes == dict.fromkeys((2, 3, 4), Outcome.SOLVED)
 
 
-def test_a_default_timeout_of_sockets_does_not_matter(planner: UpPlanner) -> None:
+def test_socket_default_timeout_is_ignored(planner: UpPlanner) -> None:
     """rospy sets one."""
     socket.setdefaulttimeout(30.0)
     try:
@@ -100,7 +100,7 @@ def test_a_default_timeout_of_sockets_does_not_matter(planner: UpPlanner) -> Non
         socket.setdefaulttimeout(None)
 
 
-def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
+def test_timed_out_run_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
     planner = UpPlanner(processes, "fast-downward-opt")
     started = time.monotonic()
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=2.0))
@@ -110,7 +110,7 @@ def test_a_run_ends_with_its_time_and_leaves_no_process(processes: EngineProcess
     assert list((own_folder / "tmp").iterdir()) == []
 
 
-def test_a_run_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
+def test_cancelled_run_leaves_no_process(processes: EngineProcesses, own_folder: Path) -> None:
     planner = UpPlanner(processes, "fast-downward-opt")
     cancelled = threading.Event()
     answers = []
@@ -128,30 +128,30 @@ def test_a_run_can_be_cancelled_and_leaves_no_process(processes: EngineProcesses
     assert list((own_folder / "tmp").iterdir()) == []
 
 
-def test_an_unknown_engine_is_named_with_those_that_are_there(processes: EngineProcesses) -> None:
+def test_unknown_engine_is_reported_with_installed_ones(processes: EngineProcesses) -> None:
     answer = UpPlanner(processes, "slow-upward").solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "there is no planner 'slow-upward'" in answer.reason
     assert "fast-downward" in answer.reason
 
 
-def test_an_engine_that_crashes_is_told_with_its_log(processes: EngineProcesses) -> None:
+def test_crashed_engine_is_reported_with_log(processes: EngineProcesses) -> None:
     planner = UpPlanner(processes, options={"fast_downward_search_config": "nonsense()"})
     answer = planner.solve(transport_task(1, 2, 1), LIMITS)
     assert answer.outcome is Outcome.FAILED
     assert "nonsense" in answer.log
 
 
-def test_memory_is_limited(processes: EngineProcesses) -> None:
+def test_run_respects_memory_limit(processes: EngineProcesses) -> None:
     planner = UpPlanner(processes, options={"fast_downward_search_config": "astar(blind())"})
     answer = planner.solve(transport_task(4, 12, 14), Limits(seconds=60.0, memory_mb=60))
     assert (answer.outcome, answer.reason) == (
         Outcome.FAILED,
-        "the planner needs more memory than it may use",
+        "the planner exceeded its memory limit",
     )
 
 
-def test_the_process_that_is_kept_ready_is_started_anew_when_it_died() -> None:
+def test_dead_process_is_restarted() -> None:
     before = set(descendants(os.getpid()))
     processes = EngineProcesses()
     try:
@@ -164,7 +164,7 @@ def test_the_process_that_is_kept_ready_is_started_anew_when_it_died() -> None:
     assert set(descendants(os.getpid())) <= before
 
 
-def test_a_process_that_dies_with_a_request_on_its_way_is_started_anew() -> None:
+def test_process_that_dies_during_request_is_restarted() -> None:
     before = set(descendants(os.getpid()))
     processes = EngineProcesses()
     try:
@@ -178,13 +178,13 @@ def test_a_process_that_dies_with_a_request_on_its_way_is_started_anew() -> None
         processes.close()
 
 
-def test_a_planner_outlives_no_process_that_used_it(tmp_path: Path) -> None:
+def test_engines_end_with_killed_node(tmp_path: Path) -> None:
     """A node that is killed takes its engines with it."""
     program = """if True:
         import os, threading
         from skiros2_task.core.engine_processes import EngineProcesses
         from skiros2_task.core.planner import Limits
-        from skiros2_task.core.up_planner import UpPlanner
+        from skiros2_task.core.planners import UpPlanner
         from support.transport_task import transport_task
 
         planner = UpPlanner(EngineProcesses(), "fast-downward-opt")

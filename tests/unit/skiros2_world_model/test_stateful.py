@@ -44,7 +44,7 @@ class InProcess(WorldModelMachine):
         (self.workspace / "lab.owl").write_text(LAB)
         self.told: list[Change] = []
         self.held: list[Element] = []
-        self.noted: list[tuple[Element, Any, int]] = []
+        self.issue_text: list[tuple[Element, Any, int]] = []
         self.start(WorldModel(source_ontologies(), self.workspace))
 
     def start(self, model: WorldModel) -> None:
@@ -129,14 +129,14 @@ class InProcess(WorldModelMachine):
     def note_an_element(self, data: st.DataObject) -> None:
         """An element on which a change is based later."""
         eid = self.draw_id(data)
-        self.noted.append((self.wm.get_element(eid), self.seen_of(eid), self.model.number))
+        self.issue_text.append((self.wm.get_element(eid), self.seen_of(eid), self.model.number))
 
     @rule(data=st.data())
     def change_what_was_noted(self, data: st.DataObject) -> None:
         """It is refused when the element is another one than it was, and not when nothing has changed at all."""
-        if not self.noted:
+        if not self.issue_text:
             return
-        element, seen, number = data.draw(st.sampled_from(self.noted))
+        element, seen, number = data.draw(st.sampled_from(self.issue_text))
         change = Patch(element.id, ElementChanges(label=f"based on {element.version}"))
         try:
             answer = self.transact([Expect(element.id, element.version), change])

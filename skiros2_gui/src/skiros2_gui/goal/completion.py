@@ -10,9 +10,9 @@ from heapq import nsmallest
 
 from skiros2_common.core.names import local_name
 from skiros2_common.core.world_element import Element
-from skiros2_task.core.goal_syntax import COMPARATORS
-from skiros2_task.core.skill_model import SkillCondition
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.goal_text import COMPARATORS
+from skiros2_task.core.skills import SkillCondition
+from skiros2_task.core.world import WorldView
 
 RELATION, PROPERTY, VALUE, CLASS, ELEMENT, WORD = "relation", "property", "value", "class", "element", "word"
 
@@ -81,7 +81,7 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     scene, all others.
     """
     made, asked = _in_skills(world)
-    written = set(world.written_relations())
+    written = set(world.stated_relations())
     ranks = {**dict.fromkeys(written, 2), **dict.fromkeys(asked, 1), **dict.fromkeys(made, 0)}
 
     def rank(name: str) -> int:

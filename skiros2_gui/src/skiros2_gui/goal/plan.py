@@ -13,15 +13,15 @@ from skiros2_task.core.actions import condition_predicates
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.goal import GoalReader
-from skiros2_task.core.goal_syntax import GoalError, parse_goals
-from skiros2_task.core.plan_table import PlanRow, plan_head, plan_rows
+from skiros2_task.core.explain_plan import explain_plan
+from skiros2_task.core.goal_reader import GoalReader
+from skiros2_task.core.goal_text import GoalError, parse_goals
+from skiros2_task.core.plan import PlanRow, plan_head, plan_rows
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import planner_named
+from skiros2_task.core.planners import planner_named
+from skiros2_task.core.planning import TaskPlanner, Verdict
 from skiros2_task.core.preview import preview
-from skiros2_task.core.task_planner import TaskPlanner, Verdict
-from skiros2_task.core.why_step import why_plan
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 from skiros2_world_model.core.preview_copy import PreviewCopy
 
 #: The folder of request archives and measured durations.
@@ -133,7 +133,7 @@ class GoalPlanner:
             plan_head(result.schedule, result.calls),
             tuple(plan_rows(result.schedule, result.calls)),
             tuple(simulation.lines()),
-            tuple(why_plan(result.task, result.schedule.order, result.calls).lines()),
+            tuple(explain_plan(result.task, result.schedule.order, result.calls).lines()),
             simulation.works,
         )
 

@@ -22,8 +22,8 @@ from skiros2_skill.core.engine.failures import PRE_FAILED
 from skiros2_skill.core.engine.inference import infer, inferable
 from skiros2_skill.core.manager_names import runs_on
 from skiros2_task.core.actions import ROBOT_KEY
-from skiros2_task.core.preview import as_condition
-from skiros2_task.core.skill_model import SkillCondition, read_skill
+from skiros2_task.core.preview import make_condition
+from skiros2_task.core.skills import SkillCondition, read_skill
 
 _KINDS = dict(zip(KINDS, (ParamTypes.Required, ParamTypes.Optional, ParamTypes.Inferred), strict=True))
 _TYPES: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool, "list": list, "dict": dict}
@@ -150,7 +150,7 @@ def _pre_conditions(skill: str, wm: Any) -> tuple[list[Any], list[str]]:
     unchecked: list[str] = []
     elements = {e.id: e for e in wm.get_branch(skill, _SKILL_PARTS)} if skill else {}
     for read in read_skill(elements[skill], elements).pre if elements else ():
-        condition = as_condition(read) if _is_readable(read, wm) else None
+        condition = make_condition(read) if _is_readable(read, wm) else None
         if condition is None:
             unchecked.append(read.label or read.kind)
         else:

@@ -18,7 +18,7 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name
 from skiros2_demo.plan_text import Step, name_of, steps_of
 from skiros2_demo.world_state import WorldState
-from skiros2_task.core import goal_syntax
+from skiros2_task.core import goal_text
 
 ACHIEVE = "skiros2_msgs/Achieve"
 PROGRESS = "skiros2_msgs/TreeProgress"
@@ -143,19 +143,19 @@ def _end(task: TaskRun) -> str:
 
 def _check_goal(goal_run: GoalRun) -> list[Finding]:
     try:
-        goals = goal_syntax.parse_goals(goal_run.goal.goals)
+        goals = goal_text.parse_goals(goal_run.goal.goals)
     except WrongValue as error:
         raise BagError(str(error)) from error
     return [Finding(_holds(goal, goal_run.after), f"at the end: {_goal_text(goal, goal_run.after)}") for goal in goals]
 
 
-def _holds(goal: goal_syntax.ParsedGoal, world: WorldState) -> bool:
-    if isinstance(goal, goal_syntax.ParsedNot):
+def _holds(goal: goal_text.ParsedGoal, world: WorldState) -> bool:
+    if isinstance(goal, goal_text.ParsedNot):
         return not _holds(goal.part, world)
-    if isinstance(goal, goal_syntax.ParsedJunction):
+    if isinstance(goal, goal_text.ParsedJunction):
         parts = [_holds(part, world) for part in goal.parts]
         return all(parts) if goal.every else any(parts)
-    if isinstance(goal, goal_syntax.ParsedAtom) and len(goal.terms) == 2:
+    if isinstance(goal, goal_text.ParsedAtom) and len(goal.terms) == 2:
         subject, target = (term.text for term in goal.terms)
         for term in (subject, target):
             if term not in world.things:
@@ -164,12 +164,12 @@ def _holds(goal: goal_syntax.ParsedGoal, world: WorldState) -> bool:
     raise BagError("only goals about relations between elements can be judged from a bag")
 
 
-def _goal_text(goal: goal_syntax.ParsedGoal, world: WorldState) -> str:
-    if isinstance(goal, goal_syntax.ParsedNot):
+def _goal_text(goal: goal_text.ParsedGoal, world: WorldState) -> str:
+    if isinstance(goal, goal_text.ParsedNot):
         return f"not ({_goal_text(goal.part, world)})"
-    if isinstance(goal, goal_syntax.ParsedJunction):
+    if isinstance(goal, goal_text.ParsedJunction):
         return f" {'and' if goal.every else 'or'} ".join(_goal_text(part, world) for part in goal.parts)
-    assert isinstance(goal, goal_syntax.ParsedAtom)
+    assert isinstance(goal, goal_text.ParsedAtom)
     subject, target = (world.name(term.text) for term in goal.terms)
     relation = full_name(goal.predicate.text)
     return f"{target} is in {subject}" if relation == "skiros:contain" else f"{subject} {relation} {target}"

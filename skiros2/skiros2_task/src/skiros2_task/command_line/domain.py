@@ -1,4 +1,4 @@
-"""The command that tells what planning knows: of the skills, and of a goal the whole domain and problem as PDDL."""
+"""The command domain."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import same_node
 from skiros2_task.command_line.planning import goal_text
-from skiros2_task.command_line.source import manager_of, planning_world
+from skiros2_task.command_line.world import manager_of, planning_world
 from skiros2_task.core.actions import Action, Effect, condition_predicates, make_actions
+from skiros2_task.core.compiler import make_task
+from skiros2_task.core.explain_no_plan import format_formula
 from skiros2_task.core.formula import Atom, Kind, Not, conjuncts
-from skiros2_task.core.goal import GoalReader
-from skiros2_task.core.goal_syntax import GoalError
-from skiros2_task.core.problem import make_task
+from skiros2_task.core.goal_reader import GoalReader
+from skiros2_task.core.goal_text import GoalError
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.why import said
-from skiros2_task.core.world_view import WorldView
+from skiros2_task.core.world import WorldView
 
 _DOMAIN, _PROBLEM = "domain.pddl", "p01.pddl"
 
 
 def domain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What planning knows of the robots' skills; with a goal, the domain and the problem for it as PDDL."""
+    """Show the planning actions of the robots' skills; with a goal, its domain and problem as PDDL."""
     with planning_world(arguments) as wm:
         world = WorldView(wm)
         manager = manager_of(arguments.robot)
@@ -36,35 +36,35 @@ def domain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
         reader = GoalReader(world, condition_predicates(world.robots))
         try:
             task = make_task(world, reader.read(goal_text(arguments.goal)))
-        except GoalError as error:  # which shows the place in lines of its own
+        except GoalError as error:  # has several lines
             return CommandResult(str(error).splitlines(), status=REFUSED)
         return _pddl(task, arguments.folder)
 
 
 def _skills(world: WorldView) -> CommandResult:
-    """The skills as planning understands them."""
+    """Returns the planning actions of the skills."""
     actions, notes = make_actions(world.robots)
     lines: list[str] = []
     data = []
     for action in actions:
-        told = _told(action)
-        data.append(told)
-        lines += [f"{told['skill']} of {', '.join(told['managers'])}"]
-        for kind, values in (("takes", told["parameters"]), ("needs", told["needs"]), ("makes", told["makes"])):
-            lines += [f"  {kind} {value}" for value in values]
+        described = _describe(action)
+        data.append(described)
+        lines += [f"{described['skill']} of {', '.join(described['managers'])}"]
+        for verb, key in (("takes", "parameters"), ("needs", "needs"), ("makes", "makes")):
+            lines += [f"  {verb} {value}" for value in described[key]]
         lines.append("")
     if not world.robots:
         lines.append("no robot in the world model offers skills")
     return CommandResult([*lines, *notes] or ["nothing"], {"skills": data, "notes": notes})
 
 
-def _told(action: Action) -> dict[str, Any]:
+def _describe(action: Action) -> dict[str, Any]:
     needs = [part for part in conjuncts(action.precondition) if not _is_can(part)]
     return {
         "skill": action.skill.name,
         "managers": [manager for _, manager in action.managers],
         "parameters": [f"{v.name[1:]} ({' and '.join(v.classes)})" for v in action.variables],
-        "needs": [said(part) for part in needs],
+        "needs": [format_formula(part) for part in needs],
         "makes": [_effect(effect) for effect in action.effects],
     }
 
@@ -74,13 +74,13 @@ def _is_can(part: Any) -> bool:
 
 
 def _effect(effect: Effect) -> str:
-    return said(effect.atom if effect.state else Not(effect.atom))
+    return format_formula(effect.atom if effect.state else Not(effect.atom))
 
 
 def _pddl(task: PlanningTask, folder: Path | None) -> CommandResult:
-    from unified_planning.io import PDDLWriter  # takes a second, which is lost where the goal cannot be read
+    from unified_planning.io import PDDLWriter  # takes a second, so imported after the goal was read
 
-    from skiros2_task.core.up_problem import UpProblem
+    from skiros2_task.core.up_model import UpProblem
 
     writer = PDDLWriter(UpProblem(task).problem)
     texts = {_DOMAIN: writer.get_domain(), _PROBLEM: writer.get_problem()}

@@ -1,4 +1,4 @@
-"""The commands that plan, and tell what they have found: plan, preview and explain."""
+"""The commands plan, preview, explain and engines."""
 
 from __future__ import annotations
 
@@ -14,61 +14,77 @@ from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_common.core.names import same_node
 from skiros2_common.core.world_element import Element
-from skiros2_task.command_line.source import manager_of, planning_world
+from skiros2_task.command_line.world import manager_of, planning_world
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
-from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.plan_table import plan_head, plan_rows
+from skiros2_task.core.explain_plan import explain_plan
+from skiros2_task.core.plan import SkillCall, plan_head, plan_rows
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.portfolio import Wish, planner_named
-from skiros2_task.core.preview import preview as try_out
+from skiros2_task.core.planners import Quality, planner_named
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
+from skiros2_task.core.preview import preview as simulate
 from skiros2_task.core.schedule import Schedule
-from skiros2_task.core.skill_model import MANAGER_PROPERTY
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.why_step import why_plan
+from skiros2_task.core.skills import MANAGER_PROPERTY
 from skiros2_world_model.core.preview_copy import PreviewCopy
 
-#: Where what was made for each request is kept, and how long skills took.
+#: The folder for the files of requests, and the file in it with the measured durations of skills.
 _FOLDER = Path("~/.skiros/planner")
 _DURATIONS = "durations.json"
 
-#: How long to look for a plan (s), and for the best one.
+#: The default time limits of planning (s), and of planning for quality `best`.
 _SECONDS, _SECONDS_FOR_BEST = 60.0, 10.0
 
 _HEADS = ("step", "start", "end", "robot", "skill", "after step", "parameters")
 
 
+_MEANINGS = {
+    Quality.FIRST: "the first plan, or a better one that comes a little later",
+    Quality.BEST: "the plan with the smallest makespan that is found in the time",
+    Quality.OPTIMAL: "a plan with the fewest steps",
+}
+_NOTES = {"fast-downward": "the default: first plan"}
+
+
 def plan(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The plan for a goal: when each step is done, and by which robot. Nothing moves."""
+    """Show the plan for a goal: the robot, start and end of each step. No robot moves."""
     with _planned(arguments) as (_, result):
         if result.schedule is None:
             return _without_plan(result)
-        return CommandResult(_shown(result.schedule, result.calls, screen), _as_json(result))
+        return CommandResult(_format_plan(result.schedule, result.calls, screen), _as_json(result))
 
 
 def preview(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The plan for a goal, tried out on a copy of the scene: what each step would change. Nothing moves."""
+    """Simulate the plan for a goal on a copy of the scene: show the changes of each step. No robot moves."""
     with _planned(arguments) as (wm, result):
         if result.verdict is not Verdict.PLANNED or result.task is None:
             return _without_plan(result)
-        tried = try_out(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
-        return CommandResult(list(tried.lines()), tried.to_dict(), OK if tried.works else REFUSED)
+        simulated = simulate(PreviewCopy(wm), result.task, result.steps, result.calls, arguments.states)
+        return CommandResult(list(simulated.lines()), simulated.to_dict(), OK if simulated.works else REFUSED)
 
 
 def explain(arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What each step of the plan for a goal is for; or why there is none, and what would have to be so."""
+    """Explain the purpose of each step of the plan for a goal; or why there is no plan, and which facts are missing."""
     with _planned(arguments) as (_, result):
         if result.schedule is None or result.task is None:
             return _without_plan(result, notes=True)
-        why = why_plan(result.task, result.schedule.order, result.calls)
+        why = explain_plan(result.task, result.schedule.order, result.calls)
         return CommandResult(list(why.lines()), why.to_dict())
 
 
-def goal_text(words: Sequence[str]) -> str:
-    """The goal that arguments give: the text of goals; `@FILE`, or a path that ends in .goal, .pddl or .txt, for a file
-    that has it; `-` for the standard input.
+def engines(_: argparse.Namespace, __: Screen) -> CommandResult:
+    """List the planners: plan qualities, and installed engines of unified-planning."""
+    with closing(EngineProcesses()) as processes:
+        names = processes.engines()
+    lines = [f"{quality.value:<20} {_MEANINGS[quality]}" for quality in Quality]
+    lines += [f"{name:<20} {_NOTES.get(name, 'engine of unified-planning')}" for name in names]
+    return CommandResult(lines, {"qualities": [quality.value for quality in Quality], "engines": list(names)})
 
+
+def goal_text(words: Sequence[str]) -> str:
+    """Returns the goal text of command-line arguments.
+
+    :param words: each a goal text, `@FILE` or a path ending in .goal, .pddl or .txt, or `-` for the standard input.
     :raises WrongValue: a file cannot be read.
     """
     texts = []
@@ -88,11 +104,11 @@ def goal_text(words: Sequence[str]) -> str:
 
 @contextmanager
 def _planned(arguments: argparse.Namespace) -> Iterator[tuple[Any, PlanningResult]]:
-    """The world model, and what came of the goal of a command."""
+    """Yields the world model, and the result of planning for a command's goal."""
     goal = goal_text(arguments.goal)
     folder = _FOLDER.expanduser()
     durations = Durations(folder / _DURATIONS)
-    seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Wish.BEST.value else _SECONDS)
+    seconds = arguments.seconds or (_SECONDS_FOR_BEST if arguments.planner == Quality.BEST.value else _SECONDS)
     with planning_world(arguments) as wm, closing(EngineProcesses()) as processes:
         manager = manager_of(arguments.robot)
         if manager:
@@ -104,7 +120,7 @@ def _planned(arguments: argparse.Namespace) -> Iterator[tuple[Any, PlanningResul
 
 def _check_manager(wm: Any, manager: str) -> None:
     """
-    :raises UnknownName: no robot is of that manager.
+    :raises UnknownName: no robot has this manager.
     """
     known = {str(e.value_of(MANAGER_PROPERTY)) for e in wm.resolve_elements(Element("cora:Robot"))} - {"None", ""}
     if not any(same_node(name, manager) for name in known):
@@ -112,18 +128,18 @@ def _check_manager(wm: Any, manager: str) -> None:
 
 
 def _without_plan(result: PlanningResult, notes: bool = False) -> CommandResult:
-    """What is said where there is nothing to be done, or no plan.
+    """Returns the answer for a satisfied goal, or a goal without a plan.
 
-    :param notes: also what was left out.
+    :param notes: whether to add the messages about skills and elements that were left out.
     """
     lines = result.message.splitlines()
     if notes and result.notes:
-        lines += ["what planning could not use:", *(f"  {note}" for note in result.notes)]
+        lines += ["not used for planning:", *(f"  {note}" for note in result.notes)]
     return CommandResult(lines, _as_json(result), OK if result.verdict is Verdict.NOTHING_TO_DO else REFUSED)
 
 
-def _shown(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:
-    """A plan in time, the steps in the order of their starts."""
+def _format_plan(schedule: Schedule, calls: Sequence[SkillCall], screen: Screen) -> list[str]:
+    """Returns a table of the steps in the order of their starts."""
     rows = [
         (
             str(row.number),

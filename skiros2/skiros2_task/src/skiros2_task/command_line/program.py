@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_task`: what they take from the command line, and how they end."""
+"""The commands of `rosrun skiros2_task`: arguments and exit status."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 
 from skiros2_common.command_line.command import UNAVAILABLE, CommandResult, Parser, program, run_command, screen, user
 from skiros2_common.command_line.layout import Screen
-from skiros2_task.command_line import achieving, domain, engines, planning
-from skiros2_task.core.up_planner import DEFAULT_ENGINE
+from skiros2_task.command_line import achieve, domain, planning
+from skiros2_task.core.planners import DEFAULT_ENGINE
 
 Command = Callable[[argparse.Namespace, Screen], CommandResult]
 
 _GOALS = (
     "A GOAL is (relation subject object), (property subject), (not ...), (and ...), (or ...), (exists (?x - class) "
-    "...) or (forall (?x - class) ...), of ids of elements or names of templates; @FILE is a file that has it, - the "
-    "standard input. Of several goals all have to hold."
+    "...) or (forall (?x - class) ...), with ids of elements or names of templates; @FILE reads it from a file, - from "
+    "the standard input. Several goals must hold together."
 )
 _OFFLINE = "With --scene, no master and no world model are needed."
 
@@ -43,21 +43,21 @@ def _parser(name: str) -> tuple[Command, argparse.ArgumentParser]:
 
 
 def _goal(parser: argparse.ArgumentParser, count: str = "+") -> None:
-    parser.add_argument("goal", metavar="GOAL", nargs=count, help="what has to hold")
+    parser.add_argument("goal", metavar="GOAL", nargs=count, help="the goal to reach")
 
 
 def _world(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot alone (default: for all)")
-    parser.add_argument("--author", default=user(), metavar="NAME", help="who asks (default: %(default)s)")
-    parser.add_argument("--wm", default="wm", metavar="NAME", help="the world model's node (default: %(default)s)")
+    parser.add_argument("--robot", default="", metavar="NAME", help="plan for this robot only (default: all robots)")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="name of the client (default: %(default)s)")
+    parser.add_argument("--wm", default="wm", metavar="NAME", help="node of the world model (default: %(default)s)")
     offline = parser.add_argument_group("without a running system")
-    offline.add_argument("--scene", type=Path, metavar="FILE", help="a scene instead of that of the world model")
+    offline.add_argument("--scene", type=Path, metavar="FILE", help="scene file, instead of the world model's scene")
     offline.add_argument(
-        "--libraries", nargs="+", default=[], metavar="PACKAGE", help="whose skills the robots of the scene get"
+        "--libraries", nargs="+", default=[], metavar="PACKAGE", help="skill libraries for the robots of the scene"
     )
-    offline.add_argument("--skills", nargs="+", default=[], metavar="CLASS", help="only these of the libraries")
+    offline.add_argument("--skills", nargs="+", default=[], metavar="CLASS", help="skills to use (default: all)")
     offline.add_argument(
-        "--workspace", type=Path, metavar="DIR", help="has your ontologies (default: the scene's folder)"
+        "--workspace", type=Path, metavar="DIR", help="folder with ontologies (default: the scene's folder)"
     )
 
 
@@ -67,49 +67,47 @@ def _planning(parser: argparse.ArgumentParser) -> None:
         "--planner",
         default=DEFAULT_ENGINE,
         metavar="NAME",
-        help="first, best or optimal plan, or an engine of unified-planning (default: %(default)s)",
+        help="plan quality (first, best or optimal), or an engine of unified-planning (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seconds", type=_seconds, metavar="S", help="time to plan in (default: 60; for the best plan 10)"
-    )
+    parser.add_argument("--seconds", type=_seconds, metavar="S", help="time limit (default: 60; for quality best 10)")
     _world(parser)
 
 
 def _preview(parser: argparse.ArgumentParser) -> None:
     _planning(parser)
-    parser.add_argument("--states", action="store_true", help="all that holds after each step, not the changes alone")
+    parser.add_argument("--states", action="store_true", help="show the full state after each step")
 
 
 def _achieve(parser: argparse.ArgumentParser) -> None:
     _goal(parser)
     parser.add_argument(
-        "--wish",
+        "--quality",
         default="",
         choices=("first", "best", "optimal"),
-        help="the kind of plan (default: the task manager's)",
+        help="plan quality (default: the task manager's)",
     )
     parser.add_argument(
-        "--seconds", type=_seconds, metavar="S", help="time for each planning (default: the task manager's)"
+        "--seconds", type=_seconds, metavar="S", help="time limit of each planning (default: the task manager's)"
     )
     parser.add_argument(
         "--priority",
         type=int,
         default=0,
         metavar="N",
-        help="where several goals want one robot, the one with the highest gets it (default: 0)",
+        help="of goals that need the same robot, the one with the highest priority gets it first (default: 0)",
     )
     parser.add_argument(
         "--max-replans",
         type=int,
         default=-1,
         metavar="N",
-        help="plan anew so often at most (default: the task manager's)",
+        help="the largest number of replans (default: the task manager's)",
     )
 
 
 def _domain(parser: argparse.ArgumentParser) -> None:
     _goal(parser, "*")
-    parser.add_argument("--folder", type=Path, metavar="DIR", help="write the PDDL files there")
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="folder to write the PDDL files to")
     _world(parser)
 
 
@@ -119,28 +117,28 @@ def _seconds(text: str) -> float:
     except ValueError:
         seconds = math.nan
     if not 0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of seconds")
     return seconds
 
 
 _PLANNED = "0 there is a plan, or nothing to do, 1 no plan, or refused"
 
-#: What the first two exit statuses mean.
+#: The meaning of the first exit statuses.
 _RESULTS = {
     "plan": _PLANNED,
-    "preview": f"{_PLANNED}, or it does not work on the copy",
+    "preview": f"{_PLANNED}, or the simulation fails",
     "explain": _PLANNED,
-    "achieve": "0 the goal is reached, or held already, 1 it is not, or refused, 130 cancelled",
+    "achieve": "0 the goal is reached, or holds already, 1 it is not reached, or refused, 130 cancelled",
     "domain": "0 done, 1 refused",
     "engines": "0 done, 1 unified-planning does not answer",
 }
 
-#: What each does, what it takes, and what is told at the end of its help.
+#: The function, arguments and help epilogue of each command.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
     "plan": (planning.plan, _planning, _GOALS, _OFFLINE),
     "preview": (planning.preview, _preview, _GOALS, _OFFLINE),
     "explain": (planning.explain, _planning, _GOALS, _OFFLINE),
-    "achieve": (achieving.achieve, _achieve, _GOALS),
+    "achieve": (achieve.achieve, _achieve, _GOALS),
     "domain": (domain.domain, _domain, _GOALS, _OFFLINE),
-    "engines": (engines.engines, lambda parser: None, "No master is needed."),
+    "engines": (planning.engines, lambda parser: None, "No master is needed."),
 }

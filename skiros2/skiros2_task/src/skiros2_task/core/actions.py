@@ -1,4 +1,4 @@
-"""Planning actions, made from skills: what each needs and what it changes, over variables for its parameters."""
+"""Planning actions of skills: pre-conditions and effects over variables for the parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from skiros2_common.core.names import local_name
-from skiros2_task.core.effects import PROPERTY_KINDS, exclude_each_other
+from skiros2_task.core.effects import PROPERTY_KINDS, are_contradictory
 from skiros2_task.core.formula import (
     FALSE,
     TRUE,
@@ -22,7 +22,7 @@ from skiros2_task.core.formula import (
     disjunction,
 )
 from skiros2_task.core.pddl_names import Naming
-from skiros2_task.core.skill_model import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.skills import ParameterKind, Robot, Skill, SkillCondition, SkillParameter
 
 IN_SCENE = Predicate(Kind.IN_SCENE)
 ROBOT_KEY = "Robot"
@@ -41,9 +41,9 @@ _OPERATORS = ("=", ">", "<", ">=", "<=")
 class Variable:
     """A variable of an action.
 
-    :param name: as it stands in formulas, `?Key`.
-    :param key: the skill's parameter that gets its value; "" for none.
-    :param classes: those that its value has to be of, all of them.
+    :param name: in formulas, `?Key`.
+    :param key: the skill's parameter that gets the value; "" for none.
+    :param classes: the value must be an instance of all of them.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Effect:
-    """A fact that is made true or false, for all values of the variables in `each` ((variable, class) pairs)."""
+    """Makes an atom true or false, for all values of the variables in `each` ((variable, class) pairs)."""
 
     atom: Atom
     state: bool
@@ -62,12 +62,12 @@ class Effect:
 
 @dataclass(frozen=True)
 class Action:
-    """A skill as planning sees it.
+    """A skill as a planning action.
 
-    :param name: a name that PDDL can hold, used once.
-    :param robot: the variable for the robot that does it.
-    :param managers: the manager of each robot that has the skill, by the robot's id.
-    :param during: what holds only while it runs: the skill itself brings it about when it starts (a lock, say).
+    :param name: unique and valid in PDDL.
+    :param robot: the variable of the executing robot.
+    :param managers: (robot id, manager) pairs of the robots that have the skill.
+    :param during: effects that last only while the skill runs, such as a lock.
     """
 
     name: str
@@ -80,8 +80,8 @@ class Action:
     during: tuple[Effect, ...] = ()
 
     @property
-    def made(self) -> frozenset[str]:
-        """The variables whose elements the skill makes."""
+    def created(self) -> frozenset[str]:
+        """The variables whose elements the skill creates."""
         return frozenset(e.atom.terms[0] for e in self.effects if e.atom.predicate == IN_SCENE and e.state)
 
     @property
@@ -91,13 +91,13 @@ class Action:
 
 
 class _Unusable(Exception):
-    """Why a skill cannot be planned with."""
+    """Why a skill has no planning action."""
 
 
 def make_actions(robots: Sequence[Robot]) -> tuple[list[Action], list[str]]:
-    """The actions that the robots' skills give, and in words which skills give none or are understood in part only.
+    """Returns the actions of the robots' skills, and messages about unusable skills and ignored conditions.
 
-    Robots whose managers declare the same skill share one action, with `CAN` telling who may do it.
+    Robots whose managers declare the same skill share one action; `CAN` facts state which robots have it.
     """
     owners: dict[Skill, list[tuple[str, str]]] = {}
     for robot in robots:
@@ -111,17 +111,17 @@ def make_actions(robots: Sequence[Robot]) -> tuple[list[Action], list[str]]:
         try:
             action, opaque = _action(name, skill, tuple(managers))
         except _Unusable as reason:
-            who = ", ".join(manager for _, manager in managers)
-            notes.append(f"skill {skill.name} of {who} is left out: {reason}")
+            names = ", ".join(manager for _, manager in managers)
+            notes.append(f"skill {skill.name} of {names} is left out: {reason}")
             continue
         actions.append(action)
         if opaque:
-            notes.append(f"skill {skill.name}: planning takes for granted what it cannot read: {', '.join(opaque)}")
+            notes.append(f"skill {skill.name}: planning ignores conditions that it cannot read: {', '.join(opaque)}")
     return actions, notes
 
 
 def condition_predicates(robots: Iterable[Robot]) -> set[Predicate]:
-    """The predicates that the conditions of the robots' skills speak of."""
+    """Returns the predicates of the conditions of the robots' skills."""
     found: set[Predicate] = set()
     for robot in robots:
         for skill in robot.skills:
@@ -132,12 +132,12 @@ def condition_predicates(robots: Iterable[Robot]) -> set[Predicate]:
                 try:
                     found |= {p for p in [_predicate(condition)] if p is not None}
                 except _Unusable:
-                    continue  # said when the skill is left out
+                    continue  # reported by `make_actions`
     return found
 
 
 def why_unusable(skill: Skill) -> str:
-    """Why planning cannot use a skill; "" when it can."""
+    """Returns why a skill has no planning action; "" if it has one."""
     try:
         _action("", skill, ())
     except _Unusable as reason:
@@ -146,13 +146,13 @@ def why_unusable(skill: Skill) -> str:
 
 
 def declared_effects(skill: Skill) -> list[tuple[Predicate, bool]]:
-    """What the post-conditions of a skill say that it brings about, whether planning can use it or not."""
+    """Returns the literals of a skill's post-conditions, also of a skill without an action."""
     found = []
     for condition in skill.post:
         try:
             predicate = _predicate(condition)
         except _Unusable:
-            continue  # said by `why_unusable`
+            continue  # reported by `why_unusable`
         if predicate is not None:
             found.append((predicate, condition.state))
     return found
@@ -168,10 +168,10 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
     for parameter in skill.parameters:
         if parameter.missing:
             raise _Unusable(f"its parameter {parameter.key} has no default, and planning cannot give it a value")
-    for conditions, what in ((skill.pre, "pre"), (skill.hold, "hold"), (skill.post, "post")):
-        _check_contradictions(conditions, what)
+    for conditions, kind in ((skill.pre, "pre"), (skill.hold, "hold"), (skill.post, "post")):
+        _check_contradictions(conditions, kind)
     reader = _ConditionReader(skill)
-    # What a skill itself brings about before it holds it (a lock, say) is not asked for at the start.
+    # A hold-condition that contradicts a pre-condition, such as a lock, is established by the skill itself.
     own = [c for c in skill.hold if any(_contradict(c, pre) for pre in skill.pre)]
     holds = [c for c in skill.hold if c not in own]
     precondition = conjunction([reader.formula(c) for c in (*skill.pre, *holds)])
@@ -190,20 +190,20 @@ def _action(name: str, skill: Skill, managers: tuple[tuple[str, str], ...]) -> t
     )
     variables, precondition = _lift_classes(variables, precondition)
     can = Atom(Predicate(Kind.CAN, name), (robot,))
-    made = [Not(e.atom) for e in effects if e.atom.predicate == IN_SCENE and e.state]
-    precondition = conjunction([can, precondition, *made])
+    created = [Not(e.atom) for e in effects if e.atom.predicate == IN_SCENE and e.state]
+    precondition = conjunction([can, precondition, *created])
     return Action(name, skill, robot, managers, variables, precondition, effects, during), reader.opaque
 
 
-def _check_contradictions(conditions: Sequence[SkillCondition], what: str) -> None:
+def _check_contradictions(conditions: Sequence[SkillCondition], kind: str) -> None:
     for i, one in enumerate(conditions):
         for other in conditions[i + 1 :]:
             if _contradict(one, other):
-                raise _Unusable(f"its {what}-conditions {one.label!r} and {other.label!r} contradict each other")
+                raise _Unusable(f"its {kind}-conditions {one.label!r} and {other.label!r} contradict each other")
 
 
 def _contradict(one: SkillCondition, other: SkillCondition) -> bool:
-    """Whether conditions on one fact, or one property of one element, can never hold together."""
+    """Whether two conditions can never hold together."""
     if one.contradicts(other):
         return True
     first, second = _predicate(one), _predicate(other)
@@ -211,11 +211,11 @@ def _contradict(one: SkillCondition, other: SkillCondition) -> bool:
         return False
     if (one.subject, first.name) != (other.subject, second.name):
         return False
-    return exclude_each_other((first, one.state), (second, other.state))
+    return are_contradictory((first, one.state), (second, other.state))
 
 
 def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tuple[tuple[Variable, ...], Formula]:
-    """Demands that a variable's value is of a class, moved from the formula to the variable."""
+    """Moves class conditions on variables from the formula to the variables."""
     classes = {v.name: list(v.classes) for v in variables}
     kept = []
     for part in conjuncts(precondition):
@@ -228,10 +228,10 @@ def _lift_classes(variables: tuple[Variable, ...], precondition: Formula) -> tup
 
 
 def _predicate(condition: SkillCondition) -> Predicate | None:
-    """What a condition states; None for what is not a predicate of elements."""
+    """Returns the predicate of a condition; None if the condition is not a predicate of elements."""
     kind, name = condition.kind, condition.name
     if not name and kind in _NAMED_KINDS:
-        raise _Unusable(f"condition {condition.label!r} does not name what it is about")
+        raise _Unusable(f"condition {condition.label!r} does not name its relation, property or class")
     if kind == "ConditionRelation":
         return Predicate(Kind.RELATION, name)
     if kind == "AbstractConditionRelation":
@@ -259,21 +259,21 @@ def _predicate(condition: SkillCondition) -> Predicate | None:
 
 
 class _ConditionReader:
-    """Turns the conditions of one skill into formulas, and tells which of its parameters planning has to choose."""
+    """Turns the conditions of one skill into formulas, and collects the parameters that planning has to choose."""
 
     def __init__(self, skill: Skill) -> None:
         self._skill = skill
         self.opaque: list[str] = []
         given = [c for c in skill.pre if c.kind in ("ConditionIsSpecified", "ConditionGenerate")]
-        #: Parameters that have to be unset when the skill starts.
+        #: Parameters that must be unset when the skill starts.
         self._unset = {c.subject for c in given if not c.state}
-        #: Parameters whose elements the skill makes.
-        self._made = {c.subject for c in skill.post if c.kind == "ConditionGenerate" and c.state}
-        self._made -= {c.subject for c in given if c.state}
+        #: Parameters whose elements the skill creates.
+        self._created = {c.subject for c in skill.post if c.kind == "ConditionGenerate" and c.state}
+        self._created -= {c.subject for c in given if c.state}
         self._named: set[str] = set()
 
     def variables(self) -> tuple[str, tuple[Variable, ...]]:
-        """The variable for the robot, and all variables, the robot's first. For when all conditions are read."""
+        """Returns the robot's variable, and all variables, the robot's first. Call it after all conditions are read."""
         chosen = []
         robot = self._skill.parameter(ROBOT_KEY)
         if robot is not None and robot.element_class is not None and not robot.fixed:
@@ -292,7 +292,7 @@ class _ConditionReader:
         return chosen[0].name, tuple(chosen)
 
     def formula(self, condition: SkillCondition) -> Formula:
-        """What the condition needs; TRUE for what planning cannot read."""
+        """Returns the formula of a condition; TRUE if planning cannot read it."""
         fact = self._fact(condition)
         if fact is None:
             return TRUE
@@ -301,11 +301,11 @@ class _ConditionReader:
         return TRUE if fact == FALSE else FALSE if fact == TRUE else Not(fact)
 
     def effects(self, condition: SkillCondition) -> list[tuple[Atom, bool]]:
-        """What the skill makes true or false when it ends so. Of alternatives nothing follows."""
+        """Returns the effects of a post-condition; none of a disjunction."""
         if condition.kind == "ConditionGenerate":
             self._parameters(condition, condition.subject)
-            if condition.state and condition.subject not in self._made:
-                return []  # it is there already
+            if condition.state and condition.subject not in self._created:
+                return []  # the element exists already
             self._named.add(condition.subject)
             return [(Atom(IN_SCENE, (f"?{condition.subject}",)), condition.state)]
         predicate = _predicate(condition)
@@ -315,7 +315,7 @@ class _ConditionReader:
         return [(fact, condition.state)] if isinstance(fact, Atom) else []
 
     def _fact(self, condition: SkillCondition) -> Formula | None:
-        """The condition without its desired state; None when planning cannot tell, or it does not matter."""
+        """Returns the condition without its desired state; None if planning cannot read it, or it always holds."""
         kind = condition.kind
         if kind == "ConditionOr":
             facts = [self._fact(part) for part in condition.parts]
@@ -327,7 +327,7 @@ class _ConditionReader:
             if parameter.element_class is None:
                 return TRUE
             self._named.add(parameter.key)
-            return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._made else TRUE
+            return Atom(IN_SCENE, (f"?{parameter.key}",)) if parameter.key in self._created else TRUE
         predicate = _predicate(condition)
         if predicate is None:
             self.opaque.append(f"{kind} {condition.label!r}")
@@ -335,26 +335,26 @@ class _ConditionReader:
         keys = (condition.subject, condition.object)[: predicate.arity]
         parameters = self._parameters(condition, *keys)
         if predicate.kind is Kind.HAS and parameters[0].kind is ParameterKind.OPTIONAL:
-            return None  # the parameter may stay unset, and then this holds
+            return None  # holds for an unset parameter
         if any(self._is_unset(p) for p in parameters):
             return FALSE
         self._named.update(keys)
         return Atom(predicate, tuple(f"?{key}" for key in keys))
 
     def _is_unset(self, parameter: SkillParameter) -> bool:
-        return parameter.key in self._unset and parameter.key not in self._made
+        return parameter.key in self._unset and parameter.key not in self._created
 
     def _parameters(self, condition: SkillCondition, *keys: str, elements: bool = True) -> list[SkillParameter]:
-        """The parameters that a condition speaks of.
+        """Returns the parameters of a condition.
 
-        :param elements: they have to hold elements.
+        :param elements: whether they must hold elements.
         """
         found = []
         for key in keys:
             parameter = self._skill.parameter(key)
             if parameter is None:
-                raise _Unusable(f"condition {condition.label!r} speaks of {key!r}, which is none of its parameters")
+                raise _Unusable(f"condition {condition.label!r} refers to {key!r}, which is not one of its parameters")
             if elements and parameter.element_class is None:
-                raise _Unusable(f"condition {condition.label!r} speaks of {key!r}, which holds no element")
+                raise _Unusable(f"condition {condition.label!r} refers to {key!r}, which does not hold an element")
             found.append(parameter)
         return found

@@ -1,4 +1,4 @@
-"""What was made for each goal, kept in folders for people to read."""
+"""Archives the files of each planning request for debugging."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _FOLDER_NAME = re.compile(r"\d{8}-\d{6}-\w+$")
 
 
 class Archive:
-    """A folder with one folder for each of the last requests; the PDDL of the latest one lies in it directly."""
+    """A folder with the PDDL of the latest request, and a subfolder for each of the last requests."""
 
     def __init__(self, folder: Path, count: int = 50) -> None:
         """
-        :param folder: made when first used.
-        :param count: how many requests are kept.
+        :param folder: created on first use.
+        :param count: the number of requests to keep.
         """
         self._folder = folder
         self._count = count
         self._lock = threading.Lock()
 
     def keep(self, texts: Mapping[str, str]) -> None:
-        """Keeps a request's texts, by file name. A folder that cannot be written to is logged and does no harm."""
+        """Stores the texts of a request, by file name. A folder that cannot be written is logged and ignored."""
         try:
             with self._lock:
                 self._keep(texts)
         except OSError as error:
-            log.warning("the files of this plan are not kept: %s", error)
+            log.warning("the files of this plan are not archived: %s", error)
 
     def _keep(self, texts: Mapping[str, str]) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -43,11 +43,11 @@ class Archive:
         for name, text in texts.items():
             (request / name).write_text(text, encoding="utf-8")
             if name.endswith(".pddl"):
-                # Whole at any time, also where another process keeps its files here.
+                # Atomic: other processes may read and write the same folder.
                 latest = request / f"{name}.latest"
                 latest.write_text(text, encoding="utf-8")
                 os.replace(latest, self._folder / name)
         requests = [p for p in self._folder.iterdir() if p.is_dir() and _FOLDER_NAME.match(p.name)]
-        requests.sort(key=lambda p: (p.name[:15], p.stat().st_mtime_ns))  # names tell only the second
+        requests.sort(key=lambda p: (p.name[:15], p.stat().st_mtime_ns))  # names resolve only seconds
         for old in requests[: -self._count]:
             shutil.rmtree(old, ignore_errors=True)

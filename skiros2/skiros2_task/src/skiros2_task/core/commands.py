@@ -1,4 +1,4 @@
-"""What the execution of a goal consists of, and what it asks to be done."""
+"""Commands of the execution state machine, and the records of the steps that it executes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.jobs import Job
-from skiros2_task.core.task_planner import Verdict
+from skiros2_task.core.planning import Verdict
+from skiros2_task.core.steps import Step
 
 
 class Phase(Enum):
-    """Where the execution of a goal is."""
+    """A state of the execution state machine."""
 
     PLANNING = "planning"
     BLOCKED = "blocked"
@@ -22,8 +22,8 @@ class Phase(Enum):
     ENDED = "ended"
 
 
-class JobState(Enum):
-    """What has become of a step."""
+class StepState(Enum):
+    """The state of a step."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -33,83 +33,83 @@ class JobState(Enum):
     DROPPED = "dropped"
 
 
-# -- what is to be done ------------------------------------------------------------------------------------------------
+# -- commands --------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Make a plan, and answer with `planned` or `no_plan`.
+    """Make a plan; answered by `planned` or `no_plan`.
 
-    :param running: what runs, and is to be taken as done.
-    :param gone: the managers that are not there.
-    :param avoided: (manager, label) of skills to plan without if possible.
+    :param running: steps that run, whose effects are assumed.
+    :param lost: the managers that do not run.
+    :param avoided: (manager, skill label) pairs to plan without if possible.
     """
 
-    running: tuple[Job, ...]
-    gone: frozenset[str]
+    running: tuple[Step, ...]
+    lost: frozenset[str]
     avoided: frozenset[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The robots and devices that are wanted from now on; answer with `granted` as soon as all are free.
+    """Request these robots and devices, in place of the last request; answered by `granted` once all are free.
 
-    :param in_use: what of it is in use.
+    :param in_use: the requested ones that running steps use.
     """
 
-    wanted: frozenset[str]
+    requested: frozenset[str]
     in_use: frozenset[str]
 
 
 @dataclass(frozen=True)
 class Start:
-    """Start a step, and answer with `ended`."""
+    """Start a step; answered by `ended`."""
 
-    job: Job
+    step: Step
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Stop a step that runs; it answers with `ended`."""
+    """Stop a running step; answered by `ended`."""
 
     number: int
 
 
 @dataclass(frozen=True)
-class Look:
-    """Look at the world after so many seconds, and answer with `world`."""
+class ReadWorld:
+    """Read the world model after `delay` (s); answered by `world`."""
 
-    after: float = 0.0
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)
 class Wake:
-    """Answer with `wake` after so many seconds."""
+    """Call `wake` after `delay` (s)."""
 
-    after: float
+    delay: float
 
 
 @dataclass(frozen=True)
 class End:
-    """It has ended. `verdict` is `PLANNED` when the goal was reached."""
+    """The execution has ended. `verdict` is `PLANNED` if the goal was reached."""
 
     verdict: Verdict
     message: str
 
 
-Command = Plan | Claim | Start | Stop | Look | Wake | End
+Command = Plan | Claim | Start | Stop | ReadWorld | Wake | End
 
 
 @dataclass
-class Record:
-    """What became of a step.
+class StepRecord:
+    """The execution of a step.
 
-    :param began, ended: by the clock of the executive (s); None: not yet.
+    :param started, ended: by the clock of the state machine (s); None: not yet.
     """
 
-    job: Job
-    state: JobState = JobState.WAITING
+    step: Step
+    state: StepState = StepState.WAITING
     message: str = ""
     explanations: tuple[Explanation, ...] = ()
-    began: float | None = None
+    started: float | None = None
     ended: float | None = None

@@ -1,9 +1,8 @@
-"""Whether a problem needs steps that run at the same time.
+"""Detects problems with required concurrency.
 
-Planning puts whole steps one after the other; what may overlap is found afterwards (`partial_order`). That is no loss
-unless something is needed that holds only while another step runs, and is gone when it ends: then a plan has to start
-the one step during the other (Cushing, Kambhampati, Mausam, Weld: When is temporal planning really temporal?, IJCAI
-2007). Skills say so with a hold-condition that contradicts their pre-condition: they bring it about themselves.
+Planners produce sequences; `partial_order` finds afterwards which steps may overlap. A sequence is sufficient unless a
+fact is needed that holds only while another step runs (Cushing, Kambhampati, Mausam, Weld: When is temporal planning
+really temporal?, IJCAI 2007). A skill declares such a fact by a hold-condition that contradicts its pre-condition.
 """
 
 from __future__ import annotations
@@ -18,30 +17,29 @@ from skiros2_task.core.task import PlanningTask
 
 
 def needs_concurrency(task: PlanningTask, actions: Iterable[Action], families: FactFamilies) -> tuple[str, ...]:
-    """In words, what is needed though it holds only while a skill runs; () for a problem that steps one after the
-    other can solve as well.
+    """Returns a message for each needed fact that holds only while a skill runs; () if a sequence of steps suffices.
 
-    :param actions: all, also those that the task leaves out.
+    :param actions: all actions, also those that the task excludes.
     """
-    lasting = {(e.atom.predicate, e.state) for a in task.actions for e in a.effects}
-    brief: dict[Literal, str] = {}
+    permanent = {(e.atom.predicate, e.state) for a in task.actions for e in a.effects}
+    temporary: dict[Literal, str] = {}
     for action in actions:
         for effect in action.during:
             for literal in families.consequences(effect.atom.predicate, effect.state, task.predicates):
-                if literal not in lasting:
-                    brief.setdefault(literal, action.skill.name)
+                if literal not in permanent:
+                    temporary.setdefault(literal, action.skill.name)
     found: dict[str, None] = {}
-    for who, formula, classes in _needs(task) if brief else ():
+    for owner, formula, classes in _needs(task) if temporary else ():
         for atom, state in literals(formula):
-            skill = brief.get((atom.predicate, state))
+            skill = temporary.get((atom.predicate, state))
             if skill is not None and not _may_hold(atom, state, classes, task):
                 fact = str(atom.predicate) if state else f"not {atom.predicate}"
-                found[f"{who} needs what holds only while skill {skill} runs: {fact}"] = None
+                found[f"{owner} needs a fact that holds only while skill {skill} runs: {fact}"] = None
     return tuple(found)
 
 
 def _needs(task: PlanningTask) -> Iterator[tuple[str, Formula, dict[str, tuple[str, ...]]]]:
-    """Who needs what, with the classes of the variables."""
+    """Yields the goal and the pre-conditions, each with its owner and the classes of its variables."""
     yield "the goal", task.goal, {}
     for action in task.actions:
         needed = expand_quantifiers(action.precondition, task.members.__getitem__)
@@ -49,6 +47,6 @@ def _needs(task: PlanningTask) -> Iterator[tuple[str, Formula, dict[str, tuple[s
 
 
 def _may_hold(atom: Atom, state: bool, classes: dict[str, tuple[str, ...]], task: PlanningTask) -> bool:
-    """Whether an atom is so at the start, for some objects."""
+    """Whether an atom has a value initially, for some objects."""
     choices = (task.candidates(classes[t]) if t in classes else [t] for t in atom.terms)
     return any((Atom(atom.predicate, terms) in task.init) == state for terms in product(*choices))

@@ -1,4 +1,4 @@
-"""How long skills take: given with the skill, or learned from how long they took."""
+"""Durations of skills: declared in the skill description, or measured."""
 
 from __future__ import annotations
 
@@ -14,37 +14,36 @@ from pathlib import Path
 from statistics import median
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_task.core.skill_model import Skill
+from skiros2_task.core.skills import Skill
 
 log = logging.getLogger(__name__)
 
-#: What a skill takes of which nothing is known (s).
-UNKNOWN = 1.0
-#: So many runs are kept of each skill of each manager; of older ones nothing is left.
-KEPT = 50
+#: The duration of a skill that is neither declared nor measured (s).
+DEFAULT_DURATION = 1.0
+#: The number of runs kept per skill and manager.
+MAX_RUNS = 50
 
-#: Seconds of the last runs, by skill, by manager.
+#: Durations of the last runs (s), by skill, by manager.
 _Measured = dict[str, dict[str, list[float]]]
 
 
 class Durations:
-    """The seconds that skills take. Any thread may use it, and several processes one file.
+    """Expected durations of skills. Thread-safe; several processes may share one file.
 
-    What a skill's description gives counts first; then the median of what was measured with the same manager; then that
-    with all managers; then `UNKNOWN`.
+    In this order: the declared duration, the median of the runs on the same manager, the median of the runs on all
+    managers, `DEFAULT_DURATION`.
     """
 
     def __init__(self, file: Path | None = None) -> None:
         """
-        :param file: where measured durations are kept, as JSON; None: only here. One that cannot be read is logged and
-            does no harm.
+        :param file: stores measured durations as JSON; None: in memory only. An unreadable file is logged and ignored.
         """
         self._file = file
         self._lock = threading.Lock()
         self._measured = self._read()
 
     def seconds(self, skill: Skill, manager: str) -> float:
-        """How long a skill is expected to take.
+        """Returns the expected duration of a skill (s).
 
         :param manager: the node name of the robot's skill manager.
         """
@@ -53,34 +52,34 @@ class Durations:
         with self._lock:
             runs = self._measured.get(skill.name, {})
             some = runs.get(manager) or [seconds for other in runs.values() for seconds in other]
-            return median(some) if some else UNKNOWN
+            return median(some) if some else DEFAULT_DURATION
 
-    def learn(self, skill: Skill, manager: str, seconds: float) -> None:
-        """Takes note of how long a run took that succeeded. Writes the file.
+    def record(self, skill: Skill, manager: str, seconds: float) -> None:
+        """Records the duration of a successful run and writes the file.
 
-        :raises WrongValue: that is no duration.
+        :raises WrongValue: the duration is negative or not finite.
         """
         if not (math.isfinite(seconds) and seconds >= 0.0):
             raise WrongValue(f"{skill.name} of {manager} took {seconds!r}, expected seconds")
         with self._lock:
             try:
-                with self._alone():
+                with self._file_lock():
                     if self._file is not None:
-                        self._measured = self._read()  # others may have written
+                        self._measured = self._read()  # another process may have written
                     self._add(skill.name, manager, seconds)
                     self._write()
             except OSError as error:
-                log.warning("durations are not kept: %s", error)
+                log.warning("durations are not stored: %s", error)
                 self._add(skill.name, manager, seconds)
 
     def _add(self, skill: str, manager: str, seconds: float) -> None:
         runs = self._measured.setdefault(skill, {}).setdefault(manager, [])
         runs.append(seconds)
-        del runs[:-KEPT]
+        del runs[:-MAX_RUNS]
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """No other process writes the file meanwhile."""
+    def _file_lock(self) -> Iterator[None]:
+        """Locks the file against writes of other processes."""
         if self._file is None:
             yield
             return
@@ -95,19 +94,20 @@ class Durations:
         try:
             return _checked(json.loads(self._file.read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
-            log.warning("the durations in %s are not used: %s", self._file, error)
+            log.warning("durations in %s are ignored: %s", self._file, error)
             return {}
 
     def _write(self) -> None:
         if self._file is not None:
-            whole = self._file.with_suffix(".new")
-            whole.write_text(json.dumps(self._measured, indent=1, sort_keys=True), encoding="utf-8")
-            os.replace(whole, self._file)
+            new = self._file.with_suffix(".new")
+            new.write_text(json.dumps(self._measured, indent=1, sort_keys=True), encoding="utf-8")
+            os.replace(new, self._file)
 
 
 def _checked(data: object) -> _Measured:
-    """
-    :raises ValueError: the data are no durations.
+    """Returns the durations in JSON data.
+
+    :raises ValueError: the data are malformed.
     """
     found: _Measured = {}
     for skill, managers in _items(data, "the file"):
@@ -116,12 +116,12 @@ def _checked(data: object) -> _Measured:
                 raise ValueError(f"{skill} of {manager}: expected a list of seconds")
             for run in runs:
                 if isinstance(run, bool) or not isinstance(run, int | float) or not 0.0 <= run < math.inf:
-                    raise ValueError(f"{skill} of {manager}: {run!r} is no duration, expected seconds")
+                    raise ValueError(f"{skill} of {manager}: {run!r} is not a duration, expected seconds")
             found.setdefault(skill, {})[manager] = [float(seconds) for seconds in runs]
     return found
 
 
-def _items(data: object, place: str) -> list[tuple[str, object]]:
+def _items(data: object, name: str) -> list[tuple[str, object]]:
     if not isinstance(data, dict):
-        raise ValueError(f"{place}: expected an object")
+        raise ValueError(f"{name}: expected an object")
     return list(data.items())

@@ -1,7 +1,7 @@
-"""How the facts of one relation or property hang together, so that each can be a predicate of its own.
+"""Compiles the dependencies between facts of one relation or property away, so that each fact is an own predicate.
 
-A relation holds when one under it does. Setting a property to a value takes its other values away, makes it have
-a value, and decides how it compares with numbers.
+A relation holds if one of its subproperties does. Setting a property to a value removes its other values, makes it
+have a value, and determines how it compares with numbers.
 """
 
 from __future__ import annotations
@@ -12,46 +12,42 @@ from collections.abc import Callable, Iterable
 from skiros2_task.core.formula import Atom, Formula, Kind, Not, Predicate, conjunction, disjunction
 
 Literal = tuple[Predicate, bool]
-Interval = tuple[float, bool, float, bool]  # lower bound, whether it belongs, upper bound, whether it belongs
+Interval = tuple[float, bool, float, bool]  # lower bound, is inclusive, upper bound, is inclusive
 
-#: What is said of a property.
+#: The predicates of a property.
 PROPERTY_KINDS = frozenset({Kind.VALUE, Kind.HAS, Kind.COMPARES})
 
 _COMPLEMENTS = {">": ("<=",), "<": (">=",), ">=": ("<",), "<=": (">",), "=": ("<", ">")}
 
 
 class FactFamilies:
-    """What conditions need and what effects bring about, for one set of skills."""
+    """Dependencies between predicates, for one set of skills."""
 
     def __init__(self, changed: Iterable[Predicate], is_subproperty: Callable[[str, str], bool]) -> None:
         """
         :param changed: the predicates of all effects of all skills.
-        :param is_subproperty: whether a relation is another one or under it.
+        :param is_subproperty: whether the first relation equals the second or is a subproperty of it.
         """
         self._changed = sorted({p.name for p in changed if p.kind is Kind.RELATION})
         self._is_subproperty = is_subproperty
 
     def tracked(self, relation: str) -> list[str]:
-        """The relations whose facts have to be told apart to know whether this one, or one under it, holds.
-
-        They are this one and those under it that some skill changes; all others under it never change.
-        """
+        """Returns the relation and those of its subproperties that some skill changes. The others are static."""
         return [relation, *(r for r in self._changed if r != relation and self._is_subproperty(r, relation))]
 
     def positive(self, atom: Atom) -> Formula:
-        """The formula over predicates that stands for an atom of a condition."""
+        """Returns the formula that replaces an atom of a condition."""
         if atom.predicate.kind is Kind.RELATION:
             return disjunction(self._each(atom))
         return atom
 
     def negative(self, atom: Atom) -> Formula:
-        """The formula that stands for the negation of an atom."""
+        """Returns the formula that replaces a negated atom."""
         predicate = atom.predicate
         if predicate.kind is Kind.RELATION:
             return conjunction(Not(part) for part in self._each(atom))
         if predicate.kind is Kind.COMPARES:
-            # After a change the value is known no better than the effect says: what does not follow from it is
-            # taken for false. So only positive comparisons are asked for.
+            # After an effect, a comparison that does not follow from it is false. So conditions must not negate one.
             others = [
                 Atom(Predicate(Kind.COMPARES, predicate.name, predicate.value, operator), atom.terms)
                 for operator in _COMPLEMENTS[predicate.operator]
@@ -63,7 +59,7 @@ class FactFamilies:
         return [Atom(Predicate(Kind.RELATION, name), atom.terms) for name in self.tracked(atom.predicate.name)]
 
     def consequences(self, effect: Predicate, state: bool, used: Iterable[Predicate]) -> list[Literal]:
-        """What an effect does to the predicates that are used, all of the effect's terms."""
+        """Returns the literals of used predicates, with the effect's terms, that an effect makes true."""
         if effect.kind is Kind.RELATION:
             if state:
                 return [(effect, True)] if effect in used else []
@@ -85,31 +81,31 @@ class FactFamilies:
         return found
 
 
-def exclude_each_other(one: Literal, other: Literal) -> bool:
-    """Whether two facts, or their opposites, of one property of one element can never be true together."""
+def are_contradictory(one: Literal, other: Literal) -> bool:
+    """Whether two literals about one property of one element can never be true together."""
     if one == (other[0], not other[1]):
         return True
     if not (one[1] or other[1]):
-        return False  # both are so where the property is missing
+        return False  # both hold if the property is missing
     (first, first_state), (second, second_state) = one, other
     if (first.kind is Kind.HAS and not first_state) or (second.kind is Kind.HAS and not second_state):
         return True
     if first.kind is second.kind is Kind.COMPARES:
-        return _are_apart([*_regions(first, first_state), *_regions(second, second_state)])
+        return _are_disjoint([*_regions(first, first_state), *_regions(second, second_state)])
     if isinstance(first.value, bool) and isinstance(second.value, bool):
         return (first.value == first_state) != (second.value == second_state)
     return False
 
 
-def _are_apart(regions: list[Interval]) -> bool:
-    """Whether no number is in all of some intervals."""
+def _are_disjoint(regions: list[Interval]) -> bool:
+    """Whether the intersection of intervals is empty."""
     low, low_out = max((low, not belongs) for low, belongs, _, _ in regions)
     high, high_in = min((high, belongs) for _, _, high, belongs in regions)
     return low > high or (low == high and (low_out or not high_in))
 
 
 def _after(effect: Predicate, state: bool, predicate: Predicate) -> bool | None:
-    """Whether a predicate of the same property holds after the effect; None: as before."""
+    """Returns whether a predicate of the same property holds after the effect; None: unchanged."""
     kind = predicate.kind
     if effect.kind is Kind.HAS:
         if state:
@@ -127,7 +123,7 @@ def _after(effect: Predicate, state: bool, predicate: Predicate) -> bool | None:
 
 
 def _regions(effect: Predicate, state: bool) -> list[Interval]:
-    """Where the value is after a numeric effect, as far as one interval says it."""
+    """Returns the interval of the value after a numeric effect; [] if it is not one interval."""
     operators = (effect.operator,) if state else _COMPLEMENTS[effect.operator]
     return [_interval(operators[0], effect.value)] if len(operators) == 1 else []
 

@@ -1,4 +1,4 @@
-"""Runs of planning engines, each in a process of its own that can be ended at any time."""
+"""Runs planning engines in processes that can be killed at any time."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from skiros2_task.core.engine_worker import (
 from skiros2_task.core.planner import Outcome
 from skiros2_task.core.processes import kill_tree
 
-_CANCEL_PERIOD = 0.02  # s between two looks at whether a run is cancelled
-_GRACE = 2.0  # s that an engine gets beyond its time to end by itself
-_DYING_TIME = 1.0  # s that a process may take to be gone
-_LOADING_TIME = 60.0  # s that loading unified-planning may take
+_CANCEL_PERIOD = 0.02  # s between two checks for cancellation
+_GRACE_PERIOD = 2.0  # s after its time limit in which an engine may end by itself
+_EXIT_TIMEOUT = 1.0  # s for the end of a process
+_LOADING_TIMEOUT = 60.0  # s for loading unified-planning
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a run gave.
+    """The result of a run.
 
-    :param log: what the engine printed.
-    :param files: the PDDL of domain and problem, by file name, as far as it was written.
+    :param log: the engine's output.
+    :param files: (file name, text) pairs: the PDDL of domain and problem, if written.
     """
 
     answer: WorkerAnswer
@@ -50,10 +50,7 @@ class Run:
 
 
 class EngineProcesses:
-    """One process that has unified-planning loaded, and its children, one for each run (see `engine_worker`).
-
-    Any thread may call it, several at once.
-    """
+    """A process with unified-planning loaded, and a child for each run (see `engine_worker`). Thread-safe."""
 
     def __init__(self) -> None:
         """Starts the process, which loads in the background."""
@@ -62,16 +59,16 @@ class EngineProcesses:
         self._process, self._requests = _start()
 
     def run(self, job: Job | ListEngines, cancelled: threading.Event) -> Run:
-        """Runs a job until there is an answer, its time is over or `cancelled` is set."""
+        """Blocks until the job has ended, its time limit has passed or `cancelled` is set."""
         folder = Path(tempfile.mkdtemp(prefix="skiros-plan-"))
         try:
             try:
                 answer = self._answer(folder, job, cancelled)
-            except _NotTaken:
-                answer = self._answer_of_new(folder, job, cancelled)
+            except _NotStarted:
+                answer = self._retry(folder, job, cancelled)
             log = _text(folder / LOG_FILE)
             if answer is None:
-                last = (log.strip().splitlines() or ["without a word"])[-1]
+                last = (log.strip().splitlines() or ["no output"])[-1]
                 answer = WorkerAnswer(Outcome.FAILED, reason=f"the planner's process ended without an answer: {last}")
             names = (name for name in (DOMAIN_FILE, PROBLEM_FILE) if (folder / name).exists())
             return Run(answer, log, tuple((name, _text(folder / name)) for name in names))
@@ -79,9 +76,9 @@ class EngineProcesses:
             shutil.rmtree(folder, ignore_errors=True)
 
     def engines(self) -> tuple[str, ...]:
-        """The names of the engines of unified-planning that are installed and make plans.
+        """Returns the names of the installed planning engines of unified-planning.
 
-        :raises ConfigurationError: unified-planning cannot be asked.
+        :raises ConfigurationError: they cannot be listed.
         """
         run = self.run(ListEngines(), threading.Event())
         if run.answer.outcome is not Outcome.SOLVED:
@@ -101,33 +98,33 @@ class EngineProcesses:
         finally:
             connection.close()
 
-    def _answer_of_new(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
-        """The answer of a new process, when the one that was asked was dying; None otherwise."""
+    def _retry(self, folder: Path, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
+        """Runs a job in a new process if the old one has died; otherwise returns None."""
         with self._lock:
             try:
-                self._process.wait(_DYING_TIME)
+                self._process.wait(_EXIT_TIMEOUT)
             except subprocess.TimeoutExpired:
-                return None  # it lives, and other runs with it
+                return None  # it is alive and may have other runs
             if self._closed:
                 return None
         try:
             return self._answer(folder, job, cancelled)
-        except _NotTaken:
+        except _NotStarted:
             return None
 
     def _connect(self, folder: Path) -> socket.socket:
-        """The connection to a new child process; the process is started anew if it has died."""
+        """Returns a connection to a new child process. Restarts the process if it has died."""
         with self._lock:
             ours, theirs = _pair(socket.SOCK_STREAM)
             try:
                 try:
                     if self._process.poll() is not None:
                         raise BrokenPipeError
-                    self._ask(folder, theirs)
-                except OSError:  # it has died, or is dying
+                    self._request(folder, theirs)
+                except OSError:  # the process has died
                     self._stop()
                     self._process, self._requests = _start()
-                    self._ask(folder, theirs)
+                    self._request(folder, theirs)
             except OSError:
                 ours.close()
                 raise
@@ -135,7 +132,7 @@ class EngineProcesses:
                 theirs.close()
             return ours
 
-    def _ask(self, folder: Path, connection: socket.socket) -> None:
+    def _request(self, folder: Path, connection: socket.socket) -> None:
         socket.send_fds(self._requests, [os.fsencode(folder)], [connection.fileno()])
 
     def _stop(self) -> None:
@@ -145,22 +142,22 @@ class EngineProcesses:
 
 
 def _start() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    # A message each, so that a request and its socket come together.
+    # Message-oriented, so that a request and its socket arrive together.
     ours, theirs = _pair(socket.SOCK_SEQPACKET)
     with theirs:
-        places = [place for place in sys.path if place and Path(place).exists()]
+        folders = [folder for folder in sys.path if folder and Path(folder).exists()]
         process = subprocess.Popen(
             [sys.executable, "-m", "skiros2_task.core.engine_worker", str(theirs.fileno())],
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(places)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(folders)},
             pass_fds=[theirs.fileno()],
-            start_new_session=True,  # a Ctrl-C in the terminal is for the node, which ends this one
+            start_new_session=True,  # not interrupted by Ctrl-C; the node ends it
         )
     return process, ours
 
 
 def _pair(kind: socket.SocketKind) -> tuple[socket.socket, socket.socket]:
-    """Two connected sockets that wait, whatever the process has set as the default (ROS does)."""
+    """Returns two connected blocking sockets, regardless of the default timeout, which rospy sets."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, kind)
     ours.setblocking(True)
     theirs.setblocking(True)
@@ -168,34 +165,34 @@ def _pair(kind: socket.SocketKind) -> tuple[socket.socket, socket.socket]:
 
 
 def _answer(connection: socket.socket, job: Job | ListEngines, cancelled: threading.Event) -> WorkerAnswer | None:
-    """The answer to a job; None when the process ended without one. Nothing of the run is left afterwards.
+    """Returns the answer to a job; None if the process ended without an answer. The process has ended afterwards.
 
-    :raises _NotTaken: no process has begun with it.
+    :raises _NotStarted: no process has started the job.
     """
     reader = _Reader(connection, cancelled)
     try:
-        pid = reader.next(_LOADING_TIME)
+        pid = reader.next(_LOADING_TIMEOUT)
         if not isinstance(pid, int):
-            raise _NotTaken
-        with contextlib.suppress(OSError):  # it is gone: the missing answer tells
+            raise _NotStarted
+        with contextlib.suppress(OSError):  # if the process has died, there will be no answer
             connection.sendall(pickle.dumps(job))
         try:
-            answer = reader.next((job.limits.seconds if isinstance(job, Job) else _LOADING_TIME) + _GRACE)
-        except _Ended:
-            kill_tree(pid)  # it is there: its connection is
+            answer = reader.next((job.limits.seconds if isinstance(job, Job) else _LOADING_TIMEOUT) + _GRACE_PERIOD)
+        except _Aborted:
+            kill_tree(pid)  # still the same process, as its connection is open
             raise
         reader.wait_for_end()
         return answer if isinstance(answer, WorkerAnswer) else None
-    except _Ended as reason:
+    except _Aborted as reason:
         return reason.answer
 
 
-class _NotTaken(Exception):
-    """A job that no process has begun with."""
+class _NotStarted(Exception):
+    """No process has started the job."""
 
 
-class _Ended(Exception):
-    """A run is ended from this side."""
+class _Aborted(Exception):
+    """The run was cancelled or has timed out."""
 
     def __init__(self, answer: WorkerAnswer) -> None:
         super().__init__(answer.reason)
@@ -203,7 +200,7 @@ class _Ended(Exception):
 
 
 class _Reader:
-    """Reads pickled objects from a connection as they come."""
+    """Reads pickled objects from a connection."""
 
     def __init__(self, connection: socket.socket, cancelled: threading.Event) -> None:
         self._connection = connection
@@ -211,11 +208,11 @@ class _Reader:
         self._received = b""
 
     def next(self, seconds: float) -> object:
-        """The next object, or None at the end.
+        """Returns the next object, or None at the end of the stream.
 
-        :raises _Ended: the run is cancelled, or this takes too long.
+        :raises _Aborted: the run was cancelled, or `seconds` have passed.
         """
-        ends = time.monotonic() + seconds
+        deadline = time.monotonic() + seconds
         while True:
             stream = io.BytesIO(self._received)
             try:
@@ -226,22 +223,22 @@ class _Reader:
                 self._received = stream.read()
                 return found
             if select.select([self._connection], [], [], _CANCEL_PERIOD)[0]:
-                part = self._part()
-                if not part:
+                data = self._receive()
+                if not data:
                     return None
-                self._received += part
+                self._received += data
             elif self._cancelled.is_set():
-                raise _Ended(WorkerAnswer(Outcome.CANCELLED, reason="cancelled"))
-            elif time.monotonic() > ends:
-                raise _Ended(TIMED_OUT)
+                raise _Aborted(WorkerAnswer(Outcome.CANCELLED, reason="cancelled"))
+            elif time.monotonic() > deadline:
+                raise _Aborted(TIMED_OUT)
 
     def wait_for_end(self) -> None:
-        """Waits until the process has ended, as it does by itself after its answer."""
-        while self._part():
+        """Waits until the process has ended."""
+        while self._receive():
             pass
 
-    def _part(self) -> bytes:
-        """What comes next; nothing when the process has ended."""
+    def _receive(self) -> bytes:
+        """Returns the next bytes; b"" if the process has ended."""
         try:
             return self._connection.recv(1 << 16)
         except OSError:

@@ -1,8 +1,8 @@
-"""The process in which engines of unified-planning run: `python -m skiros2_task.core.engine_worker FD`.
+"""A fork server for planning engines: `python -m skiros2_task.core.engine_worker FD`.
 
-Loading unified-planning takes a second. This process does it once, and then makes a child process for each request
-that comes over the socket FD: a working folder, and with it the socket over which the child gets its job and gives its
-answer, both pickled. When the other side of FD is closed, or gone, all processes under this one end with it at once.
+Loading unified-planning takes a second. This process loads it once, and forks a child for each request on the socket
+FD. A request is a working folder, with a socket on which the child receives a pickled job and sends a pickled answer.
+When FD is closed, this process and all its descendants end immediately.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from skiros2_task.core.fast_downward import TRANSLATOR, SideBySide, read_plan, search, translate
+from skiros2_task.core.fast_downward import TRANSLATOR, SearchPortfolio, read_plan, search, translate
 from skiros2_task.core.planner import Limits, Outcome
 from skiros2_task.core.processes import adopt_orphans, kill_tree
 from skiros2_task.core.task import PlanningTask, PlanStep
 
 if TYPE_CHECKING:
-    from skiros2_task.core.up_problem import UpProblem
+    from skiros2_task.core.up_model import UpProblem
 
 DOMAIN_FILE = "domain.pddl"
 PROBLEM_FILE = "p01.pddl"
@@ -42,8 +42,8 @@ _LOADING_NICENESS = 10
 class EngineCall:
     """An engine of unified-planning.
 
-    :param name: by which unified-planning knows it, or `module:Class` of one that it does not know.
-    :param options: the engine's own.
+    :param name: its name in unified-planning, or `module:Class` of an unregistered engine.
+    :param options: of the engine.
     """
 
     name: str
@@ -52,16 +52,16 @@ class EngineCall:
 
 @dataclass(frozen=True)
 class Job:
-    """What to solve and how."""
+    """A task to solve, and how to solve it."""
 
     task: PlanningTask
-    work: EngineCall | SideBySide
+    work: EngineCall | SearchPortfolio
     limits: Limits
 
 
 @dataclass(frozen=True)
 class ListEngines:
-    """Asks which engines are installed; the answer's reason has a line for each."""
+    """A request for the installed engines. The answer's reason has a line for each."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class FoundPlan:
     """A plan.
 
     :param by: the name of the engine or search.
-    :param seconds: from the start of the job until it was there.
-    :param text: the steps as PDDL names them, one a line, as validators read them.
+    :param seconds: from the start of the job until the plan was found.
+    :param text: the plan in PDDL names, a line per step, as validators read it.
     """
 
     by: str
@@ -81,9 +81,9 @@ class FoundPlan:
 
 @dataclass(frozen=True)
 class WorkerAnswer:
-    """What came of a job.
+    """The result of a job.
 
-    :param plans: when solved, in the order in which they were found.
+    :param plans: if solved, in the order in which they were found.
     """
 
     outcome: Outcome
@@ -91,9 +91,9 @@ class WorkerAnswer:
     reason: str = ""
 
 
-TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan in its time")
+TIMED_OUT = WorkerAnswer(Outcome.TIMED_OUT, reason="the planner found no plan within the time limit")
 _IMPOSSIBLE = WorkerAnswer(Outcome.IMPOSSIBLE, reason="no sequence of the robots' skills reaches the goal")
-_OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner needs more memory than it may use")
+_OUT_OF_MEMORY = WorkerAnswer(Outcome.FAILED, reason="the planner exceeded its memory limit")
 
 
 def main() -> None:
@@ -102,8 +102,8 @@ def main() -> None:
     loading = threading.Thread(target=_load, name="loading")
     loading.start()
     loading.join()
-    gc.freeze()  # what is loaded stays; children need not look at it
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children that end leave nothing to be waited for
+    gc.freeze()  # excludes the loaded modules from garbage collection in children
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children become no zombies
     while True:
         message, descriptors, _, _ = socket.recv_fds(requests, 4096, 1)
         if not message:
@@ -116,23 +116,23 @@ def main() -> None:
 
 
 def _load() -> None:
-    """Imports what takes long, and leaves the processor to others meanwhile: on Linux, niceness is the thread's own."""
+    """Imports the slow modules at low priority: on Linux, niceness belongs to the thread."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LOADING_NICENESS)
-    for name in ("unified_planning.engines", "unified_planning.io", "skiros2_task.core.up_problem"):
+    for name in ("unified_planning.engines", "unified_planning.io", "skiros2_task.core.up_model"):
         importlib.import_module(name)
-    with contextlib.suppress(ImportError):  # told by the job that needs it
+    with contextlib.suppress(ImportError):  # reported by the job that needs it
         importlib.import_module(TRANSLATOR)
 
 
 def _serve(folder: str, connection: socket.socket) -> None:
-    """The life of a child process. Does not return."""
+    """Runs a job in a child process. Does not return."""
     status = 1
     try:
         os.setsid()
         adopt_orphans()
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         if not os.path.isdir(folder):
-            return  # cancelled before it began
+            return  # cancelled before the start
         os.chdir(folder)
         os.environ["TMPDIR"] = folder
         log = os.open(LOG_FILE, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -143,7 +143,7 @@ def _serve(folder: str, connection: socket.socket) -> None:
         stream.flush()
         job = pickle.load(stream)
         answer = _solved(job)
-        kill_tree(os.getpid(), itself=False)  # an engine that is told to end may take its time
+        kill_tree(os.getpid(), itself=False)  # engines may end slowly
         pickle.dump(answer, stream)
         stream.flush()
         status = 0
@@ -151,7 +151,7 @@ def _serve(folder: str, connection: socket.socket) -> None:
         traceback.print_exc()
     finally:
         sys.stderr.flush()
-        os._exit(status)  # nothing of the process that this one was copied from is to be cleaned up here
+        os._exit(status)  # skips the exit handlers of the parent process
 
 
 def _solved(job: Job | ListEngines) -> WorkerAnswer:
@@ -166,22 +166,22 @@ def _solved(job: Job | ListEngines) -> WorkerAnswer:
         return _solve(job)
     except MemoryError:
         return _OUT_OF_MEMORY
-    except Exception as error:  # an engine may raise anything; the answer tells it
+    except Exception as error:  # an engine may raise anything
         traceback.print_exc()
         return WorkerAnswer(Outcome.FAILED, reason=f"{type(error).__name__}: {error}")
 
 
 def _solve(job: Job) -> WorkerAnswer:
-    if isinstance(job.work, SideBySide):
-        return _side_by_side(job, job.work)
-    return _call(job, job.work)
+    if isinstance(job.work, SearchPortfolio):
+        return _run_portfolio(job, job.work)
+    return _run_engine(job, job.work)
 
 
-def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
-    from skiros2_task.core.up_problem import UpProblem  # loaded by the process that this one was copied from
+def _run_portfolio(job: Job, work: SearchPortfolio) -> WorkerAnswer:
+    from skiros2_task.core.up_model import UpProblem  # already loaded by the parent process
 
     started = time.monotonic()
-    gc.disable()  # problem and translation are many small objects with few cycles, and the process ends soon
+    gc.disable()  # many small objects with few cycles, in a short-lived process
     model = UpProblem(job.task, goal_action=work.goal_action)
     write_pddl(model)
     translate(DOMAIN_FILE, PROBLEM_FILE)
@@ -196,15 +196,15 @@ def _side_by_side(job: Job, work: SideBySide) -> WorkerAnswer:
     return WorkerAnswer(Outcome.FAILED, reason="; ".join(found.failures))
 
 
-def _call(job: Job, work: EngineCall) -> WorkerAnswer:
+def _run_engine(job: Job, work: EngineCall) -> WorkerAnswer:
     from unified_planning.engines import PlanGenerationResultStatus as Status
     from unified_planning.engines.pddl_planner import PDDLPlanner
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
-    from skiros2_task.core.up_problem import UpProblem
+    from skiros2_task.core.up_model import UpProblem
 
     started = time.monotonic()
-    # Where it rolls several actions into one, Aries (0.5.0) panics or gives plans that do not work.
+    # With action rolling, Aries 0.5.0 panics or returns invalid plans.
     os.environ.setdefault("ARIES_ROLL", "false")
     model = UpProblem(job.task)
     write_pddl(model)
@@ -227,7 +227,7 @@ def _call(job: Job, work: EngineCall) -> WorkerAnswer:
     if result.plan is not None:
         found = _found(model, work.name, model.steps(result.plan), time.monotonic() - started)
         return WorkerAnswer(Outcome.SOLVED, (found,))
-    return _meaning(result.status, Status)
+    return _answer_without_plan(result.status, Status)
 
 
 def _found(model: UpProblem, by: str, steps: tuple[PlanStep, ...], seconds: float) -> FoundPlan:
@@ -244,18 +244,18 @@ def write_pddl(model: UpProblem) -> None:
 
 
 def _engines(factory: Any) -> list[str]:
-    """The engines that make plans, without those that only wrap another."""
+    """Returns the names of one-shot planners, without meta engines."""
     return sorted(n for n in factory.engines if "[" not in n and factory.engine(n).is_oneshot_planner())
 
 
-def _meaning(status: Any, names: Any) -> WorkerAnswer:
-    """What a status without a plan says."""
+def _answer_without_plan(status: Any, names: Any) -> WorkerAnswer:
+    """Returns the answer for a unified-planning status without a plan."""
     if status == names.UNSOLVABLE_PROVEN:
         return _IMPOSSIBLE
     if status == names.TIMEOUT:
         return TIMED_OUT
     if status == names.UNSOLVABLE_INCOMPLETELY:
-        reason = "the planner found no plan, and does not prove that there is none"
+        reason = "the planner found no plan, without a proof that there is none"
         return WorkerAnswer(Outcome.FAILED, reason=reason)
     if status == names.MEMOUT:
         return _OUT_OF_MEMORY
@@ -263,7 +263,7 @@ def _meaning(status: Any, names: Any) -> WorkerAnswer:
 
 
 if __name__ == "__main__":
-    # Under its own name, so that what is pickled names this module and not the program.
+    # Imported by name, so that pickled classes belong to this module and not to `__main__`.
     from skiros2_task.core import engine_worker
 
     engine_worker.main()

@@ -1,15 +1,15 @@
-"""How a goal is carried out: a state machine. What happens goes in, what is to be done comes out.
+"""The execution of one goal as a state machine: events go in, commands come out.
 
-    PLANNING ──plan──► WAITING ──robots are free──► RUNNING ──all done──► CHECKING ──the goal holds──► ENDED
-       ▲  ▲ no plan yet   │ the world is another by then │ something breaks   │ it does not
-       │  └── BLOCKED     │                              │                    │
-       └──────────────────┴──────────────────────────────┴────────────────────┘
-    Any of them, when it is cancelled or hopeless: STOPPING until nothing runs, then ENDED.
+    PLANNING ──plan──► WAITING ──resources granted──► RUNNING ──all done──► CHECKING ──goal holds──► ENDED
+       ▲  ▲ no plan yet   │ world has changed            │ plan broken         │ goal does not hold
+       │  └── BLOCKED     │                              │                     │
+       └──────────────────┴──────────────────────────────┴─────────────────────┘
+    From any state, on cancellation or final failure: STOPPING until no step runs, then ENDED.
 
-A plan is broken when a step fails, when a robot that it needs disappears, or when the world has become such that what
-is left of it does not work any more. Then nothing new is started; what runs goes on, and the rest is planned anew from
-the world as it will be when that has ended well. What runs and is not needed by the new plan is stopped. Where there is
-no such plan, all is stopped, and it is planned from the world as it is.
+A plan is broken when a step fails, when a robot of it is lost, or when the remaining steps no longer lead from the
+current world to the goal. Then no further step starts. Running steps continue, and a new plan is made for the world as
+it will be when they have succeeded; running steps that the new plan does not need are stopped. If there is no such
+plan, all steps are stopped and a plan is made for the current world.
 """
 
 from __future__ import annotations
@@ -19,26 +19,40 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from skiros2_common.core.explanation import Explanation
-from skiros2_task.core.commands import Claim, Command, End, JobState, Look, Phase, Plan, Record, Start, Stop, Wake
-from skiros2_task.core.jobs import Facts, Job, carried_out, in_scene, to_be_made, unmet
+from skiros2_task.core.commands import (
+    Claim,
+    Command,
+    End,
+    Phase,
+    Plan,
+    ReadWorld,
+    Start,
+    StepRecord,
+    StepState,
+    Stop,
+    Wake,
+)
+from skiros2_task.core.planning import Verdict
+from skiros2_task.core.semantics import Facts
+from skiros2_task.core.steps import Step, format_unsatisfied, objects_in_scene, objects_to_create
 from skiros2_task.core.task import PlanningTask
-from skiros2_task.core.task_planner import Verdict
 
-#: How long what breaks a plan has to be so (s): what belongs together may come to the world model in several changes.
-SETTLE = 0.3
+#: How long a plan must be broken by changes of the world before it is replaced (s): related changes may arrive in
+#: several requests.
+SETTLE_TIME = 0.3
 
-#: How long a robot that has disappeared is waited for, where there is no plan without it (s).
-PATIENCE = 10.0
+#: How long a goal without a plan waits for a lost robot (s).
+ROBOT_TIMEOUT = 10.0
 
-#: A skill that has failed so often on a robot is planned with on others, where that is possible.
-MOST_FAILURES = 2
+#: After this number of failures on a robot, a skill is planned with on other robots, if possible.
+MAX_FAILURES = 2
 
 
 @dataclass
-class Executive:
-    """Carries out one goal. One thread at a time.
+class ExecutionStateMachine:
+    """Executes one goal. Not thread-safe.
 
-    :param clock: gives the time (s).
+    :param clock: returns the time (s).
     :param max_replans: how often a broken plan is replaced at most.
     """
 
@@ -46,246 +60,248 @@ class Executive:
     max_replans: int = 5
     phase: Phase = Phase.PLANNING
     replans: int = 0
-    records: dict[int, Record] = field(default_factory=dict)  # of the plan, and of all that was started, by number
-    plan_begins: int = 1  # the number of the first step of the plan
-    message: str = ""  # what happened last
+    records: dict[int, StepRecord] = field(default_factory=dict)  # of the plan and all started steps, by number
+    plan_start: int = 1  # the number of the plan's first step
+    message: str = ""  # the last event
     _task: PlanningTask | None = None
     _facts: Facts = frozenset()
-    _made: frozenset[str] = frozenset()
-    _gone: set[str] = field(default_factory=set)
+    _to_create: frozenset[str] = frozenset()
+    _lost: set[str] = field(default_factory=set)
     _failures: Counter[tuple[str, str]] = field(default_factory=Counter)
-    _assumed: tuple[Job, ...] = ()  # what the plan that is being made takes as done
-    _suspect_since: float | None = None
+    _assumed: tuple[Step, ...] = ()  # steps whose success the plan in preparation assumes
+    _broken_since: float | None = None
     _stopped: set[int] = field(default_factory=set)
-    _outcome: End | None = None  # how it will end when nothing runs any more
-    _hopeless: End | None = None  # how it ends unless something changes
-    _gives_up_at: float | None = None
+    _outcome: End | None = None  # the end, once no step runs
+    _failure: End | None = None  # the end, unless the goal is unblocked
+    _blocked_until: float | None = None
 
     def begin(self) -> list[Command]:
-        """The first commands."""
+        """Returns the first commands."""
         return self._plan()
 
     @property
     def first_number(self) -> int:
-        """The number for the first job of the next plan."""
+        """The number of the next plan's first step."""
         return max(self.records, default=0) + 1
 
     @property
-    def running(self) -> tuple[Job, ...]:
-        return tuple(r.job for r in self.records.values() if r.state is JobState.RUNNING)
+    def running(self) -> tuple[Step, ...]:
+        return tuple(r.step for r in self.records.values() if r.state is StepState.RUNNING)
 
     @property
-    def waiting(self) -> tuple[Job, ...]:
-        return tuple(r.job for r in self.records.values() if r.state is JobState.WAITING)
+    def waiting(self) -> tuple[Step, ...]:
+        return tuple(r.step for r in self.records.values() if r.state is StepState.WAITING)
 
-    # -- what happens ------------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------------------
 
-    def planned(self, task: PlanningTask, jobs: Sequence[Job]) -> list[Command]:
-        """There is a plan.
+    def planned(self, task: PlanningTask, steps: Sequence[Step]) -> list[Command]:
+        """A plan was found.
 
-        :param task: it was planned with, as the world was, without what was taken as done.
-        :param jobs: in an order that works.
+        :param task: the world that was planned for, without the effects of assumed steps.
+        :param steps: in an executable order.
         """
         if self.phase is not Phase.PLANNING:
             return []
-        lost = [job for job in self._assumed if self.records[job.number].state is not JobState.SUCCEEDED]
-        lost = [job for job in lost if job not in self.running or job.number in self._stopped]
-        if lost:
-            return self._broken(f"{lost[0]} did not end as planned")
-        missing = self._gone & {job.call.manager for job in jobs}
+        failed = [step for step in self._assumed if self.records[step.number].state is not StepState.SUCCEEDED]
+        failed = [step for step in failed if step not in self.running or step.number in self._stopped]
+        if failed:
+            return self._replan(f"{failed[0]} did not end as planned")
+        missing = self._lost & {step.call.manager for step in steps}
         if missing:
-            return self._broken(f"{min(missing)} has disappeared")
-        running, self.plan_begins = self.running, self.first_number
-        for job in jobs:
-            others = {other.number for other in running if job.disturbs(other)}
-            self.records[job.number] = Record(replace(job, after=job.after | others))
-        self._task, self._facts, self._made = task, task.init, to_be_made(task)
-        for job in self._assumed:
-            if job not in running:  # it has ended while the plan was made
-                self._facts = carried_out(self._facts, job)
-        self._suspect_since = None
+            return self._replan(f"{min(missing)} has disappeared")
+        running, self.plan_start = self.running, self.first_number
+        for step in steps:
+            others = {other.number for other in running if step.interferes(other)}
+            self.records[step.number] = StepRecord(replace(step, after=step.after | others))
+        self._task, self._facts, self._to_create = task, task.init, objects_to_create(task)
+        for step in self._assumed:
+            if step not in running:  # ended during planning
+                self._facts = step.apply(self._facts)
+        self._broken_since = None
         self.phase = Phase.WAITING
-        self.message = f"a plan of {len(jobs)} steps" if jobs else "nothing is left to do but what runs"
-        return [*self._stop_useless(), self._claim()]
+        self.message = f"a plan of {len(steps)} steps" if steps else "no further steps; waiting for the running ones"
+        return [*self._stop_unneeded(), self._claim()]
 
     def no_plan(self, verdict: Verdict, message: str, others: bool) -> list[Command]:
-        """There is no plan.
+        """No plan was found.
 
-        :param others: other goals are being carried out, so that there may be one later.
+        :param others: other goals are being executed, so that there may be a plan later.
         """
         if self.phase is not Phase.PLANNING:
             return []
         running = self.running
-        if running or self._assumed:  # what ran may have been in the way, or is not to be counted on
-            self.message = "no plan goes on from what runs; it is stopped"
+        if running or self._assumed:  # running steps may have been in the way, or may fail
+            self.message = "no plan continues the running steps; they are stopped"
             if running:
                 self.phase = Phase.BLOCKED
                 return self._stop(running)
             return self._plan()
-        self._hopeless = End(verdict, message)
-        if verdict is Verdict.IMPOSSIBLE and (others or self._gone):
+        self._failure = End(verdict, message)
+        if verdict is Verdict.IMPOSSIBLE and (others or self._lost):
             self.phase = Phase.BLOCKED
-            self.message = "no plan for now: " + ("others use what it takes" if others else "a robot is gone")
-            self._gives_up_at = None if others else self.clock() + PATIENCE
-            return [] if others else [Wake(PATIENCE)]
-        return self._finish(self._hopeless)
+            self.message = "no plan for now: " + ("other goals use the resources" if others else "a robot is lost")
+            self._blocked_until = None if others else self.clock() + ROBOT_TIMEOUT
+            return [] if others else [Wake(ROBOT_TIMEOUT)]
+        return self._finish(self._failure)
 
     def granted(self) -> list[Command]:
-        """What was claimed is there."""
+        """The requested resources were granted."""
         if self.phase is not Phase.WAITING:
             return []
-        flaw = self.flaw()
-        if flaw:  # others have changed the world meanwhile
+        flaw = self._plan_flaw()
+        if flaw:  # the world has changed while the goal waited
             self.message = flaw
             self._drop_waiting()
             return self._plan()
         self.phase = Phase.RUNNING
-        return self._go_on()
+        return self._start_ready()
 
     def ended(
         self, number: int, succeeded: bool, message: str = "", explanations: Iterable[Explanation] = ()
     ) -> list[Command]:
-        """A step that was started has ended."""
+        """A started step has ended."""
         record = self.records[number]
-        if record.state is not JobState.RUNNING:
+        if record.state is not StepState.RUNNING:
             return []
         record.ended, record.message, record.explanations = self.clock(), message, tuple(explanations)
         if succeeded:
-            record.state = JobState.SUCCEEDED
-            self._facts = carried_out(self._facts, record.job)
-            self.message = f"{record.job} has succeeded"
+            record.state = StepState.SUCCEEDED
+            self._facts = record.step.apply(self._facts)
+            self.message = f"{record.step} has succeeded"
         elif number in self._stopped:
-            record.state = JobState.STOPPED
+            record.state = StepState.STOPPED
         else:
-            record.state = JobState.FAILED
-            self._failures[record.job.call.manager, record.job.call.label] += 1
-            self.message = f"{record.job} has failed: {message}"
+            record.state = StepState.FAILED
+            self._failures[record.step.call.manager, record.step.call.label] += 1
+            self.message = f"{record.step} has failed: {message}"
         if self._outcome is not None:
             return self._finish(self._outcome)
         if self.phase is Phase.BLOCKED and not self.running:
             return self._plan()
         if self.phase not in (Phase.WAITING, Phase.RUNNING):
             return []
-        if record.state is JobState.FAILED:
-            return self._broken(self.message)
-        return self._go_on() if self.phase is Phase.RUNNING else [self._claim()]
+        if record.state is StepState.FAILED:
+            return self._replan(self.message)
+        return self._start_ready() if self.phase is Phase.RUNNING else [self._claim()]
 
-    def robot_gone(self, manager: str) -> list[Command]:
-        """A manager is not there any more, and what it ran has ended."""
-        self._gone.add(manager)
+    def robot_lost(self, manager: str) -> list[Command]:
+        """A manager has disappeared; its steps have ended."""
+        self._lost.add(manager)
         commands: list[Command] = []
-        for job in self.running:
-            if job.call.manager == manager:
-                commands += self.ended(job.number, False, f"{manager} has disappeared")
-        if self.phase in (Phase.WAITING, Phase.RUNNING) and any(j.call.manager == manager for j in self.waiting):
-            commands += self._broken(f"{manager} has disappeared")
+        for step in self.running:
+            if step.call.manager == manager:
+                commands += self.ended(step.number, False, f"{manager} has disappeared")
+        if self.phase in (Phase.WAITING, Phase.RUNNING) and any(s.call.manager == manager for s in self.waiting):
+            commands += self._replan(f"{manager} has disappeared")
         return commands
 
-    def robot_back(self, manager: str) -> list[Command]:
-        """A manager is there, again or for the first time."""
-        if manager not in self._gone:
+    def robot_found(self, manager: str) -> list[Command]:
+        """A manager has appeared, again or for the first time."""
+        if manager not in self._lost:
             return []
-        self._gone.discard(manager)
-        return self.freed()
+        self._lost.discard(manager)
+        return self.retry()
 
-    def freed(self) -> list[Command]:
-        """Something has changed that may make a plan possible: other goals have ended, robots have come."""
+    def retry(self) -> list[Command]:
+        """A plan may have become possible: another goal has ended, or a robot has appeared."""
         return self._plan() if self.phase is Phase.BLOCKED and not self.running else []
 
     def wake(self) -> list[Command]:
-        """Some time has passed."""
-        if self.phase is not Phase.BLOCKED or self._gives_up_at is None or self.clock() < self._gives_up_at:
+        """The delay of a `Wake` has passed."""
+        if self.phase is not Phase.BLOCKED or self._blocked_until is None or self.clock() < self._blocked_until:
             return []
-        assert self._hopeless is not None
-        return self._finish(self._hopeless)
+        assert self._failure is not None
+        return self._finish(self._failure)
 
     def world(self, task: PlanningTask) -> list[Command]:
-        """What the world is like now.
+        """The world model was read.
 
-        :param task: for the goal, made from the world.
+        :param task: the goal's task for the current world.
         """
         if self.phase not in (Phase.WAITING, Phase.RUNNING, Phase.CHECKING):
             return []
-        self._see(task)
+        self._update_facts(task)
         if self.phase is Phase.WAITING:
             return []
         if self.phase is Phase.CHECKING and task.satisfied:
-            done = any(record.began is not None for record in self.records.values())
+            done = any(record.started is not None for record in self.records.values())
             return self._finish(
                 End(Verdict.PLANNED, "the goal is reached")
                 if done
                 else End(Verdict.NOTHING_TO_DO, "the goal holds already")
             )
-        flaw = self.flaw()
+        flaw = self._plan_flaw()
         if not flaw:
-            self._suspect_since = None
+            self._broken_since = None
             return []
-        if self._suspect_since is None:
-            self._suspect_since = self.clock()
-        left = self._suspect_since + SETTLE - self.clock()
-        return [Look(left)] if left > 0 else self._broken(flaw)
+        if self._broken_since is None:
+            self._broken_since = self.clock()
+        remaining = self._broken_since + SETTLE_TIME - self.clock()
+        return [ReadWorld(remaining)] if remaining > 0 else self._replan(flaw)
 
     def unreadable(self, message: str) -> list[Command]:
-        """The goal means nothing in the world as it is now."""
+        """The goal cannot be read in the current world."""
         return self._finish(End(Verdict.FAILED, message))
 
     def cancel(self) -> list[Command]:
-        """It is not wanted any more."""
+        """The goal was cancelled."""
         return self._finish(End(Verdict.CANCELLED, "cancelled"))
 
-    # -- what follows ------------------------------------------------------------------------------------------
+    # -- transitions -------------------------------------------------------------------------------------------
 
-    def flaw(self, without: Iterable[Job] = ()) -> str:
-        """Why what runs and what waits does not lead to the goal; "" when it does.
+    def _plan_flaw(self, without: Iterable[Step] = ()) -> str:
+        """Returns why the running and waiting steps do not lead to the goal; "" if they do.
 
-        :param without: of what runs, what is not to be counted on.
+        :param without: running steps that are left out.
         """
         assert self._task is not None
         facts = self._facts
-        for job in self.running:
-            if job not in without and job.number not in self._stopped:
-                facts = carried_out(facts, job)
-        for job in self.waiting:
-            missing = unmet(job.needs, facts)
+        for step in self.running:
+            if step not in without and step.number not in self._stopped:
+                facts = step.apply(facts)
+        for step in self.waiting:
+            missing = format_unsatisfied(step.precondition, facts)
             if missing:
-                return f"{job} needs {missing}"
-            facts = carried_out(facts, job)
-        missing = unmet(self._task.goal, facts)
+                return f"{step} needs {missing}"
+            facts = step.apply(facts)
+        missing = format_unsatisfied(self._task.goal, facts)
         return f"the goal's {missing} would not hold" if missing else ""
 
-    def _see(self, task: PlanningTask) -> None:
-        """Takes in what the world is like. Of what the plan makes nobody else knows by which name it goes."""
-        made = self._made & in_scene(self._facts)
-        if not made:
-            self._task, self._facts, self._made = task, task.init, to_be_made(task)
+    def _update_facts(self, task: PlanningTask) -> None:
+        """Adopts the facts of the world. Facts about objects that the plan has created are kept: the names that the
+        plan gives them are not in the world model.
+        """
+        created = self._to_create & objects_in_scene(self._facts)
+        if not created:
+            self._task, self._facts, self._to_create = task, task.init, objects_to_create(task)
             return
-        own = frozenset(atom for atom in self._facts if made & set(atom.terms))
-        self._facts = own | frozenset(atom for atom in task.init if not made & set(atom.terms))
+        own = frozenset(atom for atom in self._facts if created & set(atom.terms))
+        self._facts = own | frozenset(atom for atom in task.init if not created & set(atom.terms))
 
     def _plan(self) -> list[Command]:
         self.phase = Phase.PLANNING
-        self._assumed = tuple(job for job in self.running if job.number not in self._stopped)
-        avoided = frozenset(key for key, times in self._failures.items() if times >= MOST_FAILURES)
-        return [Plan(self._assumed, frozenset(self._gone), avoided)]
+        self._assumed = tuple(step for step in self.running if step.number not in self._stopped)
+        avoided = frozenset(key for key, times in self._failures.items() if times >= MAX_FAILURES)
+        return [Plan(self._assumed, frozenset(self._lost), avoided)]
 
-    def _broken(self, reason: str) -> list[Command]:
-        """What is left of the plan is dropped; another one is made, unless there were too many."""
+    def _replan(self, reason: str) -> list[Command]:
+        """Drops the waiting steps and plans again, at most `max_replans` times."""
         self.message = reason
-        self._suspect_since = None
+        self._broken_since = None
         self._drop_waiting()
         if self.replans >= self.max_replans:
-            again = f" after it was planned anew {self.replans} times" if self.replans else ""
-            return self._finish(End(Verdict.FAILED, f"{reason}{again}"))
+            count = f" after {self.replans} replans" if self.replans else ""
+            return self._finish(End(Verdict.FAILED, f"{reason}{count}"))
         self.replans += 1
         return self._plan()
 
     def _drop_waiting(self) -> None:
         for record in self.records.values():
-            if record.state is JobState.WAITING:
-                record.state = JobState.DROPPED
+            if record.state is StepState.WAITING:
+                record.state = StepState.DROPPED
 
     def _finish(self, outcome: End) -> list[Command]:
-        """Ends, when nothing runs any more."""
+        """Ends once no step runs."""
         if self.phase is Phase.ENDED:
             return []
         self._outcome = self._outcome or outcome
@@ -297,34 +313,34 @@ class Executive:
         self.phase, self.message = Phase.ENDED, self._outcome.message
         return [self._outcome]
 
-    def _stop(self, jobs: Iterable[Job]) -> list[Command]:
-        numbers = [job.number for job in jobs if job.number not in self._stopped]
+    def _stop(self, steps: Iterable[Step]) -> list[Command]:
+        numbers = [step.number for step in steps if step.number not in self._stopped]
         self._stopped.update(numbers)
         return [Stop(number) for number in numbers]
 
-    def _stop_useless(self) -> list[Command]:
-        """Stops what the plan reaches the goal without."""
-        useless: list[Job] = []
-        for job in self.running:
-            if not self.flaw([*useless, job]):
-                useless.append(job)
-        return self._stop(useless)
+    def _stop_unneeded(self) -> list[Command]:
+        """Stops the running steps without which the plan still reaches the goal."""
+        unneeded: list[Step] = []
+        for step in self.running:
+            if not self._plan_flaw([*unneeded, step]):
+                unneeded.append(step)
+        return self._stop(unneeded)
 
     def _claim(self) -> Claim:
-        in_use = frozenset(name for job in self.running for name in job.uses)
-        return Claim(in_use | frozenset(name for job in self.waiting for name in job.uses), in_use)
+        in_use = frozenset(name for step in self.running for name in step.uses)
+        return Claim(in_use | frozenset(name for step in self.waiting for name in step.uses), in_use)
 
-    def _go_on(self) -> list[Command]:
-        """Starts what may start; at the end, has the world looked at."""
+    def _start_ready(self) -> list[Command]:
+        """Starts the steps whose predecessors have ended; after the last step, reads the world model."""
         commands: list[Command] = []
-        open_jobs = {job.number for job in (*self.running, *self.waiting)}
-        for job in self.waiting:
-            if not job.after & open_jobs:
-                record = self.records[job.number]
-                record.state, record.began = JobState.RUNNING, self.clock()
-                self.message = f"{job} is started"
-                commands.append(Start(job))
+        unfinished = {step.number for step in (*self.running, *self.waiting)}
+        for step in self.waiting:
+            if not step.after & unfinished:
+                record = self.records[step.number]
+                record.state, record.started = StepState.RUNNING, self.clock()
+                self.message = f"{step} is started"
+                commands.append(Start(step))
         if not self.running and not self.waiting:
             self.phase = Phase.CHECKING
-            commands.append(Look())
+            commands.append(ReadWorld())
         return [*commands, self._claim()]

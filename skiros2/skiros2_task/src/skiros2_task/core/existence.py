@@ -1,4 +1,4 @@
-"""Elements that skills make or remove: the fact that an element is in the scene, where that can change."""
+"""Elements that skills create or remove: adds `IN_SCENE` conditions for elements whose existence can change."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ IsSubclass = Callable[[str, str], bool]
 
 
 class Existence:
-    """The classes whose elements some skill makes or removes."""
+    """The classes whose elements some skill creates or removes."""
 
     def __init__(self, actions: Sequence[Action], is_subclass: IsSubclass) -> None:
         self._is_subclass = is_subclass
         self._changing = [
-            cls for a in actions for v in a.variables if v.name in a.made | a.removed for cls in v.classes
+            cls for a in actions for v in a.variables if v.name in a.created | a.removed for cls in v.classes
         ]
 
     def may_change(self, classes: Iterable[str]) -> bool:
-        """Whether an element of these classes may come or go."""
+        """Whether an element of these classes may be created or removed."""
         return any(
             self._is_subclass(cls, other) or self._is_subclass(other, cls)
             for cls in classes
@@ -44,16 +44,16 @@ class Existence:
         )
 
     def guard_action(self, action: Action, predicates: Iterable[Predicate]) -> Action:
-        """The action with the demand that its elements are there; what it removes loses all its facts.
+        """Returns the action with the pre-condition that its elements exist; a removed element loses all its facts.
 
-        :param predicates: all that conditions and the goal speak of.
+        :param predicates: of all conditions and the goal.
         """
         if not self._changing:
             return action
         guards = [
             Atom(IN_SCENE, (v.name,))
             for v in action.variables
-            if v.name not in action.made and self.may_change(v.classes)
+            if v.name not in action.created and self.may_change(v.classes)
         ]
         lost = [e for term in sorted(action.removed) for e in _losses(term, predicates)]
         return replace(
@@ -63,7 +63,7 @@ class Existence:
         )
 
     def guard_goal(self, goal: Formula) -> Formula:
-        """The goal with its quantifiers over what is there."""
+        """Returns the goal with its quantifiers restricted to existing elements."""
         if isinstance(goal, Atom):
             return goal
         if isinstance(goal, Not):
@@ -79,11 +79,11 @@ class Existence:
         return Exists(goal.variables, conjunction([*guards, body]))
 
     def new_objects(self, actions: Iterable[Action], goal: Formula) -> dict[str, str]:
-        """Names and classes of objects that stand for what skills may make: enough for the goal's `exists`."""
+        """Returns names and classes of objects for elements that skills may create, enough for the goal's `exists`."""
         found: dict[str, str] = {}
         for action in actions:
             for variable in action.variables:
-                if variable.name in action.made:
+                if variable.name in action.created:
                     cls = self._narrowest(variable)
                     for number in range(1, max(1, _count_exists(goal)) + 1):
                         found[f"new {cls} {number}"] = cls
@@ -97,7 +97,7 @@ class Existence:
 
 
 def without_existence(formula: Formula) -> Formula:
-    """The formula where every element is there and stays."""
+    """Returns the formula simplified for a scene in which all elements exist permanently."""
 
     def positive(atom: Atom) -> Formula:
         return TRUE if atom.predicate == IN_SCENE else atom
@@ -109,7 +109,7 @@ def without_existence(formula: Formula) -> Formula:
 
 
 def _losses(term: str, predicates: Iterable[Predicate]) -> list[Effect]:
-    """All that stops being true with an element."""
+    """Returns the effects of the removal of an element on its facts."""
     found: dict[Effect, None] = {}
     for predicate in predicates:
         if predicate.kind is Kind.RELATION:

@@ -1,8 +1,7 @@
-"""Searches of Fast Downward side by side, on one translation of a task.
+"""Runs a portfolio of Fast Downward searches on one translation of a task.
 
-Translating takes as long as searching, so it is done once for all of them, and in the process that has the translator
-loaded already. To be used in a process of its own (see `engine_worker`), as the translator keeps its options in a
-module and a run may be ended at any time.
+Translation takes as long as search, so it runs once, in the process that has loaded the translator. Requires a process
+of its own (see `engine_worker`): the translator has global options, and a run may be killed at any time.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from importlib import resources
 from pathlib import Path
 
 TRANSLATOR = "fast_downward.translate.main"
-_NICENESS = 19  # of all searches but the first
+_NICENESS = 19  # of all but the first search
 _PROGRAM = "downward/builds/release/bin/downward"
 _SAS_FILE = "output.sas"
 
-# What its exit codes mean: https://www.fast-downward.org/latest/documentation/exit-codes
+# Exit codes: https://www.fast-downward.org/latest/documentation/exit-codes
 _PROVEN = (10, 11)
 _EXPLORED_INCOMPLETELY = 12
 _OUT_OF_MEMORY = (20, 22, 24)
@@ -31,10 +30,10 @@ _OUT_OF_TIME = (21, 23)
 
 @dataclass(frozen=True)
 class Search:
-    """A way to search.
+    """A search configuration.
 
-    :param name: what it is called in logs.
-    :param expression: what stands behind Fast Downward's `--search`.
+    :param name: in logs.
+    :param expression: the argument of Fast Downward's `--search`.
     """
 
     name: str
@@ -42,22 +41,21 @@ class Search:
 
 
 @dataclass(frozen=True)
-class SideBySide:
-    """Searches to run at once, as many as there are free cores; the others follow in their order.
+class SearchPortfolio:
+    """Searches that run at the same time, as many as there are free cores; the others wait in order.
 
     :param searches: the most promising first.
-    :param patience: how long to go on after the first plan, as a share of the time until then; None: until all have
-        ended. At least `MIN_PATIENCE`.
-    :param goal_action: the goal becomes the pre-condition of a last action, for searches that take no alternatives in
-        goals.
+    :param grace_share: the grace period for further plans after the first one, as a share of the time until then, at
+        least `MIN_GRACE_PERIOD`; None: until all searches have ended.
+    :param goal_action: compile the goal to an action, for searches without support for disjunctive goals.
     """
 
     searches: tuple[Search, ...]
-    patience: float | None = None
+    grace_share: float | None = None
     goal_action: bool = False
 
 
-MIN_PATIENCE = 0.15  # s
+MIN_GRACE_PERIOD = 0.15  # s
 
 LAMA_FIRST = Search(
     "lama-first",
@@ -71,19 +69,19 @@ OPTIMAL = Search("astar-lmcut", "astar(lmcut())")
 
 
 def shuffled(seed: int) -> Search:
-    """Lazy WA* that looks at successors in a random order, always the same for a seed."""
+    """Returns lazy WA* with successors in random order."""
     options = f"preferred=[hff],w=2,randomize_successors=true,random_seed={seed}"
     return Search(f"lazy-wastar-2-seed-{seed}", f"let(hff, ff(), lazy_wastar([hff],{options}))")
 
 
 @dataclass(frozen=True)
 class Found:
-    """What searches gave.
+    """The results of a portfolio.
 
-    :param plans: the name of a search, its plan as text, and after how many seconds it was there; in that order.
-    :param impossible: one has proven that there is no plan.
-    :param out_of_time: some had not ended.
-    :param failures: how the others ended without a plan, in words.
+    :param plans: (name of the search, text of the plan, time when it was found (s)) in the order of time.
+    :param impossible: a search has proven that there is no plan.
+    :param out_of_time: some searches had not ended.
+    :param failures: messages of searches that ended without a plan.
     """
 
     plans: tuple[tuple[str, str, float], ...]
@@ -93,24 +91,24 @@ class Found:
 
 
 def translate(domain: str, problem: str) -> None:
-    """Writes the translated task to the working folder. The translator's errors come as they are."""
+    """Writes the translated task to the working folder. Raises the translator's exceptions."""
     options = importlib.import_module("fast_downward.translate.options")
     options.set_options([domain, problem, "--sas-file", _SAS_FILE])
     importlib.import_module(TRANSLATOR).main()
 
 
-def search(work: SideBySide, started: float, ends: float) -> Found:
-    """Runs searches on the translated task in the working folder. None of them is left running.
+def search(work: SearchPortfolio, started: float, ends: float) -> Found:
+    """Runs a portfolio on the translated task in the working folder. All searches have ended when it returns.
 
-    :param started: when the run of which this is a part began (monotonic, s).
-    :param ends: when it has to be over.
+    :param started: the start of the run (monotonic, s).
+    :param ends: the deadline (monotonic, s).
     """
     waiting = list(work.searches)
     running: dict[int, _Running] = {}
     plans: list[tuple[str, str, float]] = []
     failures: list[str] = []
     impossible = False
-    cores = max(1, len(os.sched_getaffinity(0)) - int(os.getloadavg()[0]))  # that others leave free
+    cores = max(1, len(os.sched_getaffinity(0)) - int(os.getloadavg()[0]))  # idle ones
     with resources.as_file(resources.files("up_fast_downward").joinpath(_PROGRAM)) as program:
         try:
             while (waiting or running) and not impossible and time.monotonic() < ends:
@@ -122,29 +120,29 @@ def search(work: SideBySide, started: float, ends: float) -> Found:
                     code, text = done.close()
                     if text:
                         seconds = time.monotonic() - started
-                        if not plans and work.patience is not None:
-                            ends = min(ends, time.monotonic() + max(MIN_PATIENCE, work.patience * seconds))
+                        if not plans and work.grace_share is not None:
+                            ends = min(ends, time.monotonic() + max(MIN_GRACE_PERIOD, work.grace_share * seconds))
                         plans.append((done.search.name, text, seconds))
                     elif code in _PROVEN:
                         impossible = not plans
                     else:
-                        failures.append(f"{done.search.name} {_meaning(code)}")
+                        failures.append(f"{done.search.name} {_describe(code)}")
         finally:
-            for left in running.values():
-                left.end()
+            for remaining in running.values():
+                remaining.kill()
     return Found(tuple(plans), impossible, bool(running or waiting), tuple(failures))
 
 
 class _Running:
-    """A search that runs."""
+    """A running search."""
 
-    def __init__(self, what: Search, program: Path, first: bool) -> None:
+    def __init__(self, search: Search, program: Path, first: bool) -> None:
         """
-        :param first: the one that gets the processor where there is not enough for all.
+        :param first: gives this search priority over the others.
         """
-        self.search = what
-        self._plan_file = Path(f"{what.name}.plan")
-        arguments = [str(program), "--internal-plan-file", str(self._plan_file), "--search", what.expression]
+        self.search = search
+        self._plan_file = Path(f"{search.name}.plan")
+        arguments = [str(program), "--internal-plan-file", str(self._plan_file), "--search", search.expression]
         with open(_SAS_FILE, "rb") as task:
             self._process = subprocess.Popen(arguments, stdin=task)
         if not first:
@@ -152,22 +150,21 @@ class _Running:
         self.descriptor = os.pidfd_open(self._process.pid)
 
     def close(self) -> tuple[int, str]:
-        """The exit code, and the plan's text or "", of one that has ended."""
+        """Returns the exit code, and the text of the plan or "", after the search has ended."""
         os.close(self.descriptor)
         code = self._process.wait()
-        # Without its last line, the cost, a plan is not whole.
+        # A plan without its last line, the cost, is incomplete.
         text = self._plan_file.read_text() if self._plan_file.exists() else ""
         return code, text if "; cost = " in text else ""
 
-    def end(self) -> None:
-        """Kills it."""
+    def kill(self) -> None:
         self._process.kill()
         self._process.wait()
         os.close(self.descriptor)
 
 
 def _ended(running: dict[int, _Running], ends: float) -> Iterator[int]:
-    """Waits until some have ended, or time is over."""
+    """Waits until a search has ended or the deadline has passed. Yields the descriptors of ended searches."""
     poll = select.poll()
     for descriptor in running:
         poll.register(descriptor, select.POLLIN)
@@ -176,18 +173,18 @@ def _ended(running: dict[int, _Running], ends: float) -> Iterator[int]:
         yield descriptor
 
 
-def _meaning(code: int) -> str:
+def _describe(code: int) -> str:
     if code == _EXPLORED_INCOMPLETELY:
-        return "found no plan, and does not prove that there is none"
+        return "found no plan, without a proof that there is none"
     if code in _OUT_OF_MEMORY:
-        return "needs more memory than it may use"
+        return "exceeded its memory limit"
     if code in _OUT_OF_TIME:
         return "ran out of time"
     return f"ended with code {code}"
 
 
 def read_plan(text: str) -> Iterator[Sequence[str]]:
-    """The steps of a plan's text, each the names of its action and objects."""
+    """Yields the names of the action and objects of each step in a plan's text."""
     for line in text.splitlines():
         if line.startswith("("):
             yield line.strip("() ").split()

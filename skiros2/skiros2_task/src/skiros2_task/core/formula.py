@@ -1,7 +1,7 @@
-"""Predicates and formulas: what skills need and change, and what goals say.
+"""Predicates and formulas of conditions, effects and goals.
 
-Names are those of the ontology and the ids of elements; a term that starts with `?` is a variable. How they are
-called in PDDL is the business of `pddl_names`. `str()` of what a goal can say is its text, which reads back as it.
+Names are those of the ontology and ids of elements; a term that starts with `?` is a variable. `pddl_names` maps them
+to PDDL. `str()` of a formula is its goal text, which parses to the same formula if goals can express it.
 """
 
 from __future__ import annotations
@@ -15,37 +15,37 @@ from math import prod
 
 from skiros2_common.core.errors import WrongValue
 
-#: How many formulas a quantifier may stand for.
+#: The largest expansion of a quantifier.
 MAX_INSTANCES = 100_000
 
-#: What ends a name in a goal.
+#: Characters that end an unquoted name in a goal.
 _NEEDS_QUOTES = re.compile(r'[\s(),;"]')
 
 
 class Kind(Enum):
-    """What sort of fact a predicate states."""
+    """The kind of fact that a predicate states."""
 
-    RELATION = "relation"  # x is in that relation to y
-    ALLOWED = "allowed"  # the ontology allows that relation between x and y
-    VALUE = "value"  # that text or truth value is among the values of x's property
-    COMPARES = "compares"  # the first value of x's property compares so with a number
+    RELATION = "relation"  # (x, y) are related
+    ALLOWED = "allowed"  # the ontology allows the relation between x and y
+    VALUE = "value"  # a text or bool is among the values of x's property
+    COMPARES = "compares"  # the first value of x's property compares with a number
     HAS = "has"  # x's property has a value
-    IS_A = "is a"  # x is of that class
-    IN_SCENE = "in scene"  # x is there
-    CAN = "can"  # robot x has that skill
+    IS_A = "is a"  # x is an instance of a class
+    IN_SCENE = "in scene"  # x exists
+    CAN = "can"  # robot x has a skill
     SAME = "="  # x is y
 
 
-_SAID_IN_GOALS = frozenset({Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS, Kind.SAME})
+_IN_GOALS = frozenset({Kind.RELATION, Kind.VALUE, Kind.COMPARES, Kind.HAS, Kind.SAME})
 
 
 @dataclass(frozen=True)
 class Predicate:
-    """What an atom states of its terms.
+    """A predicate.
 
     :param name: the relation, property, class or skill.
-    :param value: with VALUE a str or bool, with COMPARES a number.
-    :param operator: with COMPARES one of `= > < >= <=`.
+    :param value: of VALUE a str or bool, of COMPARES a number.
+    :param operator: of COMPARES one of `= > < >= <=`.
     """
 
     kind: Kind
@@ -72,7 +72,7 @@ class Predicate:
 
 @dataclass(frozen=True)
 class Atom:
-    """A fact about terms (ids of elements, or variables)."""
+    """A predicate with terms (ids of elements, or variables)."""
 
     predicate: Predicate
     terms: tuple[str, ...]
@@ -82,8 +82,7 @@ class Atom:
             p = self.predicate
             return f"({p.operator} ({quoted(p.name)} {quoted(self.terms[0])}) {_number(p.value)})"
         word = str(self.predicate)
-        # What goals cannot say (that a robot has a skill, say) is told in words.
-        name = quoted(word) if self.predicate.kind in _SAID_IN_GOALS else word
+        name = quoted(word) if self.predicate.kind in _IN_GOALS else word
         return f"({' '.join((name, *map(quoted, self.terms)))})"
 
 
@@ -144,20 +143,20 @@ def _typed(variables: Sequence[tuple[str, str]]) -> str:
 
 
 def quoted(name: str) -> str:
-    """A name as it stands in a goal: in quotes where it would not be one word. What no quotes can hold becomes `_`."""
+    """Returns a name as goals write it, in quotes if needed. Quotes and line breaks in the name become `_`."""
     if name and not _NEEDS_QUOTES.search(name):
         return name
     return '"' + re.sub(r'["\n]', "_", name) + '"'
 
 
 def _number(value: object) -> str:
-    """A number, with all its digits."""
+    """Returns a number with all its digits."""
     text = repr(float(value))  # type: ignore[arg-type]
     return text.removesuffix(".0")
 
 
 def same(one: str, other: str) -> Formula:
-    """That two terms are the same element: decided at once where neither is a variable."""
+    """Returns the equality of two terms; TRUE or FALSE if both are constants."""
     if one == other:
         return TRUE
     if one.startswith("?") or other.startswith("?"):
@@ -166,7 +165,7 @@ def same(one: str, other: str) -> Formula:
 
 
 def conjunction(parts: Iterable[Formula]) -> Formula:
-    """All of the parts, without nesting, duplicates and what is always true."""
+    """Returns the flattened conjunction, without duplicates and TRUE."""
     flat: dict[Formula, None] = {}
     for part in parts:
         if part == FALSE:
@@ -177,7 +176,7 @@ def conjunction(parts: Iterable[Formula]) -> Formula:
 
 
 def disjunction(parts: Iterable[Formula]) -> Formula:
-    """One of the parts, without nesting, duplicates and what is never true."""
+    """Returns the flattened disjunction, without duplicates and FALSE."""
     flat: dict[Formula, None] = {}
     for part in parts:
         if part == TRUE:
@@ -188,20 +187,20 @@ def disjunction(parts: Iterable[Formula]) -> Formula:
 
 
 def negation(formula: Formula) -> Formula:
-    """The opposite; of what is always or never true, at once."""
+    """Returns the negation, with TRUE and FALSE simplified."""
     return FALSE if formula == TRUE else TRUE if formula == FALSE else Not(formula)
 
 
 def conjuncts(formula: Formula) -> tuple[Formula, ...]:
-    """The parts that all have to hold."""
+    """Returns the parts of a conjunction; any other formula as its only part."""
     return formula.parts if isinstance(formula, And) else (formula,)
 
 
 def rewrite(formula: Formula, positive: Callable[[Atom], Formula], negative: Callable[[Atom], Formula]) -> Formula:
-    """The formula with negations only at atoms, and each literal replaced.
+    """Returns the formula in negation normal form, with each literal replaced.
 
-    :param positive: gives what stands for an atom.
-    :param negative: gives what stands for a negated atom.
+    :param positive: returns the replacement of an atom.
+    :param negative: returns the replacement of a negated atom.
     """
     return _rewrite(formula, True, positive, negative)
 
@@ -221,7 +220,7 @@ def _rewrite(
 
 
 def literals(formula: Formula) -> Iterator[tuple[Atom, bool]]:
-    """The atoms of a formula, each with whether it has to hold (a formula under `not` is turned round)."""
+    """Yields the literals of a formula in negation normal form, as (atom, is positive) pairs."""
     stack: list[tuple[Formula, bool]] = [(formula, True)]
     while stack:
         item, state = stack.pop()
@@ -236,7 +235,7 @@ def literals(formula: Formula) -> Iterator[tuple[Atom, bool]]:
 
 
 def bind(formula: Formula, values: dict[str, str]) -> Formula:
-    """The formula with values in the place of variables."""
+    """Returns the formula with its free variables replaced by values."""
     if isinstance(formula, Atom):
         terms = tuple(values.get(t, t) for t in formula.terms)
         return same(*terms) if formula.predicate.kind is Kind.SAME else Atom(formula.predicate, terms)
@@ -251,10 +250,10 @@ def bind(formula: Formula, values: dict[str, str]) -> Formula:
 
 
 def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]) -> Formula:
-    """The formula with each quantifier written out.
+    """Returns the formula with its quantifiers expanded.
 
-    :param members: gives the objects of a class.
-    :raises WrongValue: it would get too long.
+    :param members: returns the objects of a class.
+    :raises WrongValue: the expansion has more than `MAX_INSTANCES` formulas.
     """
     if isinstance(formula, Atom):
         return formula
@@ -269,14 +268,14 @@ def expand_quantifiers(formula: Formula, members: Callable[[str], Sequence[str]]
     objects = [members(cls) for _, cls in formula.variables]
     count = prod(map(len, objects))
     if count > MAX_INSTANCES:
-        raise WrongValue(f"{formula} stands for {count} formulas; at most {MAX_INSTANCES} can be written out")
+        raise WrongValue(f"{formula} expands to {count} formulas, the limit is {MAX_INSTANCES}")
     choices = product(*objects)
-    written = (bind(body, dict(zip(names, choice, strict=True))) for choice in choices)
-    return conjunction(written) if isinstance(formula, ForAll) else disjunction(written)
+    instances = (bind(body, dict(zip(names, choice, strict=True))) for choice in choices)
+    return conjunction(instances) if isinstance(formula, ForAll) else disjunction(instances)
 
 
 def holds(formula: Formula, state: Container[Atom]) -> bool:
-    """Whether a formula without quantifiers and variables holds where exactly the atoms of `state` do."""
+    """Whether a ground formula without quantifiers holds in a state, the container of all true atoms."""
     if isinstance(formula, Atom):
         return formula in state
     if isinstance(formula, Not):
@@ -285,4 +284,4 @@ def holds(formula: Formula, state: Container[Atom]) -> bool:
         return all(holds(p, state) for p in formula.parts)
     if isinstance(formula, Or):
         return any(holds(p, state) for p in formula.parts)
-    raise TypeError(f"{formula} has a quantifier; write it out first")
+    raise TypeError(f"{formula} has a quantifier; expand it first")

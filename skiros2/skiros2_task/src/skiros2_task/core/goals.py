@@ -1,10 +1,10 @@
-"""Goals as Python objects, for programs that need not write their text.
+"""Builds goals as Python objects.
 
 tray, part = wm.get_element("demo:Tray-12"), "skiros:Product-14"
 goal = all_of(related(tray, "skiros:contain", part), negated(equals(part, "skiros:Surface", "Raw")))
 goal = for_all("skiros:Product", lambda x: related(tray, "skiros:contain", x))
 
-`str(goal)` is its text. Names and ids are looked up when the goal is planned for.
+`str(goal)` is the goal text. Names and ids are resolved by the planner.
 """
 
 from __future__ import annotations
@@ -26,87 +26,87 @@ from skiros2_task.core.formula import (
     disjunction,
     same,
 )
-from skiros2_task.core.goal_syntax import COMPARATORS
+from skiros2_task.core.goal_text import COMPARATORS
 
-#: An element, its id, the name of a template, or what `for_all` and `exists` give.
-Thing = Element | str
+#: An element, its id, the name of a template, or a variable of `for_all` or `exists`.
+Term = Element | str
 
 
-def related(subject: Thing, relation: str, obj: Thing) -> Formula:
-    """A relation, or one under it, holds."""
+def related(subject: Term, relation: str, obj: Term) -> Formula:
+    """The relation, or a subproperty of it, holds."""
     return Atom(Predicate(Kind.RELATION, full_name(relation)), (_term(subject), _term(obj)))
 
 
-def equals(subject: Thing, prop: str, value: str | bool | float = True) -> Formula:
-    """A value is among those of a property."""
+def equals(subject: Term, prop: str, value: str | bool | float = True) -> Formula:
+    """The property has the value."""
     if isinstance(value, bool | str):
         return Atom(Predicate(Kind.VALUE, full_name(prop), value), (_term(subject),))
     return compares(subject, prop, "=", value)
 
 
-def compares(subject: Thing, prop: str, operator: str, number: float) -> Formula:
-    """A property's value compares so with a number.
+def compares(subject: Term, prop: str, operator: str, number: float) -> Formula:
+    """The comparison of the property's value with the number holds.
 
     :param operator: one of `= > < >= <=`.
-    :raises WrongValue: the operator is another one.
+    :raises WrongValue: the operator is unknown.
     """
     if operator not in COMPARATORS:
         raise WrongValue(f"goal on {prop}: operator {operator!r}, expected one of {' '.join(COMPARATORS)}")
     return Atom(Predicate(Kind.COMPARES, full_name(prop), float(number), operator), (_term(subject),))
 
 
-def has(subject: Thing, prop: str) -> Formula:
-    """A property has a value."""
+def has(subject: Term, prop: str) -> Formula:
+    """The property has a value."""
     return Atom(Predicate(Kind.HAS, full_name(prop)), (_term(subject),))
 
 
-def is_same(one: Thing, other: Thing) -> Formula:
+def is_same(one: Term, other: Term) -> Formula:
     """Both are the same element."""
     return same(_term(one), _term(other))
 
 
 def negated(goal: Formula) -> Formula:
-    """It does not hold."""
+    """The goal does not hold."""
     return Not(goal)
 
 
 def all_of(*goals: Formula) -> Formula:
-    """All of them hold."""
+    """All goals hold."""
     return conjunction(goals)
 
 
 def any_of(*goals: Formula) -> Formula:
-    """One of them holds, or more."""
+    """At least one goal holds."""
     return disjunction(goals)
 
 
 def for_all(cls: str, goal: Callable[[str], Formula]) -> Formula:
-    """It holds for each element of a class.
+    """The goal holds for each element of the class.
 
-    :param goal: makes the goal for one of them.
+    :param goal: returns the goal for an element.
     """
     variable, body = _body(goal)
     return ForAll(((variable, full_name(cls)),), body)
 
 
 def exists(cls: str, goal: Callable[[str], Formula]) -> Formula:
-    """It holds for some element of a class.
+    """The goal holds for some element of the class.
 
-    :param goal: makes the goal for it.
+    :param goal: returns the goal for the element.
     """
     variable, body = _body(goal)
     return Exists(((variable, full_name(cls)),), body)
 
 
 def _body(goal: Callable[[str], Formula]) -> tuple[str, Formula]:
-    """A variable and the goal about it. Variables are numbered from within, so that no two in each other are equal."""
+    """Returns a variable and the goal for it. Variables are numbered from the inside, so nested ones are distinct."""
     depth = _depth(goal("?x"))
     variable = f"?x{depth + 1}"
     return variable, goal(variable)
 
 
 def _depth(goal: Formula) -> int:
-    """How many quantifiers stand in each other."""
+    """Returns the depth of nested quantifiers."""
     if isinstance(goal, ForAll | Exists):
         return 1 + _depth(goal.body)
     if isinstance(goal, Atom):
@@ -114,11 +114,11 @@ def _depth(goal: Formula) -> int:
     return max(map(_depth, (goal.part,) if isinstance(goal, Not) else goal.parts), default=0)
 
 
-def _term(thing: Thing) -> str:
-    if isinstance(thing, str):
-        return thing
-    if not isinstance(thing, Element):
-        raise WrongType(f"goal about {thing!r}: expected an element or its id, found {type(thing).__name__}")
-    if thing.isAbstract() and not thing.label:
-        raise WrongValue(f"goal about {thing!r}: it has neither id nor label; use exists or for_all for its class")
-    return thing.id or thing.label
+def _term(term: Term) -> str:
+    if isinstance(term, str):
+        return term
+    if not isinstance(term, Element):
+        raise WrongType(f"goal about {term!r}: expected an element or its id, found {type(term).__name__}")
+    if term.isAbstract() and not term.label:
+        raise WrongValue(f"goal about {term!r}: it has neither id nor label; use exists or for_all for its class")
+    return term.id or term.label

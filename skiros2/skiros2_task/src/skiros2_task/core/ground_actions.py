@@ -1,4 +1,4 @@
-"""Actions made ready for being tried out very often: facts as small tuples, and what of a step depends on its robot."""
+"""Actions prepared for fast simulation: facts as small tuples, and the parameters that the robot determines."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FactLiteral = tuple[Fact, bool]
 
 
 class Facts:
-    """The numbers of predicates, and the facts that hold at the start."""
+    """The initial facts, with numbers for predicates."""
 
     def __init__(self, init: Iterable[Atom]) -> None:
         self._numbers: dict[Predicate, int] = {}
@@ -36,10 +36,10 @@ class Facts:
     def number(self, predicate: Predicate) -> int:
         return self._numbers.setdefault(predicate, len(self._numbers))
 
-    def one_each(self, number: int, place: int) -> bool:
-        """Whether the facts of a predicate of two terms relate each thing at a place to one other thing only."""
-        things = [fact[place + 1] for fact in self.init if fact[0] == number]
-        return len(things) == len(set(things))
+    def is_functional(self, number: int, position: int) -> bool:
+        """Whether the term at a position of a binary predicate determines the other term."""
+        terms = [fact[position + 1] for fact in self.init if fact[0] == number]
+        return len(terms) == len(set(terms))
 
     def fact(self, atom: Atom) -> Fact:
         return (self.number(atom.predicate), *atom.terms)
@@ -58,10 +58,10 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Need:
-    """A pre-condition: one literal, or all or some of its parts.
+    """A pre-condition in negation normal form: a literal, a conjunction or a disjunction.
 
-    :param pattern: None where there are parts.
-    :param state: with a pattern, whether the fact has to hold; with parts, whether all of them do.
+    :param pattern: the literal's atom; None for a conjunction or disjunction.
+    :param state: of a literal, whether it is positive; otherwise True for a conjunction.
     """
 
     pattern: Pattern | None
@@ -73,10 +73,10 @@ class Need:
 class Grounded:
     """A step.
 
-    :param needs: the facts that it needs, of those that steps change.
-    :param choices: needs beyond these, with alternatives, over the values of the variables.
-    :param changes: what it makes true or false by its end; what it makes both is true.
-    :param during: what it makes true or false while it runs.
+    :param needs: the literals that it needs, of predicates that steps change.
+    :param choices: further needs, with alternatives.
+    :param changes: its effects; an atom that is made both true and false is true.
+    :param during: its effects while it runs.
     """
 
     values: tuple[str, ...]
@@ -88,7 +88,7 @@ class Grounded:
 
 @dataclass(frozen=True)
 class _Change:
-    """An effect; `each` gives the values of the variables beyond the action's, choice by choice."""
+    """An effect. `each` has the combinations of values of the effect's own variables."""
 
     pattern: Pattern
     state: bool
@@ -102,10 +102,12 @@ class _Change:
 class GroundAction:
     """An action whose variables are numbers.
 
-    :ivar tools: the variables that follow from the robot for good, with the fact that says so: what it has alone, such
-        as its gripper.
-    :ivar states: the variables that follow from what the robot is doing: where it is.
-    :ivar essential: all others but the robot; they say what the step is for.
+    :ivar tools: the variables that the robot determines permanently, such as its gripper, each with the determining
+        fact.
+    :ivar states: the variables that the robot's state determines, such as its location.
+    :ivar determined: tools and states.
+    :ivar essential: all other variables but the robot; they define the purpose of a step.
+    :ivar is_move: whether the action changes only facts about the robot.
     """
 
     def __init__(self, action: Action, task: PlanningTask, facts: Facts, changed: Collection[Predicate]) -> None:
@@ -123,7 +125,7 @@ class GroundAction:
         self._fixed = [(pattern, state) for pattern, state in plain if pattern.number not in numbers]
         self._needs = [(pattern, state) for pattern, state in plain if pattern.number in numbers]
         self._choices = tuple(n for n in needs if n.pattern is None)
-        self._made = tuple(self._change(e, task) for e in action.effects)
+        self._effects = tuple(self._change(e, task) for e in action.effects)
         self._during = tuple(self._change(e, task) for e in action.during)
         self._members = [set.intersection(*(set(task.members[c]) for c in v.classes)) for v in action.variables]
         self._grounded: dict[tuple[str, ...], Grounded | None] = {}
@@ -132,21 +134,22 @@ class GroundAction:
             for part in conjuncts(needed)
             if isinstance(part, Atom) and len(part.terms) == 2 and action.robot in part.terms
         ]
-        lasting = self._bound([a for a in with_robot if a.predicate not in changed])
-        self.tools = {i: p for i, p in lasting.items() if facts.one_each(p.number, p.terms.index(i))}
+        static = self._bound([a for a in with_robot if a.predicate not in changed])
+        self.tools = {i: p for i, p in static.items() if facts.is_functional(p.number, p.terms.index(i))}
         own = {action.robot, *(action.variables[i].name for i in self.tools)}
         bound = self._bound([a for a in with_robot if a.predicate in changed])
-        #: Whether it changes nothing but the robot's own state, one fact at a time.
-        self.moves = all(action.robot in e.atom.terms and not e.each for e in (*action.effects, *action.during))
-        # Where a move starts may lie beside where it leads to; where something is done is what it is done for.
-        named = [a for a, _ in literals(needed) if len(a.terms) > 1 and not (self.moves and a.predicate not in changed)]
+        self.is_move = all(action.robot in e.atom.terms and not e.each for e in (*action.effects, *action.during))
+        # Static facts may relate the start of a move to its end, but make the location of other actions essential.
+        named = [
+            a for a, _ in literals(needed) if len(a.terms) > 1 and not (self.is_move and a.predicate not in changed)
+        ]
         named += [e.atom for e in (*action.effects, *action.during)]
         self.states = {
             i: pattern
             for i, pattern in bound.items()
-            if i not in self.tools and _only_with(own, action.variables[i].name, named)
+            if i not in self.tools and _occurs_only_with(own, action.variables[i].name, named)
         }
-        self.of_robot = [*self.tools.items(), *self.states.items()]
+        self.determined = [*self.tools.items(), *self.states.items()]
         self.essential = [i for i in range(len(action.variables)) if i not in (self.robot, *self.tools, *self.states)]
 
     def can(self, robot: str, init: Collection[Atom]) -> bool:
@@ -154,7 +157,7 @@ class GroundAction:
         return Atom(Predicate(Kind.CAN, self.action.name), (robot,)) in init
 
     def grounded(self, values: tuple[str, ...]) -> Grounded | None:
-        """The step with these values; None when it can never be done."""
+        """Returns the step with these values; None if it is never applicable."""
         if values not in self._grounded:
             self._grounded[values] = self._ground(values)
         return self._grounded[values]
@@ -165,7 +168,7 @@ class GroundAction:
         if any((pattern.fact(values) in self._facts.init) != state for pattern, state in self._fixed):
             return None
         changes: dict[Fact, bool] = {}
-        for change in self._made:
+        for change in self._effects:
             for fact, state in change.literals(values):
                 changes[fact] = state or changes.get(fact, False)
         return Grounded(
@@ -177,7 +180,7 @@ class GroundAction:
         )
 
     def _bound(self, atoms: Sequence[Atom]) -> dict[int, Pattern]:
-        """The variables beside the robot's in atoms, each with the first that it stands in."""
+        """Returns the variables of atoms other than the robot, each with its first atom."""
         found: dict[int, Pattern] = {}
         for atom in atoms:
             pattern = self._pattern(atom)
@@ -196,7 +199,7 @@ class GroundAction:
         if isinstance(formula, Not):
             return self._need(formula.part, not wanted)
         if not isinstance(formula, And | Or):
-            raise TypeError(f"{formula} has a quantifier; write it out first")
+            raise TypeError(f"{formula} has a quantifier; expand it first")
         return Need(None, isinstance(formula, And) == wanted, tuple(self._need(p, wanted) for p in formula.parts))
 
     def _change(self, effect: Effect, task: PlanningTask) -> _Change:
@@ -205,15 +208,15 @@ class GroundAction:
         return _Change(self._pattern(effect.atom, more), effect.state, each)
 
 
-def _only_with(own: Collection[str], name: str, atoms: Iterable[Atom]) -> bool:
-    """Whether atoms name a variable with the robot or its tools only: it says nothing but how the robot is."""
+def _occurs_only_with(own: Collection[str], name: str, atoms: Iterable[Atom]) -> bool:
+    """Whether every atom with a variable also has the robot or one of its tools."""
     return all(any(t in own for t in a.terms) for a in atoms if name in a.terms)
 
 
 def ground_actions(task: PlanningTask, facts: Facts) -> dict[str, GroundAction]:
-    """The actions of a task, by name.
+    """Returns the actions of a task, by name.
 
-    :param facts: those of the task.
+    :param facts: of the task.
     """
     changed = {e.atom.predicate for a in task.actions for e in (*a.effects, *a.during)}
     return {a.name: GroundAction(a, task, facts, changed) for a in task.actions}

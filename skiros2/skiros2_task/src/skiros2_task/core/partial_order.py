@@ -1,12 +1,11 @@
-"""Plans as partial orders: of a sequence of steps, only the order that is needed.
+"""Plans as partial orders: deorders a sequence of steps.
 
-Two steps stay in the order of the sequence when one makes what the other needs, when one would spoil what the other
-needs or makes, or when both use one resource: the robot, or a device that a step has locked. All others may run in any
-order, and at the same time. Which step makes what is read off the sequence: a fact that a step needs comes from the
-step after which it held without a break, or from the start (Kambhampati, Kedar: A unified framework for
-explanation-based generalization of partially ordered and partially instantiated plans, Artificial Intelligence 67,
-1994; for skills: Rovida, Grossmann, Krueger: Extended behavior trees for quick definition of flexible robotic tasks,
-IROS 2017).
+Two steps stay in order if one produces a fact that the other needs, if one deletes a fact that the other needs or
+produces, or if both use the same robot or a device that one of them locks. All other steps may run in any order and at
+the same time. The producer of a fact is the step after which it has held continuously, or the initial state
+(Kambhampati, Kedar: A unified framework for explanation-based generalization of partially ordered and partially
+instantiated plans, Artificial Intelligence 67, 1994; for skills: Rovida, Grossmann, Krueger: Extended behavior trees
+for quick definition of flexible robotic tasks, IROS 2017).
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.formula import And, Atom, Formula, Not, Or, conjuncts
 from skiros2_task.core.task import PlanningTask, PlanStep, during_of, effects_of, precondition_of, robot_of
 
-#: Stands for the start as the producer of a fact, and for the goal as its consumer.
+#: The initial state as a producer, and the goal as a consumer of facts.
 INIT, GOAL = -1, -2
 
 
 @dataclass(frozen=True)
 class CausalLink:
-    """A fact that one step makes and another needs; between them nothing may spoil it.
+    """A fact that one step produces and another one needs. No step between them may change it.
 
-    :param producer: the index of the step that makes it, or `INIT`.
-    :param consumer: the index of the step that needs it, or `GOAL`.
-    :param state: whether the atom has to hold, or must not.
+    :param producer: a step's index, or `INIT`.
+    :param consumer: a step's index, or `GOAL`.
+    :param state: whether the atom is needed true or false.
     """
 
     producer: int
@@ -41,12 +40,11 @@ class CausalLink:
 
 @dataclass(frozen=True)
 class PartialOrder:
-    """Steps and what is needed of their order. Each order of the steps that respects it is a plan that works.
+    """A partially ordered plan. Every linearisation is a valid plan.
 
-    :param steps: in an order that works.
-    :param before: pairs of indices: the first step has to end before the second starts. What follows from others is
-        left out.
-    :param links: why the plan works: for each step, and for the goal, where the facts that it needs come from.
+    :param steps: in an executable order.
+    :param before: pairs of indices, transitively reduced: the first step must end before the second starts.
+    :param links: the causal links of all steps and of the goal.
     """
 
     steps: tuple[PlanStep, ...]
@@ -54,7 +52,7 @@ class PartialOrder:
     links: tuple[CausalLink, ...]
 
     def predecessors(self) -> list[list[int]]:
-        """For each step the ones that have to end right before it, by index, in order."""
+        """Returns the indices of each step's direct predecessors, sorted."""
         found: list[list[int]] = [[] for _ in self.steps]
         for first, second in sorted(self.before):
             found[second].append(first)
@@ -62,10 +60,10 @@ class PartialOrder:
 
 
 def deorder(task: PlanningTask, plan: Sequence[PlanStep]) -> PartialOrder:
-    """The partial order of a plan.
+    """Returns the partial order of a plan.
 
-    :param plan: steps that work in this order; see `simulation.flaw`.
-    :raises WrongValue: they do not.
+    :param plan: a valid plan; see `semantics.validate`.
+    :raises WrongValue: the plan is not valid.
     """
     history = _History(task.init)
     links: list[CausalLink] = []
@@ -74,61 +72,61 @@ def deorder(task: PlanningTask, plan: Sequence[PlanStep]) -> PartialOrder:
         links += (CausalLink(producer, index, *literal) for producer, literal in history.support(needed, str(step)))
         history.add(index, changes_of(task, step))
     links += (CausalLink(producer, GOAL, *literal) for producer, literal in history.support(task.goal, "the goal"))
-    pairs = {(first, second) for first, second, _ in reasons(links, history.touched)}
+    pairs = {(first, second) for first, second, _ in ordering_constraints(links, history.changes)}
     pairs.update(_same_robot(robot_of(task, step) for step in plan))
     return PartialOrder(tuple(plan), frozenset(_reduced(pairs, len(plan))), tuple(links))
 
 
 Literal = tuple[Atom, bool]
-#: For each atom the steps that change it, in order, with what they make it, if only while they run.
-Touched = Mapping[Atom, Sequence[tuple[int, bool]]]
+#: For each atom the steps that change it, also only while they run, in order, with the new value.
+AtomChanges = Mapping[Atom, Sequence[tuple[int, bool]]]
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What a step does to the facts.
+    """The values that a step gives to facts.
 
-    :param made: what it makes true or false by its end; what it makes both is true.
-    :param during: what it makes true or false while it runs.
+    :param effects: by its end; an atom that is made both true and false is true.
+    :param during: while it runs.
     """
 
-    made: Mapping[Atom, bool]
+    effects: Mapping[Atom, bool]
     during: Mapping[Atom, bool]
 
 
 def changes_of(task: PlanningTask, step: PlanStep) -> Changes:
-    """What a step does to the facts."""
-    made: dict[Atom, bool] = {}
+    """Returns the values that a step gives to facts."""
+    effects: dict[Atom, bool] = {}
     for atom, state in effects_of(task, step):
-        made[atom] = state or made.get(atom, False)
-    return Changes(made, dict(during_of(task, step)))
+        effects[atom] = state or effects.get(atom, False)
+    return Changes(effects, dict(during_of(task, step)))
 
 
-def reasons(links: Iterable[CausalLink], touched: Touched) -> Iterator[tuple[int, int, Atom]]:
-    """Why steps have to stay in order, robots aside: the first, the second, and the fact that it is about.
+def ordering_constraints(links: Iterable[CausalLink], changes: AtomChanges) -> Iterator[tuple[int, int, Atom]]:
+    """Yields the ordered pairs of steps, each with the fact that orders them. Robots are not considered.
 
-    What follows from others may be left out.
+    Pairs that follow from others may be missing.
     """
     for link in links:
         if link.consumer == GOAL:
             continue
         if link.producer != INIT:
             yield link.producer, link.consumer, link.atom
-        # What would spoil the fact waits for the one that needs it; the one that makes it, for what spoilt it before.
-        for index in _next_to_make(not link.state, touched.get(link.atom, ()), link.consumer):
+        # A step that deletes the fact starts after its consumer.
+        for index in _next_with_value(not link.state, changes.get(link.atom, ()), link.consumer):
             yield link.consumer, index, link.atom
-    # Steps that make a fact different stay in order: each finds it its own way when it ends.
-    for atom, changes in touched.items():
-        for index, state in changes:
-            yield from ((index, other, atom) for other in _next_to_make(not state, changes, index))
+    # Steps that give a fact different values stay in order.
+    for atom, values in changes.items():
+        for index, state in values:
+            yield from ((index, other, atom) for other in _next_with_value(not state, values, index))
 
 
-def _next_to_make(wanted: bool, changes: Sequence[tuple[int, bool]], after: int) -> Iterator[int]:
-    """The steps after one that are the next to make a fact so, up to one that makes it different again."""
+def _next_with_value(value: bool, changes: Sequence[tuple[int, bool]], after: int) -> Iterator[int]:
+    """Yields the steps after a step that give a fact a value, up to the next one that gives it the other value."""
     found = False
-    for place in range(bisect_right(changes, after, key=itemgetter(0)), len(changes)):
-        index, state = changes[place]
-        if state == wanted:
+    for position in range(bisect_right(changes, after, key=itemgetter(0)), len(changes)):
+        index, state = changes[position]
+        if state == value:
             found = True
             yield index
         elif found:
@@ -136,22 +134,22 @@ def _next_to_make(wanted: bool, changes: Sequence[tuple[int, bool]], after: int)
 
 
 class _History:
-    """The facts while a plan is carried out, and since when each has been as it is."""
+    """The facts during the execution of a plan, and the step since which each has had its value."""
 
     def __init__(self, init: frozenset[Atom]) -> None:
         self._init = init
         self._now: dict[Atom, bool] = {}
         self._since: dict[Atom, int] = {}
-        self.touched: dict[Atom, list[tuple[int, bool]]] = {}
+        self.changes: dict[Atom, list[tuple[int, bool]]] = {}
 
     def add(self, index: int, changes: Changes) -> None:
-        """Carries out the next step."""
+        """Executes the next step."""
         for atom, state in changes.during.items():
-            self.touched.setdefault(atom, []).append((index, state))
-            if atom not in changes.made:  # as before, but only from the end of the step on
+            self.changes.setdefault(atom, []).append((index, state))
+            if atom not in changes.effects:  # the value is restored when the step ends
                 self._now[atom], self._since[atom] = self._holds(atom), index
-        for atom, state in changes.made.items():
-            self.touched.setdefault(atom, []).append((index, state))
+        for atom, state in changes.effects.items():
+            self.changes.setdefault(atom, []).append((index, state))
             if self._holds(atom) != state or atom in changes.during:
                 self._now[atom], self._since[atom] = state, index
 
@@ -159,36 +157,36 @@ class _History:
         known = self._now.get(atom)
         return atom in self._init if known is None else known
 
-    def support(self, formula: Formula, place: str) -> Iterator[tuple[int, Literal]]:
-        """Literals that make a formula true now, each with the step since which it has held.
+    def support(self, formula: Formula, owner: str) -> Iterator[tuple[int, Literal]]:
+        """Yields literals that make a formula true now, each with the step since which it has held.
 
-        :param place: where the formula stands, for the error.
-        :raises WrongValue: it is not true.
+        :param owner: the step or goal that needs the formula, for the error.
+        :raises WrongValue: the formula is false.
         """
         for part in conjuncts(formula):
             literals = self._literals(part, True)
             if literals is None:
-                raise WrongValue(f"the plan does not work: {place}: {part} does not hold")
+                raise WrongValue(f"the plan does not work: {owner}: {part} does not hold")
             yield from ((self._since.get(atom, INIT), (atom, state)) for atom, state in literals)
 
     def _literals(self, formula: Formula, wanted: bool) -> list[Literal] | None:
-        """Literals that give a formula its wanted value; None when it has the other one."""
+        """Returns literals that give a formula the wanted value; None if it has the other value."""
         if isinstance(formula, Atom):
             return [(formula, wanted)] if self._holds(formula) == wanted else None
         if isinstance(formula, Not):
             return self._literals(formula.part, not wanted)
         if not isinstance(formula, And | Or):
-            raise TypeError(f"{formula} has a quantifier; write it out first")
+            raise TypeError(f"{formula} has a quantifier; expand it first")
         parts = [self._literals(part, wanted) for part in formula.parts]
-        there = [part for part in parts if part is not None]
+        found = [part for part in parts if part is not None]
         if isinstance(formula, And) == wanted:
-            return [literal for part in there for literal in part] if len(there) == len(parts) else None
-        # Of alternatives the one that has held longest binds the step least.
-        return min(there, key=lambda part: max((self._since.get(a, INIT) for a, _ in part), default=INIT), default=None)
+            return [literal for part in found for literal in part] if len(found) == len(parts) else None
+        # The alternative that has held longest constrains the step least.
+        return min(found, key=lambda part: max((self._since.get(a, INIT) for a, _ in part), default=INIT), default=None)
 
 
 def _same_robot(robots: Iterable[str]) -> Iterator[tuple[int, int]]:
-    """A robot does one step after the other."""
+    """Yields the pairs of consecutive steps of each robot."""
     last: dict[str, int] = {}
     for index, robot in enumerate(robots):
         if robot in last:
@@ -197,13 +195,13 @@ def _same_robot(robots: Iterable[str]) -> Iterator[tuple[int, int]]:
 
 
 def _reduced(pairs: Iterable[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
-    """The pairs, all from a smaller to a greater index, without those that follow from others."""
+    """Yields the transitive reduction of pairs, all from a smaller to a greater index."""
     before: list[set[int]] = [set() for _ in range(count)]
     for first, second in pairs:
         before[second].add(first)
-    above = [0] * count  # bits: all steps before each
+    ancestors = [0] * count  # bit sets
     for second in range(count):
         for first in sorted(before[second], reverse=True):
-            if not above[second] >> first & 1:
-                above[second] |= above[first] | 1 << first
+            if not ancestors[second] >> first & 1:
+                ancestors[second] |= ancestors[first] | 1 << first
                 yield first, second

@@ -1,4 +1,4 @@
-"""Names as PDDL has them: no case, no spaces, few signs. Both ways."""
+"""Maps names to PDDL names (lower case, no spaces, few signs) and back."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from skiros2_common.core.names import full_name, local_name
 
-#: Words that PDDL, or a planner, reads as its own.
+#: Words reserved by PDDL or planners.
 _RESERVED = frozenset(
     re.findall(
         r"\S+",
@@ -22,67 +22,67 @@ _RESERVED = frozenset(
 
 
 def pddl_name(text: str) -> str:
-    """A text as PDDL can hold it: `skiros:Large Box-1` gives `skiros_large_box-1`."""
+    """Returns a text as a PDDL name: `skiros:Large Box-1` becomes `skiros_large_box-1`."""
     name = re.sub(r"[^a-z0-9_-]", "_", text.lower())
     return name if name[:1].isalpha() else f"n{name}"
 
 
 class Naming:
-    """Gives things names that PDDL can hold, each used once, and finds the things again."""
+    """Assigns unique PDDL names to keys, and finds keys by name."""
 
     def __init__(self) -> None:
         self._names: dict[object, str] = {}
-        self._things: dict[str, object] = {}
+        self._keys: dict[str, object] = {}
 
-    def name(self, thing: object, wishes: Iterable[str]) -> str:
-        """The thing's name: on first use the first wish that is free, or the last one with a number.
+    def name(self, key: object, candidates: Iterable[str]) -> str:
+        """Returns the name of a key. On first use: the first free candidate, or the last one with a number.
 
-        :param thing: anything that can be a dictionary's key.
+        :param key: any hashable object.
         """
-        if thing not in self._names:
-            wish = chosen = ""
-            for wish in map(pddl_name, wishes):
-                chosen = f"{wish}_" if wish in _RESERVED else wish
-                if chosen not in self._things:
+        if key not in self._names:
+            candidate = chosen = ""
+            for candidate in map(pddl_name, candidates):
+                chosen = f"{candidate}_" if candidate in _RESERVED else candidate
+                if chosen not in self._keys:
                     break
             count = 2
-            while chosen in self._things:
-                chosen, count = f"{wish}_{count}", count + 1
-            self._names[thing] = chosen
-            self._things[chosen] = thing
-        return self._names[thing]
+            while chosen in self._keys:
+                chosen, count = f"{candidate}_{count}", count + 1
+            self._names[key] = chosen
+            self._keys[chosen] = key
+        return self._names[key]
 
-    def thing(self, name: str) -> object:
-        """What has that name, in any case.
+    def key(self, name: str) -> object:
+        """Returns the key of a name, in any case.
 
-        :raises KeyError: nothing has.
+        :raises KeyError: the name is not assigned.
         """
-        return self._things[name.lower()]
+        return self._keys[name.lower()]
 
 
 class NameIndex:
-    """Finds names that people wrote with or without prefix, in any case, with `_` for signs that PDDL lacks."""
+    """Finds keys by names with or without prefix, in any case, with `_` for signs that PDDL lacks."""
 
     def __init__(self) -> None:
         self._exact: dict[str, dict[object, None]] = {}
         self._loose: dict[str, dict[object, None]] = {}
-        self._shown: dict[str, str] = {}  # a way to write each name, by what it is compared as
+        self._spelling: dict[str, str] = {}  # the original spelling of each PDDL name
 
-    def add(self, thing: object, *names: str) -> None:
-        """Makes a thing known under some names."""
+    def add(self, key: object, *names: str) -> None:
+        """Adds names of a key."""
         for name in names:
-            self._exact.setdefault(name, {})[thing] = None
-            self._loose.setdefault(pddl_name(name), {})[thing] = None
-            self._shown.setdefault(pddl_name(name), name)
+            self._exact.setdefault(name, {})[key] = None
+            self._loose.setdefault(pddl_name(name), {})[key] = None
+            self._spelling.setdefault(pddl_name(name), name)
 
     def add_prefixed(self, name: str) -> None:
-        """Makes a `prefix:Name` known under that name, and without the prefix."""
+        """Adds a `prefix:Name` with and without the prefix."""
         self.add(name, name, local_name(name))
 
     def find(self, text: str) -> list[object]:
-        """What is called so: things of exactly that name, else those that differ in case or signs only.
+        """Returns the keys with exactly this name, or else with a name that differs only in case or signs.
 
-        A name without prefix is first taken for one with the default prefix.
+        A name without prefix is first tried with the default prefix.
         """
         for known, key in ((self._exact, str), (self._loose, pddl_name)):
             for name in (full_name(text), text):
@@ -90,14 +90,14 @@ class NameIndex:
                     return list(known[key(name)])
         return []
 
-    def near(self, text: str, count: int = 3) -> list[str]:
-        """Known names that look like the text."""
+    def near_matches(self, text: str, count: int = 3) -> list[str]:
+        """Returns known names that are similar to a text."""
         wanted = pddl_name(text)
         close = difflib.get_close_matches(wanted, list(self._loose), count, 0.7)
         if not close:
-            # A name given without its prefix is far from the whole name, but near its end.
-            locals_ = {pddl_name(local_name(shown)): key for key, shown in self._shown.items()}
+            # A misspelt name without prefix is similar only to the local name.
+            locals_ = {pddl_name(local_name(spelling)): key for key, spelling in self._spelling.items()}
             close = [
                 locals_[m] for m in difflib.get_close_matches(pddl_name(local_name(text)), list(locals_), count, 0.7)
             ]
-        return list(dict.fromkeys(self._shown[key] for key in close))
+        return list(dict.fromkeys(self._spelling[key] for key in close))

@@ -1,4 +1,4 @@
-"""What a planner is to the rest: a task in, an answer out. "No plan" is an answer with a reason, not an exception."""
+"""The interface of planners. "No plan" is an answer with a reason, not an exception."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skiros2_task.core.task import PlanningTask, PlanStep
 
 
 class Outcome(Enum):
-    """How a planner's run ended."""
+    """The outcome of a planner run."""
 
     SOLVED = "solved"
     IMPOSSIBLE = "proven impossible"
@@ -23,11 +23,10 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a run may use.
+    """Limits of a planner run.
 
     :param seconds: wall-clock time.
-    :param memory_mb: address space of each of its processes (MiB), by default half of the machine's memory; None: no
-        limit.
+    :param memory_mb: address space per process (MiB), by default half of the machine's memory; None: unlimited.
     """
 
     seconds: float = 60.0
@@ -36,13 +35,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class PlannerAnswer:
-    """What a run gave.
+    """The result of a planner run.
 
-    :param plan: the steps, when solved.
-    :param reason: in words, why there is no plan; "" when solved.
-    :param log: what the planner printed.
-    :param files: the PDDL of domain and problem, where it was written, and the plan in its names; by file name.
-    :param seconds: how long the run took, all included.
+    :param plan: the steps, if solved.
+    :param reason: why there is no plan; "" if solved.
+    :param log: the planner's output.
+    :param files: (file name, text) pairs: the PDDL of domain and problem, if written, and the plan in PDDL names.
+    :param seconds: the duration of the run.
     """
 
     outcome: Outcome
@@ -54,11 +53,11 @@ class PlannerAnswer:
 
 
 class Planner(Protocol):
-    """Solves planning tasks. Any thread may call it; calls do not wait for each other."""
+    """Solves planning tasks. Thread-safe; calls run concurrently."""
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """The name of the planner."""
 
     def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
-        """Blocks until there is an answer, the limits are reached or `cancelled` is set."""
+        """Blocks until the task is solved, a limit is reached or `cancelled` is set."""

@@ -1,7 +1,7 @@
-"""Plans tried out on a copy of the world model: what each step would change, and whether the goal holds at the end.
+"""Previews a plan: simulates it on a copy of the world model.
 
-The conditions of the skills are those that the managers evaluate and apply, read back from the skills' elements: so
-this checks what planning has made of them too.
+The simulation evaluates and applies the same condition classes as the skill managers, read from the skills' elements,
+so it also validates the planning task.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from skiros2_common.core.world_element import Element
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.formula import And, Atom, Formula, Kind, Not, Or, Predicate
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.skill_model import ParameterKind, Skill, SkillCondition, SkillParameter
+from skiros2_task.core.skills import ParameterKind, Skill, SkillCondition, SkillParameter
 from skiros2_task.core.task import PlanningTask, PlanStep, effects_of
 from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
 
@@ -38,7 +38,7 @@ _KINDS = {
 }
 
 
-#: The condition that asks for a predicate of each kind.
+#: The condition class for each kind of predicate.
 _CONDITIONS = {
     Kind.RELATION: "ConditionRelation",
     Kind.ALLOWED: "AbstractConditionRelation",
@@ -51,16 +51,16 @@ _CONDITIONS = {
 #: The action of a change of the world model that removes elements.
 _REMOVE = "remove"
 
-_PLACES = ("Subject", "Object")
+_PARAMETERS = ("Subject", "Object")
 
 
 @dataclass
-class Changed:
-    """A fact that is so from a step on (`state` true), or no more.
+class FactChange:
+    """A fact that a step adds (`state` true) or deletes.
 
-    :param element: as its id and label.
+    :param element: its id and label.
     :param name: the relation or property; "" for the element as a whole.
-    :param value: the other element, or the value.
+    :param value: the related element, or the value.
     """
 
     element: str
@@ -76,29 +76,28 @@ class Changed:
 
 @dataclass
 class PreviewStep:
-    """A step of a plan, and what comes of it.
+    """A simulated step.
 
     :param skill: type and label.
-    :param arguments: the elements in its parameters, as their ids and labels, by key.
-    :param unmet: the conditions that do not hold when it starts, in words.
-    :param assumed: what the skill's description leaves open and the preview had to choose, in words.
-    :param changes: what it changes.
-    :param state: the facts that hold then, of those that skills change; only where they are asked for.
+    :param arguments: the ids and labels of its elements, by key.
+    :param unsatisfied: the conditions that do not hold when it starts, as text.
+    :param assumed: choices that the skill's description leaves open, as text.
+    :param state: all changeable facts after the step, if requested.
     """
 
     number: int
     skill: str
     manager: str
     arguments: dict[str, str] = field(default_factory=dict)
-    unmet: list[str] = field(default_factory=list)
+    unsatisfied: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
-    changes: list[Changed] = field(default_factory=list)
+    changes: list[FactChange] = field(default_factory=list)
     state: list[str] = field(default_factory=list)
 
     def lines(self) -> Iterator[str]:
         yield f"{self.number}. {self.skill} by {self.manager}"
         yield f"     with {', '.join(f'{key}={value}' for key, value in self.arguments.items())}"
-        for text in self.unmet:
+        for text in self.unsatisfied:
             yield f"     does not hold: {text}"
         for change in self.changes:
             yield f"   {change}"
@@ -110,7 +109,7 @@ class PreviewStep:
 
 @dataclass
 class Preview(JsonData):
-    """A plan, tried out.
+    """A simulated plan.
 
     :param reached: whether the goal holds at the end.
     """
@@ -121,14 +120,14 @@ class Preview(JsonData):
 
     @property
     def works(self) -> bool:
-        """Whether all conditions hold when they have to, and the goal at the end."""
-        return self.reached and not any(step.unmet for step in self.steps)
+        """Whether the conditions of all steps hold, and the goal at the end."""
+        return self.reached and not any(step.unsatisfied for step in self.steps)
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
     def lines(self) -> Iterator[str]:
-        """The text for people."""
+        """Yields the text."""
         for step in self.steps:
             yield from step.lines()
         yield f"the goal {'holds' if self.reached else 'does not hold'} at the end"
@@ -141,54 +140,54 @@ def preview(
     calls: Sequence[SkillCall],
     states: bool = False,
 ) -> Preview:
-    """Tries a plan out on a copy of the scene, which is changed. No robot hears of it.
+    """Simulates a plan on a copy of the scene. The copy is changed.
 
-    :param copy: a copy of the world that the plan was made for, such as a `PreviewCopy`.
-    :param task, steps, calls: as the result of the `TaskPlanner` has them.
-    :param states: whether the whole state after each step is to be told, not what has changed alone.
+    :param copy: of the world that the plan was made for, such as a `PreviewCopy`.
+    :param task, steps, calls: of the `PlanningResult`.
+    :param states: whether to report the full state after each step.
     """
-    rehearsal = _Rehearsal(copy, task)
+    simulation = _Simulation(copy, task)
     facts = _facts_of(task, steps) if states else []
-    played = []
+    simulated = []
     for number, (step, call) in enumerate(zip(steps, calls, strict=True), 1):
-        played.append(rehearsal.play(number, step, call))
-        played[-1].state = [str(atom) for atom in facts if rehearsal.holds(atom)]
-    return Preview(played, rehearsal.holds(task.goal))
+        simulated.append(simulation.run(number, step, call))
+        simulated[-1].state = [str(atom) for atom in facts if simulation.holds(atom)]
+    return Preview(simulated, simulation.holds(task.goal))
 
 
 def _facts_of(task: PlanningTask, steps: Sequence[PlanStep]) -> list[Atom]:
-    """The facts that hold at some time of a plan, of those that skills change."""
+    """Returns the facts that hold at some time during a plan, of predicates that skills change."""
     changing = {effect.atom.predicate for action in task.actions for effect in action.effects}
     found = {atom for atom in task.init if atom.predicate in changing}
     found |= {atom for step in steps for atom, state in effects_of(task, step) if state}
     return sorted(found, key=str)
 
 
-class _Rehearsal:
-    """Plays steps on a copy of the scene, one after the other."""
+class _Simulation:
+    """Simulates steps on a copy of the scene, one after the other."""
 
     def __init__(self, copy: WorldModelPort, task: PlanningTask) -> None:
         self._copy = copy
         self._task = task
         self._now = {e.id: e for e in copy.resolve_elements(Element())}
-        self._made: dict[str, str] = {}  # the ids of elements that steps have made, by their names in the task
+        self._created: dict[str, str] = {}  # the ids of created elements, by their names in the task
 
-    def play(self, number: int, step: PlanStep, call: SkillCall) -> PreviewStep:
+    def run(self, number: int, step: PlanStep, call: SkillCall) -> PreviewStep:
         action = self._task.action(step.action)
         skill = action.skill
         named = {v.key or ROBOT_KEY: name for v, name in zip(action.variables, step.arguments, strict=True)}
-        played = PreviewStep(number, skill.name, call.manager)
-        elements = self._elements(named, call, played)
-        played.arguments = {key: _name(e) if e.id else f"a new {e.type}" for key, e in elements.items()}
+        result = PreviewStep(number, skill.name, call.manager)
+        elements = self._elements(named, call, result)
+        result.arguments = {key: _name(e) if e.id else f"a new {e.type}" for key, e in elements.items()}
         params = ParamHandler({p.key: _param(p, elements.get(p.key), self._copy) for p in skill.parameters})
-        played.unmet = [
+        result.unsatisfied = [
             f"[{condition.label}] {condition.found(params, self._copy)}"
-            for condition in self._needed(skill)
+            for condition in self._preconditions(skill)
             if not condition.evaluate(params, self._copy)
         ]
-        before: dict[str, Element | None] = {}  # what is touched, as it was
+        before: dict[str, Element | None] = {}  # changed elements before the step
 
-        def note(change: Any) -> None:
+        def record(change: Any) -> None:
             for element in change.elements:
                 before.setdefault(element.id, self._now.get(element.id))
                 if change.action == _REMOVE:
@@ -196,81 +195,81 @@ class _Rehearsal:
                 else:
                     self._now[element.id] = element
 
-        self._copy.add_listener(note)
-        # What is made both true and false is true: what stops being so comes first.
+        self._copy.add_listener(record)
+        # Deletes come first: a fact that is made both true and false is true.
         for effect in sorted(skill.post, key=lambda c: c.state):
-            played.assumed += self._bring_about(effect, params)
-        self._copy.remove_listener(note)
+            result.assumed += self._apply(effect, params)
+        self._copy.remove_listener(record)
         for key, name in named.items():
             if not elements[key].id and params.hasParam(key) and params.is_bound(key):
-                self._made[name] = params.getParamValue(key).id
+                self._created[name] = params.getParamValue(key).id
         names = {eid: _name(e) for eid, e in before.items() if e is not None}
         names.update((eid, _name(e)) for eid, e in self._now.items())
         for eid, old in before.items():
-            played.changes += _differences(old, self._now.get(eid), names)
-        return played
+            result.changes += _differences(old, self._now.get(eid), names)
+        return result
 
     def holds(self, formula: Formula) -> bool:
-        """Whether a formula without quantifiers and variables holds now."""
+        """Whether a ground formula without quantifiers holds now."""
         if isinstance(formula, Not):
             return not self.holds(formula.part)
         if isinstance(formula, And | Or):
             return (all if isinstance(formula, And) else any)(map(self.holds, formula.parts))
         if not isinstance(formula, Atom):
-            raise TypeError(f"{formula} has a quantifier; write it out first")
+            raise TypeError(f"{formula} has a quantifier; expand it first")
         if formula.predicate.kind is Kind.CAN:
             return formula in self._task.init
-        found = [self._copy.find_element(self._made.get(term, term)) for term in formula.terms]
+        found = [self._copy.find_element(self._created.get(term, term)) for term in formula.terms]
         params = ParamHandler()
-        for key, element in zip(_PLACES, found, strict=False):
+        for key, element in zip(_PARAMETERS, found, strict=False):
             if element is None:
                 return False
             params.addParam(key, element, ParamTypes.Required)
-        condition = as_condition(_condition_of(formula.predicate))
+        condition = make_condition(_condition_of(formula.predicate))
         return bool(condition.evaluate(params, self._copy))
 
-    def _elements(self, named: Mapping[str, str], call: SkillCall, played: PreviewStep) -> dict[str, Element]:
-        """The elements of a step by parameter: as they are now, or abstract ones for what it is to make."""
+    def _elements(self, named: Mapping[str, str], call: SkillCall, result: PreviewStep) -> dict[str, Element]:
+        """Returns the current elements of a step by parameter; abstract elements for those to create."""
         given = dict(call.arguments)
         found = {}
         for key, name in named.items():
-            element = self._copy.find_element(self._made.get(name, name))
+            element = self._copy.find_element(self._created.get(name, name))
             if element is None and key in given:
-                # A template that stands for itself: the skill would have to find something like it.
+                # A template that stands for itself: the skill infers an instance when it starts.
                 element = self._copy.instanciate(given[key].label)
-                self._made[name] = element.id
-                played.assumed.append(f"something like {given[key].label} is found, here {element.id}")
+                self._created[name] = element.id
+                result.assumed.append(f"an instance of {given[key].label} is found, here {element.id}")
             found[key] = element if element is not None else Element(self._task.objects[name])
         return found
 
-    def _needed(self, skill: Skill) -> list[Any]:
-        """The conditions that have to hold when a skill starts."""
+    def _preconditions(self, skill: Skill) -> list[Any]:
+        """Returns the conditions that must hold when a skill starts."""
         holds = [c for c in skill.hold if not any(c.contradicts(pre) for pre in skill.pre)]
-        made = (as_condition(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
-        return [condition for condition in made if condition is not None]
+        conditions = (make_condition(condition) for condition in dict.fromkeys((*skill.pre, *holds)))
+        return [condition for condition in conditions if condition is not None]
 
-    def _bring_about(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
-        """Makes an effect so. In words what had to be chosen, or could not be."""
-        condition = as_condition(effect)
+    def _apply(self, effect: SkillCondition, params: ParamHandler) -> list[str]:
+        """Applies an effect. Returns messages about chosen values and effects without a value."""
+        condition = make_condition(effect)
         if condition is None:
-            return [f"nothing comes of {effect.kind} {effect.label!r}, which planning cannot read"]
+            return [f"{effect.kind} {effect.label!r} has no effect: planning cannot read it"]
         for key in condition.getKeys():
-            if params.is_bound(key):  # as it is now
+            if params.is_bound(key):  # the current element
                 params.specify(key, self._copy.get_element(params.getParamValue(key).id))
         if condition.setTrue(params, self._copy):
             return []
         value = _example(effect, self._copy)
         if value is None or not params.is_bound(effect.subject):
-            return [f"[{effect.label}] is left as it is"]
+            return [f"[{effect.label}] is unchanged"]
         element = self._copy.get_element(params.getParamValue(effect.subject).id)
         element.setProperty(effect.name, value)
         self._copy.update_element_properties(element)
-        return [f"{_name(element)} {effect.name} {value}, of which is known only: {condition.expected()}"]
+        return [f"{_name(element)} {effect.name} {value}, an example for: {condition.expected()}"]
 
 
 def _condition_of(predicate: Predicate) -> SkillCondition:
-    """The condition that asks for a predicate of the elements in the parameters `_PLACES`."""
-    subject, obj = _PLACES
+    """Returns the condition that tests a predicate of the elements in `_PARAMETERS`."""
+    subject, obj = _PARAMETERS
     return SkillCondition(
         _CONDITIONS[predicate.kind],
         str(predicate),
@@ -285,7 +284,7 @@ def _condition_of(predicate: Predicate) -> SkillCondition:
 def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelPort) -> Param:
     kind = _KINDS[parameter.kind]
     if parameter.element_class is None:
-        return Param(parameter.key, "", str, kind)  # its value is no matter to a condition that planning can read
+        return Param(parameter.key, "", str, kind)  # conditions that planning can read do not depend on its value
     param = Param(parameter.key, "", Element(parameter.element_class), kind)
     given = copy.find_element(parameter.fixed) if parameter.fixed else element
     if given is not None and not given.isAbstract():
@@ -293,8 +292,8 @@ def _param(parameter: SkillParameter, element: Element | None, copy: WorldModelP
     return param
 
 
-def as_condition(read: SkillCondition) -> Any:
-    """The condition that a manager would evaluate; None for what planning cannot read."""
+def make_condition(read: SkillCondition) -> Any:
+    """Returns the condition that a manager would evaluate; None if planning cannot read it."""
     kind, name, subject = read.kind, read.name, read.subject
     if kind == "ConditionRelation":
         return ConditionRelation(read.label, name, subject, read.object, read.state)
@@ -312,7 +311,7 @@ def as_condition(read: SkillCondition) -> Any:
         )
     if kind != "ConditionOr":
         return None
-    parts: list[ConditionBase | None] = [as_condition(part) for part in read.parts]
+    parts: list[ConditionBase | None] = [make_condition(part) for part in read.parts]
     if None in parts:
         return None
     either = ConditionOr(read.state)
@@ -322,7 +321,7 @@ def as_condition(read: SkillCondition) -> Any:
 
 
 def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float | None:
-    """A value with which an effect on a property holds; None where there is none to choose."""
+    """Returns an example value for an effect on a property; None if there is none."""
     if effect.kind == "ConditionHasProperty" and effect.state:
         examples: dict[str, str | bool | float] = {"xsd:boolean": True, "xsd:string": "some"}
         return examples.get(copy.get_datatype(effect.name) or "xsd:string", 1.0)
@@ -332,26 +331,26 @@ def _example(effect: SkillCondition, copy: WorldModelPort) -> str | bool | float
     return effect.value + (1.0 if up else -1.0)
 
 
-def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[Changed]:
-    """What is other of an element.
+def _differences(old: Element | None, new: Element | None, names: Mapping[str, str]) -> Iterator[FactChange]:
+    """Yields the changes of an element.
 
-    :param names: of the elements that there are or were, by id.
+    :param names: of all current and former elements, by id.
     """
     if old is None or new is None:
         element = new or old
         if element is not None:
-            yield Changed(_name(element), "", "", new is not None)
+            yield FactChange(_name(element), "", "", new is not None)
         if new is None:
             return
     then, now = _facts(old), _facts(new)
     for state, facts, others in ((False, then, now), (True, now, then)):
         for name, value in facts:
             if (name, value) not in others:
-                yield Changed(_name(new), name, names.get(value, value), state)
+                yield FactChange(_name(new), name, names.get(value, value), state)
 
 
 def _facts(element: Element | None) -> dict[tuple[str, str], None]:
-    """The properties and outgoing relations of an element."""
+    """Returns the properties and outgoing relations of an element."""
     if element is None:
         return {}
     facts = {(prop.key, str(value)): None for prop in element.properties for value in prop.values}

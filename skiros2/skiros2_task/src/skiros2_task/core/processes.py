@@ -1,4 +1,4 @@
-"""Processes and those that they started."""
+"""Process trees (Linux)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _PR_SET_CHILD_SUBREAPER = 36  # of linux/prctl.h
 
 
 def adopt_orphans() -> None:
-    """Makes processes under this one, whose parent ends before them, children of this one (Linux).
+    """Makes this process the parent of its orphaned descendants.
 
-    :raises OSError: the kernel refuses.
+    :raises OSError: prctl failed.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) != 0:
@@ -22,29 +22,29 @@ def adopt_orphans() -> None:
 
 
 def descendants(pid: int) -> list[int]:
-    """The processes under one, children first, whatever session they are in (Linux)."""
+    """Returns the descendants of a process in all sessions, parents first."""
     children: dict[int, list[int]] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             with contextlib.suppress(OSError, IndexError, ValueError):
-                # The name, in parentheses, may hold anything; the parent is the second field after it.
+                # The name in parentheses may contain any character; the parent is the second field after it.
                 fields = (entry / "stat").read_text().rpartition(")")[2].split()
                 children.setdefault(int(fields[1]), []).append(int(entry.name))
     found: list[int] = []
     waiting = [pid]
     while waiting:
-        below = children.get(waiting.pop(), [])
-        found += below
-        waiting += below
+        new = children.get(waiting.pop(), [])
+        found += new
+        waiting += new
     return found
 
 
 def kill_tree(pid: int, itself: bool = True) -> None:
-    """Ends a process's descendants, and with `itself` the process, at once. What is gone already does not matter.
+    """Kills a process with all its descendants. Processes that have ended are ignored.
 
-    :param itself: False for a process that starts nothing meanwhile, such as the caller.
+    :param itself: whether to kill the process too. If not, it must not start processes meanwhile.
     """
-    # All are stopped before the first is killed, so that none can start another that is not seen.
+    # All are stopped before the first is killed, so that none starts another one unseen.
     stopped = [pid] if itself else []
     for child in stopped:
         _signal(child, signal.SIGSTOP)

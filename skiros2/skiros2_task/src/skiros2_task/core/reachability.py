@@ -1,7 +1,7 @@
-"""What may come about if nothing that was once true, or once false, were ever undone.
+"""Relaxed reachability: the facts that are reachable if a value that a fact once had is never lost.
 
-The facts reached so are a superset of those that any plan reaches (the relaxation that planners take their heuristics
-from: Bonet and Geffner, Planning as heuristic search, AIJ 2001). What is not among them is unreachable for sure.
+They are a superset of the facts that any plan reaches, so other facts are unreachable (the delete relaxation: Bonet and
+Geffner, Planning as heuristic search, AIJ 2001).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ Binding = dict[str, str]
 
 @dataclass
 class Reached:
-    """What may become true, and what may become false.
+    """The atoms that may become true, and those that may become false.
 
-    :param complete: all was found; otherwise the time ran out.
+    :param complete: False if the deadline passed.
     """
 
     init: frozenset[Atom]
@@ -33,19 +33,19 @@ class Reached:
     _by_term: dict[tuple[Predicate, int, str], list[tuple[str, ...]]] = field(default_factory=dict)
 
     def add(self, atom: Atom, state: bool) -> bool:
-        """Notes that an atom may become true or false. Whether that is new."""
-        there = self.true if state else self.false
-        if atom in there:
+        """Adds an atom that may become true or false. Returns whether it is new."""
+        atoms = self.true if state else self.false
+        if atom in atoms:
             return False
-        there.add(atom)
+        atoms.add(atom)
         if state:
             self.by_predicate.setdefault(atom.predicate, {})[atom.terms] = None
-            for place, term in enumerate(atom.terms):
-                self._by_term.setdefault((atom.predicate, place, term), []).append(atom.terms)
+            for position, term in enumerate(atom.terms):
+                self._by_term.setdefault((atom.predicate, position, term), []).append(atom.terms)
         return True
 
     def may_hold(self, formula: Formula) -> bool:
-        """Whether a formula in negation normal form, without variables, may come to hold."""
+        """Whether a ground formula in negation normal form may become true."""
         if isinstance(formula, Atom):
             return formula in self.true
         if isinstance(formula, Not):
@@ -56,9 +56,9 @@ class Reached:
         return (all if every else any)(self.may_hold(part) for part in formula.parts)
 
     def matches(self, atom: Atom, binding: Binding) -> Iterator[Binding]:
-        """The ways to complete a binding so that the atom may become true."""
+        """Yields the completions of a binding for which the atom may become true."""
         pattern = tuple(binding.get(t, t) for t in atom.terms)
-        bound = [(atom.predicate, place, term) for place, term in enumerate(pattern) if not term.startswith("?")]
+        bound = [(atom.predicate, position, term) for position, term in enumerate(pattern) if not term.startswith("?")]
         if len(bound) == len(pattern):
             if Atom(atom.predicate, pattern) in self.true:
                 yield binding
@@ -73,24 +73,23 @@ class Reached:
                 yield found
 
 
-class Patience:
-    """How long to look for something.
+class Deadline:
+    """A point in time, or an earlier cancellation.
 
-    :param seconds: of wall time, from now on.
-    :param cancelled: ends it before that when it is set.
+    :param seconds: from now, in wall-clock time.
     """
 
     def __init__(self, seconds: float, cancelled: threading.Event | None = None) -> None:
-        self._ends = time.monotonic() + seconds
+        self._end = time.monotonic() + seconds
         self._cancelled = cancelled
 
     @property
-    def is_over(self) -> bool:
-        return time.monotonic() > self._ends or (self._cancelled is not None and self._cancelled.is_set())
+    def has_passed(self) -> bool:
+        return time.monotonic() > self._end or (self._cancelled is not None and self._cancelled.is_set())
 
 
-def explore(task: PlanningTask, patience: Patience) -> Reached:
-    """All that may come about in a task, as far as the patience lasts."""
+def explore(task: PlanningTask, deadline: Deadline) -> Reached:
+    """Returns the reachable atoms of a task, found before the deadline."""
     reached = Reached(task.init)
     for atom in task.init:
         reached.add(atom, True)
@@ -100,7 +99,7 @@ def explore(task: PlanningTask, patience: Patience) -> Reached:
         growing = False
         for action in task.actions:
             for step in steps_of(task, action, reached):
-                if patience.is_over:
+                if deadline.has_passed:
                     reached.complete = False
                     return reached
                 if step not in done:
@@ -111,18 +110,18 @@ def explore(task: PlanningTask, patience: Patience) -> Reached:
 
 
 def steps_of(task: PlanningTask, action: Action, reached: Reached) -> Iterator[PlanStep]:
-    """The ways to do an action when its pre-condition may hold."""
-    for binding in ways(task, action, conjuncts(action.precondition), reached, {}):
+    """Yields the steps of an action whose pre-condition may become true."""
+    for binding in bindings(task, action, conjuncts(action.precondition), reached, {}):
         yield PlanStep(action.name, tuple(binding[v.name] for v in action.variables))
 
 
-def ways(
+def bindings(
     task: PlanningTask, action: Action, parts: Sequence[Formula], reached: Reached, start: Binding
 ) -> Iterator[Binding]:
-    """The objects for all variables of an action with which some conditions may hold.
+    """Yields the complete bindings of an action's variables for which some conditions may become true.
 
     :param parts: the conditions.
-    :param start: the objects of those variables that are given.
+    :param start: a partial binding.
     """
     atoms = [part for part in parts if isinstance(part, Atom)]
     rest = [part for part in parts if not isinstance(part, Atom)]
@@ -131,7 +130,7 @@ def ways(
 
     def complete(binding: Binding, todo: list[Atom]) -> Iterator[Binding]:
         if todo:
-            # The most bound condition first, of those the one with the fewest facts.
+            # The condition with the fewest unbound variables first, then with the fewest facts.
             best = min(
                 todo,
                 key=lambda a: (

@@ -1,4 +1,4 @@
-"""When each step of a plan is done, and by which robot."""
+"""Schedules: the robot, start and end of each step of a plan."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from skiros2_common.core.errors import WrongValue
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.partial_order import PartialOrder, deorder
-from skiros2_task.core.reassignment import reassigned
 from skiros2_task.core.reduction import reduced
+from skiros2_task.core.robot_assignment import reassign_robots
 from skiros2_task.core.task import PlanningTask, PlanStep, robot_of
 
 log = logging.getLogger(__name__)
@@ -18,10 +18,10 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Scheduled:
-    """When a step is done.
+    """A scheduled step.
 
     :param step: its index in the order's steps.
-    :param robot: that does it.
+    :param robot: the id of the robot that executes it.
     :param start, end: s after the plan's start.
     """
 
@@ -33,10 +33,9 @@ class Scheduled:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A plan in time.
+    """A scheduled plan.
 
-    :param order: the steps, and what is needed of their order.
-    :param steps: when each is done, as in the order's steps.
+    :param steps: in the sequence of the order's steps.
     :param makespan: s from the first start to the last end.
     """
 
@@ -46,7 +45,7 @@ class Schedule:
 
 
 def schedule_plan(task: PlanningTask, plan: Sequence[PlanStep], durations: Durations) -> Schedule:
-    """The schedule of a plan without its redundant steps.
+    """Returns the schedule of a plan without its redundant steps.
 
     :param plan: steps that work in this order; see `simulation.flaw`.
     :raises WrongValue: they do not.
@@ -61,16 +60,16 @@ def schedule(task: PlanningTask, order: PartialOrder, durations: Durations) -> S
     works.
     """
     as_planned = _as_early_as_possible(task, order, durations)
-    plan = reassigned(task, order, durations)
+    plan = reassign_robots(task, order, durations)
     if plan is None:
         return as_planned
     try:
         other = deorder(task, plan)
     except WrongValue as reason:
-        log.debug("dealing out the steps anew is of no use: %s", reason)
+        log.debug("robot assignment discarded: %s", reason)
         return as_planned
-    dealt_out = _as_early_as_possible(task, other, durations)
-    return dealt_out if dealt_out.makespan < as_planned.makespan else as_planned
+    assigned = _as_early_as_possible(task, other, durations)
+    return assigned if assigned.makespan < as_planned.makespan else as_planned
 
 
 def _as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Durations) -> Schedule:
@@ -83,6 +82,6 @@ def _as_early_as_possible(task: PlanningTask, order: PartialOrder, durations: Du
 
 
 def seconds_of(task: PlanningTask, step: PlanStep, durations: Durations) -> float:
-    """How long a step is expected to take."""
+    """Returns the expected duration of a step (s)."""
     action = task.action(step.action)
     return durations.seconds(action.skill, dict(action.managers).get(robot_of(task, step), ""))

@@ -1,4 +1,4 @@
-"""The planning task: all that a planner is told, over the ontology's names and the ids of elements."""
+"""The planning task: domain and problem, over names of the ontology and ids of elements."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import product
 from skiros2_task.core.actions import Action, Effect
 from skiros2_task.core.formula import Atom, Formula, Predicate, bind, expand_quantifiers, holds
 
-#: Stands for the class of all objects of a task.
+#: The class of all objects of a task.
 EVERYTHING = "*"
 
 
@@ -17,15 +17,13 @@ EVERYTHING = "*"
 class PlanningTask:
     """A domain and a problem.
 
-    :param actions: what may be done.
-    :param objects: the class of each object, by its name (an element's id, a template's name, or a name made up).
-    :param members: the objects of each class that a variable names.
-    :param predicates: all that occur.
-    :param init: the facts that hold at the start; all others do not.
-    :param goal: what has to hold at the end, without variables.
-    :param notes: in words, what was left out and why.
-    :param concurrent: in words, what is needed though it holds only while a skill runs: steps one after the other
-        cannot have that.
+    :param objects: the class of each object, by name (an element's id, a template's name, or a generated name).
+    :param members: the objects of each class that a variable has.
+    :param predicates: all predicates that occur.
+    :param init: the initial facts; all other atoms are false.
+    :param goal: without variables.
+    :param notes: messages about what was excluded, and why.
+    :param concurrent: messages about needed facts that hold only while a skill runs, see `concurrency`.
     """
 
     actions: tuple[Action, ...]
@@ -43,18 +41,18 @@ class PlanningTask:
 
     @property
     def satisfied(self) -> bool:
-        """Whether the goal holds at the start."""
+        """Whether the goal holds initially."""
         return holds(self.goal, self.init)
 
     def action(self, name: str) -> Action:
-        """The action of that name.
+        """Returns an action.
 
-        :raises KeyError: there is none.
+        :raises KeyError: there is no action of that name.
         """
         return self._by_name[name]
 
     def candidates(self, classes: Sequence[str]) -> list[str]:
-        """The objects that are of all these classes."""
+        """Returns the objects that are instances of all these classes."""
         first, *others = (self.members[cls] for cls in classes)
         inside = [set(other) for other in others]
         return [name for name in first if all(name in other for other in inside)]
@@ -62,7 +60,7 @@ class PlanningTask:
 
 @dataclass(frozen=True)
 class PlanStep:
-    """An action with an object for each of its variables, in their order."""
+    """An action with an object for each of its variables."""
 
     action: str
     arguments: tuple[str, ...]
@@ -72,23 +70,23 @@ class PlanStep:
 
 
 def effects_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
-    """What a step makes true or false."""
+    """Yields the effects of a step."""
     return _ground(task, step, task.action(step.action).effects)
 
 
 def during_of(task: PlanningTask, step: PlanStep) -> Iterator[tuple[Atom, bool]]:
-    """What a step makes true or false when it starts, and takes back when it ends."""
+    """Yields the effects of a step that last only while it runs."""
     return _ground(task, step, task.action(step.action).during)
 
 
 def precondition_of(task: PlanningTask, step: PlanStep) -> Formula:
-    """What has to hold when a step starts, and must not be spoiled while it runs."""
+    """Returns the formula that must hold when a step starts and until it ends."""
     action = task.action(step.action)
     return expand_quantifiers(bind(action.precondition, _values(action, step)), task.members.__getitem__)
 
 
 def robot_of(task: PlanningTask, step: PlanStep) -> str:
-    """The robot that does a step."""
+    """Returns the robot that executes a step."""
     action = task.action(step.action)
     return _values(action, step)[action.robot]
 

@@ -1,4 +1,4 @@
-"""The action `~achieve`: goals that are planned and carried out by the robots."""
+"""The action `~achieve`: plans goals and executes the plans."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from skiros2_common.core.errors import WrongValue
 from skiros2_common.ros.goal_server import ACTIVE, GoalServer
 from skiros2_msgs.msg import AchieveAction as AchieveActionSpec
 from skiros2_msgs.msg import AchieveFeedback, AchieveResult
-from skiros2_task.core.commands import End, JobState, Phase, Record
-from skiros2_task.core.conductor import Achievement, Conductor, Goal
+from skiros2_task.core.commands import End, Phase, StepRecord, StepState
+from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
 from skiros2_task.core.planner import Limits, Planner
-from skiros2_task.core.task_planner import Verdict
+from skiros2_task.core.planning import Verdict
 
 log = logging.getLogger(__name__)
 
-#: How often it is planned anew at most, where a goal does not say.
+#: The default of a goal's `max_replans`.
 MAX_REPLANS = 5
 
 _STATES = {
@@ -32,23 +32,22 @@ _STATES = {
 
 
 class AchieveAction(GoalServer):
-    """Carries out goals, any number side by side, and cancels each by itself.
+    """Executes any number of goals at once. A goal continues when its client disappears.
 
-    A client that disappears leaves its goal to be carried out. `close` is for when the conductor has ended what ran.
+    To be closed after the executor.
 
-    :param conductor: carries the goals out.
-    :param planners: gives the planner for a wish; raises WrongValue.
-    :param max_replans: how often it is planned anew at most, where a goal does not say.
+    :param planners: returns the planner for a quality; raises WrongValue.
+    :param max_replans: for goals with negative `max_replans`.
     """
 
     def __init__(
-        self, conductor: Conductor, planners: Callable[[str], Planner], max_replans: int = MAX_REPLANS
+        self, executor: GoalExecutor, planners: Callable[[str], Planner], max_replans: int = MAX_REPLANS
     ) -> None:
         super().__init__("~achieve", AchieveActionSpec)
-        self._conductor = conductor
+        self._executor = executor
         self._planners = planners
         self._max_replans = max_replans
-        self._running: list[tuple[Any, Achievement]] = []  # belongs to the action's thread
+        self._running: list[tuple[Any, GoalExecution]] = []  # owned by the action's thread
 
     def _unserved_result(self, cancelled: bool, message: str) -> Any:
         return _refusal(AchieveResult.CANCELLED if cancelled else AchieveResult.FAILED, message)
@@ -63,27 +62,27 @@ class AchieveAction(GoalServer):
         try:
             goal = self._goal(message)
         except WrongValue as error:
-            log.warning("goal of %s is refused: %s", message.author or "somebody", error)
+            log.warning("goal of %s is rejected: %s", message.author or "unknown", error)
             handle.set_rejected(_refusal(AchieveResult.FAILED, str(error)), str(error))
             return
         handle.set_accepted()
-        log.info("goal of %s: %s", message.author or "somebody", message.goals)
-        teller = _Teller(handle)
-        achievement = self._conductor.achieve(goal, teller.on_change, teller.on_end)
+        log.info("goal of %s: %s", message.author or "unknown", message.goals)
+        publisher = _GoalPublisher(handle)
+        execution = self._executor.achieve(goal, publisher.on_change, publisher.on_end)
         self._running = [(h, a) for h, a in self._running if h.get_goal_status().status in ACTIVE]
-        self._running.append((handle, achievement))
+        self._running.append((handle, execution))
 
     def _cancel(self, handle: Any) -> None:
-        for known, achievement in self._running:
+        for known, execution in self._running:
             if known == handle:
-                self._conductor.cancel(achievement)
+                self._executor.cancel(execution)
 
     def _goal(self, message: Any) -> Goal:
         """
-        :raises WrongValue: it says something that cannot be meant.
+        :raises WrongValue: a field has an invalid value.
         """
         if not 0.0 <= message.seconds < float("inf"):
-            raise WrongValue(f"seconds is {message.seconds}, expected a time for planning, or 0")
+            raise WrongValue(f"seconds is {message.seconds}, expected a planning time, or 0")
         return Goal(
             text=message.goals,
             priority=message.priority,
@@ -93,32 +92,33 @@ class AchieveAction(GoalServer):
         )
 
 
-class _Teller:
-    """Tells the client of one goal how it goes on, from the conductor's thread."""
+class _GoalPublisher:
+    """Publishes feedback and result of one goal, from the executor's thread."""
 
     def __init__(self, handle: Any) -> None:
         self._handle = handle
 
-    def on_change(self, achievement: Achievement) -> None:
-        executive = achievement.executive
-        plan = [r for r in executive.records.values() if r.job.number >= executive.plan_begins or r.ended is None]
+    def on_change(self, execution: GoalExecution) -> None:
+        machine = execution.machine
+        records = machine.records.values()
+        plan = [r for r in records if r.step.number >= machine.plan_start or r.ended is None]
         self._handle.publish_feedback(
             AchieveFeedback(
-                phase=_phase(executive.phase),
-                message=executive.message,
+                phase=_phase(machine.phase),
+                message=machine.message,
                 plan=json.dumps([_planned(record) for record in plan]),
                 steps=json.dumps([_progress(record) for record in plan]),
                 robots=json.dumps(_robots(plan)),
             )
         )
 
-    def on_end(self, achievement: Achievement, end: End) -> None:
-        done = achievement.done
+    def on_end(self, execution: GoalExecution, end: End) -> None:
+        started = execution.started
         result = AchieveResult(
             state=_STATES[end.verdict],
             message=end.message,
-            done=json.dumps([{**_planned(record), **_progress(record)} for record in done]),
-            explanations=json.dumps([why.to_dict() for record in done for why in record.explanations]),
+            done=json.dumps([{**_planned(record), **_progress(record)} for record in started]),
+            explanations=json.dumps([why.to_dict() for record in started for why in record.explanations]),
         )
         if end.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
             self._handle.set_succeeded(result, end.message)
@@ -138,37 +138,37 @@ def _phase(phase: Phase) -> str:
     return str(AchieveFeedback.PLANNING if phase in (Phase.PLANNING, Phase.BLOCKED) else AchieveFeedback.RUNNING)
 
 
-def _planned(record: Record) -> dict[str, Any]:
-    """A step as it is planned."""
-    job = record.job
+def _planned(record: StepRecord) -> dict[str, Any]:
+    """Returns the planned step as JSON data."""
+    step = record.step
     return {
-        "number": job.number,
-        "skill": job.call.type,
-        "label": job.call.label,
-        "robot": job.call.manager,
-        "arguments": {key: element.id or element.label or element.type for key, element in job.call.arguments},
-        "start": job.start,
-        "end": job.end,
-        "after": sorted(job.after),
+        "number": step.number,
+        "skill": step.call.type,
+        "label": step.call.label,
+        "robot": step.call.manager,
+        "arguments": {key: element.id or element.label or element.type for key, element in step.call.arguments},
+        "start": step.start,
+        "end": step.end,
+        "after": sorted(step.after),
     }
 
 
-def _progress(record: Record) -> dict[str, Any]:
-    """What has become of a step."""
+def _progress(record: StepRecord) -> dict[str, Any]:
+    """Returns the state of a step as JSON data."""
     return {
-        "number": record.job.number,
-        "robot": record.job.call.manager,
+        "number": record.step.number,
+        "robot": record.step.call.manager,
         "state": record.state.value,
         "message": record.message,
     }
 
 
-def _robots(records: Iterable[Record]) -> dict[str, int | None]:
-    """What each robot does."""
-    doing: dict[str, int | None] = {}
+def _robots(records: Iterable[StepRecord]) -> dict[str, int | None]:
+    """Returns the number of each robot's running step."""
+    running: dict[str, int | None] = {}
     for record in records:
-        robot = record.job.call.manager
-        doing.setdefault(robot, None)
-        if record.state is JobState.RUNNING:
-            doing[robot] = record.job.number
-    return doing
+        robot = record.step.call.manager
+        running.setdefault(robot, None)
+        if record.state is StepState.RUNNING:
+            running[robot] = record.step.number
+    return running

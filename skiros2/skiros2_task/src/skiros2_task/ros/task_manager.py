@@ -1,4 +1,4 @@
-"""The task manager's node: plans goals that come as actions, and has them carried out."""
+"""The task manager node: plans and achieves goals received by actions."""
 
 from __future__ import annotations
 
@@ -15,52 +15,51 @@ from skiros2_common.core.errors import ConfigurationError, SkirosError, WrongVal
 from skiros2_common.ros.shutdown import spin
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskFeedback, AssignTaskResult
 from skiros2_task.core.archive import Archive
-from skiros2_task.core.conductor import Conductor
 from skiros2_task.core.durations import Durations
 from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.executor import GoalExecutor
 from skiros2_task.core.planner import Limits, Planner
-from skiros2_task.core.portfolio import Wish, planner_named
-from skiros2_task.core.task_planner import PlanningResult, TaskPlanner, Verdict
-from skiros2_task.core.up_planner import DEFAULT_ENGINE
+from skiros2_task.core.planners import DEFAULT_ENGINE, Quality, planner_named
+from skiros2_task.core.planning import PlanningResult, TaskPlanner, Verdict
 from skiros2_task.ros.achieve_action import MAX_REPLANS, AchieveAction
-from skiros2_task.ros.crew import Crew
+from skiros2_task.ros.step_runner import ManagerStepRunner
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_task.ros.task_message import Offered, task_holder
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 
 log = logging.getLogger(__name__)
 
-#: Where the files of the last plans are kept.
+#: The folder for the files of the last plans.
 ARCHIVE = Path("~/.skiros/planner")
 
-#: The file beside them with the durations of skills that were measured.
+#: The file in it with the measured durations of skills.
 DURATIONS = "durations.json"
 
-#: How long steps that run have to stop when the node ends (s).
-_CLOSING_SECONDS = 1.0
+#: The grace period for running steps when the node ends (s).
+_STOP_TIMEOUT = 1.0
 
 
 class TaskManager:
-    """The action server `~task_plan`. Each goal is planned in a thread of its own, several at once."""
+    """The action server `~task_plan`. Plans each goal in its own thread."""
 
     def __init__(self, planner: TaskPlanner, offered: Offered) -> None:
         """
-        :param offered: gives the parameters of skills as their managers list them.
+        :param offered: returns the parameters of skills as their managers list them.
         """
         self._planner = planner
         self._offered = offered
-        self._lock = threading.Lock()  # never held in a call of actionlib, which has its own when it calls us
+        self._lock = threading.Lock()  # never held in a call of actionlib, which holds its own lock in callbacks
         self._running: dict[str, tuple[threading.Thread, threading.Event]] = {}
         self._server = actionlib.ActionServer(
             "~task_plan", AssignTaskAction, self._on_goal, self._on_cancel, auto_start=False
         )
 
     def start(self) -> None:
-        """Takes goals from now on."""
+        """Starts the action server."""
         self._server.start()
 
     def stop(self) -> None:
-        """Cancels what is being planned and waits until it has ended."""
+        """Cancels all goals and waits until they have ended."""
         with self._lock:
             running = list(self._running.values())
         for _, cancelled in running:
@@ -68,7 +67,7 @@ class TaskManager:
         for thread, _ in running:
             thread.join()
 
-    # Called by threads of ROS, one goal at a time.
+    # Called by ROS threads, one goal at a time.
 
     def _on_goal(self, handle: Any) -> None:
         cancelled = threading.Event()
@@ -86,11 +85,11 @@ class TaskManager:
         if running is not None:
             running[1].set()
 
-    # In the thread of the goal.
+    # In the goal's thread.
 
     def _serve(self, handle: Any, cancelled: threading.Event) -> None:
         goal, goal_id = handle.get_goal(), handle.get_goal_id().id
-        log.info("goal of %s: %s", goal.author or "somebody", goal.goals)
+        log.info("goal of %s: %s", goal.author or "unknown", goal.goals)
         try:
             result = self._plan(handle, goal, cancelled)
             self._answer(handle, result)
@@ -111,7 +110,7 @@ class TaskManager:
             return self._planner.plan(goal.goals, cancelled, progress, goal.author)
         except SkirosError as error:
             return PlanningResult(Verdict.FAILED, message=str(error))
-        except Exception as error:  # a client has to hear of our own mistakes too
+        except Exception as error:  # the client still gets a result
             log.exception("planning %s", goal.goals)
             return PlanningResult(Verdict.FAILED, message=f"internal error: {type(error).__name__}: {error}")
 
@@ -136,9 +135,9 @@ def _line(result: PlanningResult) -> str:
 
 
 def main() -> None:
-    """The node's work: serves until ROS shuts down.
+    """Serves the actions until ROS shuts down.
 
-    :raises ConfigurationError: a parameter cannot be used.
+    :raises ConfigurationError: a ROS parameter has an invalid value.
     """
     seconds = rospy.get_param("~planning_time", Limits.seconds)
     if not isinstance(seconds, int | float) or isinstance(seconds, bool) or seconds <= 0:
@@ -153,15 +152,15 @@ def main() -> None:
         wm = WorldModelInterface(rospy.get_name(), make_cache=True)
         durations = Durations(folder / DURATIONS)
         engine = planner_named(processes, str(rospy.get_param("~planner", DEFAULT_ENGINE)), durations)
-        crew = Crew(rospy.get_name(), durations)
+        step_runner = ManagerStepRunner(rospy.get_name(), durations)
         archive = Archive(folder)
-        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, lambda: crew.agents)
-        conductor = Conductor(planner, crew)
-        crew.follow(conductor.robot_back, conductor.robot_gone)
-        wm.add_listener(lambda _: conductor.world_changed())
-        manager = TaskManager(planner, crew.offered)
-        achieve = AchieveAction(conductor, lambda wish: _planner_for(wish, processes, durations), max_replans)
-        rospy.on_shutdown(lambda: conductor.close(_CLOSING_SECONDS))
+        planner = TaskPlanner(wm, engine, Limits(float(seconds)), archive, durations, lambda: step_runner.agents)
+        executor = GoalExecutor(planner, step_runner)
+        step_runner.subscribe(executor.robot_found, executor.robot_lost)
+        wm.add_listener(lambda _: executor.world_changed())
+        manager = TaskManager(planner, step_runner.offered)
+        achieve = AchieveAction(executor, lambda quality: _planner_for(quality, processes, durations), max_replans)
+        rospy.on_shutdown(lambda: executor.close(_STOP_TIMEOUT))
         rospy.on_shutdown(manager.stop)
         rospy.on_shutdown(achieve.close)
         manager.start()
@@ -171,12 +170,12 @@ def main() -> None:
         processes.close()
 
 
-def _planner_for(wish: str, processes: EngineProcesses, durations: Durations) -> Planner:
-    """The planner for what a goal wishes for.
+def _planner_for(quality: str, processes: EngineProcesses, durations: Durations) -> Planner:
+    """Returns the planner for a plan quality.
 
-    :raises WrongValue: there is no such wish.
+    :raises WrongValue: the quality is unknown.
     """
-    wishes = [known.value for known in Wish]
-    if wish not in wishes:
-        raise WrongValue(f"wish {wish!r} is unknown, expected one of: {', '.join(wishes)}")
-    return planner_named(processes, wish, durations)
+    known = [each.value for each in Quality]
+    if quality not in known:
+        raise WrongValue(f"quality {quality!r} is unknown, expected one of: {', '.join(known)}")
+    return planner_named(processes, quality, durations)

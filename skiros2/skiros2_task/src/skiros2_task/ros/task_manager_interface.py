@@ -1,4 +1,4 @@
-"""What programs call to have a goal planned, or achieved."""
+"""The client of the task manager."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ ACHIEVE_ACTION = "tm/achieve"
 #: The codes of a result.
 FAILED, NOTHING_TO_DO, PLAN = 1, 2, 3
 
-_CONNECT_SECONDS = 2.0
+_CONNECT_TIMEOUT = 2.0  # s
 
-#: How long a task manager may be silent, or owe a result that it says it has sent (s).
-_PATIENCE = 5.0
+#: The longest silence of a task manager, and the longest delay of a result after its status (s).
+_ANSWER_TIMEOUT = 5.0
 
-_LOOK_PERIOD = 0.2  # s
+_POLL_PERIOD = 0.2  # s
 
 
 class _Request:
-    """One goal that was sent: its end, and its result."""
+    """A goal that was sent, and its result."""
 
     def __init__(self, client: Any, done_cb: Callable[[int, Any], None] | None) -> None:
         self.client = client
@@ -44,7 +44,7 @@ class _Request:
         self._done_cb = done_cb
 
     def on_transition(self, handle: Any) -> None:
-        # Also called before `send_goal` has returned, where actionlib's simple client loses the end of a goal.
+        # May be called before `send_goal` returns; actionlib's simple client would lose the end of the goal.
         if handle.get_comm_state() == actionlib.CommState.DONE and not self.ended.is_set():
             self.result = handle.get_result()
             self.ended.set()
@@ -53,13 +53,13 @@ class _Request:
 
 
 class TaskManagerInterface(PrettyObject):
-    """A client of the task manager, with one request at a time. Its connection is made in the background."""
+    """A client of the task manager, with one request at a time. Connects in the background."""
 
     def __init__(self) -> None:
         self._client = actionlib.ActionClient(ACTION, AssignTaskAction)
         self._achieve_client: Any = None
         self._request: _Request | None = None
-        self._heard: list[Any] = []  # clients whose first goal was sent
+        self._connected: list[Any] = []  # clients whose first goal was sent
 
     def plan(
         self,
@@ -67,12 +67,12 @@ class TaskManagerInterface(PrettyObject):
         done_cb: Callable[[int, Any], None] | None = None,
         feedback_cb: Callable[[Any], None] | None = None,
     ) -> bool:
-        """Sends goals to be planned and returns; an earlier request of this object is dropped.
+        """Sends goals to plan and returns. Replaces an earlier request of this object.
 
-        :param goals: the text of the goals, or several.
-        :param done_cb: called with the action's state and its `AssignTaskResult`, from a thread of ROS.
-        :param feedback_cb: called with each `AssignTaskFeedback`, from a thread of ROS.
-        :returns: True; False where no task manager has answered within 2 s, which is logged.
+        :param goals: one or several goal texts.
+        :param done_cb: called with the action's state and the `AssignTaskResult`, by a ROS thread.
+        :param feedback_cb: called with each `AssignTaskFeedback`, by a ROS thread.
+        :returns: False, and logs an error, if no task manager answers within 2 s.
         """
         try:
             self._send(self._client, AssignTaskGoal(rospy.get_name(), _text(goals)), done_cb, feedback_cb)
@@ -88,26 +88,25 @@ class TaskManagerInterface(PrettyObject):
         done_cb: Callable[[int, Any], None] | None = None,
         feedback_cb: Callable[[Any], None] | None = None,
         *,
-        wish: str = "",
+        quality: str = "",
         seconds: float = 0.0,
         priority: int = 0,
         max_replans: int = -1,
     ) -> None:
-        """Sends goals to be planned and carried out by the robots, and returns; an earlier request of this object is
-        dropped, but goes on.
+        """Sends goals to achieve and returns. Replaces an earlier request of this object, which is not cancelled.
 
-        :param goals: the text of the goals, or several.
-        :param done_cb: called with the action's state and its `AchieveResult`, from a thread of ROS.
-        :param feedback_cb: called with each `AchieveFeedback`, likewise.
-        :param wish: `first`, `best` or `optimal` plan; "": as the task manager is set.
-        :param seconds: for each planning; 0: as the task manager is set.
-        :param priority: where several goals want one robot, the one with the higher priority gets it first.
-        :param max_replans: how often it is planned anew at most; negative: as the task manager is set.
-        :raises TimedOut: no task manager has answered within 2 s.
+        :param goals: one or several goal texts.
+        :param done_cb: called with the action's state and the `AchieveResult`, by a ROS thread.
+        :param feedback_cb: called with each `AchieveFeedback`, by a ROS thread.
+        :param quality: `first`, `best` or `optimal`; "": the task manager's default.
+        :param seconds: time limit of each planning; 0: the task manager's default.
+        :param priority: of goals that need the same robot, the one with the highest priority gets it first.
+        :param max_replans: how often a broken plan is replaced at most; negative: the task manager's default.
+        :raises TimedOut: no task manager answers within 2 s.
         """
         if self._achieve_client is None:
             self._achieve_client = actionlib.ActionClient(ACHIEVE_ACTION, AchieveAction)
-        goal = AchieveGoal(rospy.get_name(), _text(goals), wish, seconds, priority, max_replans)
+        goal = AchieveGoal(rospy.get_name(), _text(goals), quality, seconds, priority, max_replans)
         self._send(self._achieve_client, goal, done_cb, feedback_cb)
 
     def _send(
@@ -117,10 +116,10 @@ class TaskManagerInterface(PrettyObject):
         done_cb: Callable[[int, Any], None] | None,
         feedback_cb: Callable[[Any], None] | None,
     ) -> None:
-        if not client.wait_for_server(rospy.Duration.from_sec(_CONNECT_SECONDS)):
+        if not client.wait_for_server(rospy.Duration.from_sec(_CONNECT_TIMEOUT)):
             raise TimedOut(f"no task manager answers on {rospy.resolve_name(client.ns)}")
-        if client not in self._heard:
-            self._heard.append(client)
+        if client not in self._connected:
+            self._connected.append(client)
             wait_for_subscribers(client.pub_goal)
         request = _Request(client, done_cb)
         on_feedback = (lambda handle, feedback: feedback_cb(feedback)) if feedback_cb is not None else None
@@ -133,20 +132,20 @@ class TaskManagerInterface(PrettyObject):
             self._request.handle.cancel()
 
     def wait_for_result(self) -> Any:
-        """Blocks until the request is answered, and returns the `AssignTaskResult` or `AchieveResult`. Not for
-        use in a skill's hook.
+        """Blocks until the request has ended. Returns the `AssignTaskResult` or `AchieveResult`. Not for use in a
+        skill's hook.
 
-        :raises Refused: nothing was asked.
-        :raises TimedOut: the task manager has gone, or its answer was lost.
+        :raises Refused: there is no request.
+        :raises TimedOut: the task manager has disappeared, or its result was lost.
         """
         if self._request is None:
-            raise Refused("wait_for_result: nothing was asked; call plan first")
+            raise Refused("wait_for_result: there is no request; call plan first")
         watch = ServerWatch(self._request.client)
-        while not self._request.ended.wait(_LOOK_PERIOD):
-            if watch.time_since_status() > _PATIENCE:
-                raise TimedOut(f"the task manager {watch.name} has not been heard of for {_PATIENCE:g} s")
-            if watch.time_without_result(self._request.handle) > _PATIENCE:
-                raise TimedOut(f"the answer of the task manager {watch.name} was lost; ask again")
+        while not self._request.ended.wait(_POLL_PERIOD):
+            if watch.time_since_status() > _ANSWER_TIMEOUT:
+                raise TimedOut(f"the task manager {watch.name} has been silent for {_ANSWER_TIMEOUT:g} s")
+            if watch.time_without_result(self._request.handle) > _ANSWER_TIMEOUT:
+                raise TimedOut(f"the result of the task manager {watch.name} was lost; send the request again")
         return self._request.result
 
 

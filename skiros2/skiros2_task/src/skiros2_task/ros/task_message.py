@@ -1,4 +1,4 @@
-"""A plan as the task that a skill manager runs."""
+"""Converts plans to tasks for skill managers."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_skill.ros.utils import SkillHolder
 from skiros2_task.core.plan import SkillCall
-from skiros2_task.core.skill_model import ParameterKind
+from skiros2_task.core.skills import ParameterKind
 
-#: Gives the parameters of a call's skill as its manager lists them; None where it does not.
+#: Returns the parameters of a call's skill as its manager lists them; None if the manager does not list it.
 Offered = Callable[[SkillCall], ParamHandler | None]
 
 _KINDS = {
@@ -21,14 +21,14 @@ _KINDS = {
 
 
 def task_holder(calls: Iterable[SkillCall], offered: Offered) -> SkillHolder:
-    """The task that runs the skills one after the other."""
+    """Returns a task that runs the skills in sequence."""
     return SkillHolder("", "Processor", "Sequential", children=[skill_holder(call, offered) for call in calls])
 
 
 def skill_holder(call: SkillCall, offered: Offered) -> SkillHolder:
-    """The skill with all its parameters, those of the call set.
+    """Returns the skill with all its parameters, with the values of the call.
 
-    Where the manager does not list the skill, the parameters are those that the world model has of it.
+    If the manager does not list the skill, the parameters are those in the world model.
     """
     listed = offered(call)
     params = (

@@ -44,7 +44,7 @@ class TaskManagerConnection:
         try:
             if self._client is None:
                 self._client = TaskManagerInterface()
-            self._client.achieve(goals, feedback_cb=on_feedback, wish=wish, seconds=seconds)
+            self._client.achieve(goals, feedback_cb=on_feedback, quality=wish, seconds=seconds)
             return self._client.wait_for_result()
         finally:
             self._goal_lock.release()

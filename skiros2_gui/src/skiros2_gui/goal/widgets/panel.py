@@ -27,7 +27,7 @@ from skiros2_gui.goal.execution import GoalExecution, StepRow
 from skiros2_gui.goal.plan import GoalPlan
 from skiros2_gui.goal.presenter import GoalPresenter
 from skiros2_gui.goal.widgets.line import GoalLine
-from skiros2_task.core.plan_table import PlanRow
+from skiros2_task.core.plan import PlanRow
 
 _HEADS = ("Step", "State", "Start", "End", "Robot", "Skill", "After", "With")
 _STATE = 1

@@ -14,7 +14,7 @@ from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.live_replay import WorldModelWriter
 from skiros2_bags.testing.recorded_world import group_requests, scene_before, world_model_with
 from skiros2_bags.testing.recording import ActionMessage, Recording
-from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_task_manager, start_world_model
 from skiros2_common.core.errors import TimedOut, WrongValue
 from skiros2_common.core.names import same_node
@@ -22,9 +22,9 @@ from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_skill.ros.utils import deserialize_skill
 from skiros2_task.core.planner import Limits
-from skiros2_task.core.simulation import flaw
+from skiros2_task.core.planning import TaskPlanner
+from skiros2_task.core.semantics import validate
 from skiros2_task.core.task import PlanningTask, PlanStep
-from skiros2_task.core.task_planner import TaskPlanner
 from skiros2_task.ros.task_manager_interface import FAILED, NOTHING_TO_DO, PLAN
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 
@@ -140,9 +140,9 @@ def _defect(expected: Answer, got: Answer, recording: Recording, goal: ActionMes
     if len(got.calls) > len(expected.calls):
         return "is longer"
     model = world_model_with(scene_before(recording, goal.order), settings.workspace)
-    task = TaskPlanner(LocalWorldModel("replay", model), None, Limits()).look(goal.content.goals)  # type: ignore[arg-type]
+    task = TaskPlanner(LocalWorldModel("replay", model), None, Limits()).read_task(goal.content.goals)  # type: ignore[arg-type]
     try:
-        reason = flaw(task, [_step(task, call) for call in got.calls])
+        reason = validate(task, [_step(task, call) for call in got.calls])
     except WrongValue as error:
         reason = str(error)
     return f"does not work: {reason}" if reason else ""

@@ -1,0 +1,281 @@
+"""Compiles skills, scene and goal to a planning task.
+
+Passes: actions of the skills; existence of elements; relevance for the goal; candidates of the variables; expansion of
+the goal's quantifiers; objects; facts.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from skiros2_task.core.actions import IN_SCENE, Action, Effect, condition_predicates, make_actions
+from skiros2_task.core.concurrency import needs_concurrency
+from skiros2_task.core.effects import FactFamilies, Literal
+from skiros2_task.core.existence import Existence, without_existence
+from skiros2_task.core.formula import (
+    FALSE,
+    Atom,
+    Exists,
+    ForAll,
+    Formula,
+    Kind,
+    Not,
+    Predicate,
+    expand_quantifiers,
+    literals,
+    rewrite,
+)
+from skiros2_task.core.task import EVERYTHING, PlanningTask
+from skiros2_task.core.world import WorldView
+
+_COMPARE: dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    "<": operator.lt,
+    ">=": operator.ge,
+    "<=": operator.le,
+}
+
+#: For each argument position of a predicate, the objects that a condition, effect or goal may have there.
+_Domains = dict[Predicate, tuple[set[str], ...]]
+
+
+def make_task(world: WorldView, goal: Formula) -> PlanningTask:
+    """Returns the planning task for a goal in a world. Adds objects that skills may create to the world.
+
+    :param goal: a result of `GoalReader.read`.
+    """
+    actions, notes = make_actions(world.robots)
+    existence = Existence(actions, world.is_subclass)
+    mentioned = sorted(condition_predicates(world.robots) | {atom.predicate for atom, _ in literals(goal)}, key=str)
+    guarded = [existence.guard_action(action, mentioned) for action in actions]
+    families = FactFamilies((e.atom.predicate for a in guarded for e in a.effects), world.is_subproperty)
+    part = relevant_part(guarded, existence.guard_goal(goal), families)
+    part = _without_static_existence(part)
+    for name, cls in existence.new_objects(part.actions, goal).items():
+        world.add_new(name, cls)
+    if part.left_out:
+        notes.append(f"skills that cannot help with this goal are left out: {', '.join(part.left_out)}")
+    actions, unusable = _with_candidates(part.actions, world)
+    ground_goal = expand_quantifiers(part.goal, world.quantified)
+    notes += [f"the scene has no element of class {cls}, which the goal names" for cls in _empty_classes(goal, world)]
+    members = _members(actions, ground_goal, world)
+    domains = _domains(actions, ground_goal, members)
+    used = set(members[EVERYTHING])
+    unused = Counter(e.type for name, e in world.objects.items() if name not in used)
+    if unused:
+        listed = ", ".join(f"{count} {cls}" for cls, count in sorted(unused.items()))
+        notes.append(f"elements that neither a relevant skill nor the goal can use are left out: {listed}")
+    task = PlanningTask(
+        actions=tuple(actions),
+        objects={name: world.objects[name].type for name in members[EVERYTHING]},
+        members=members,
+        predicates=tuple(p for p in part.predicates if p in domains),
+        init=frozenset(_facts(domains, actions, families, world)),
+        goal=ground_goal,
+        notes=(*notes, *unusable),
+    )
+    return replace(task, concurrent=needs_concurrency(task, guarded, families))
+
+
+def _empty_classes(goal: Formula, world: WorldView) -> list[str]:
+    """Returns the classes of the goal's quantifiers that have no instance in the scene."""
+    if isinstance(goal, Atom):
+        return []
+    if isinstance(goal, ForAll | Exists):
+        classes = [cls for _, cls in goal.variables if not world.quantified(cls)] + _empty_classes(goal.body, world)
+    else:
+        parts = (goal.part,) if isinstance(goal, Not) else goal.parts
+        classes = [cls for part in parts for cls in _empty_classes(part, world)]
+    return list(dict.fromkeys(classes))
+
+
+def _without_static_existence(part: Relevant) -> Relevant:
+    """Removes `IN_SCENE` conditions if no relevant skill creates or removes elements."""
+    if any(e.atom.predicate == IN_SCENE for a in part.actions for e in a.effects):
+        return part
+    return replace(
+        part,
+        actions=tuple(replace(a, precondition=without_existence(a.precondition)) for a in part.actions),
+        goal=without_existence(part.goal),
+        predicates=tuple(p for p in part.predicates if p != IN_SCENE),
+    )
+
+
+def _with_candidates(actions: Iterable[Action], world: WorldView) -> tuple[list[Action], list[str]]:
+    """Returns the actions that have an object for each variable, and messages about the others."""
+    usable, notes = [], []
+    for action in actions:
+        if action.precondition == FALSE:
+            notes.append(f"skill {action.skill.name} cannot run: its pre-conditions can never hold")
+            continue
+        empty = [v for v in action.variables if not _all_of(v.classes, world)]
+        if empty:
+            wanted = ", ".join(f"{v.key or v.name} ({' and '.join(v.classes)})" for v in empty)
+            notes.append(f"skill {action.skill.name} cannot run: the scene has no element for {wanted}")
+        else:
+            usable.append(action)
+    return usable, notes
+
+
+def _all_of(classes: Sequence[str], world: WorldView) -> set[str]:
+    return set.intersection(*(set(world.members(cls)) for cls in classes))
+
+
+def _members(actions: Sequence[Action], goal: Formula, world: WorldView) -> dict[str, tuple[str, ...]]:
+    """Returns the objects of each class that a variable has; under `EVERYTHING`, all objects of the task."""
+    classes = dict.fromkeys(cls for a in actions for v in a.variables for cls in v.classes)
+    members = {cls: world.members(cls) for cls in classes}
+    named: set[str] = {term for atom, _ in literals(goal) for term in atom.terms}
+    for action in actions:
+        own = {v.name for v in action.variables}
+        for variable in action.variables:
+            named |= _all_of(variable.classes, world)
+        atoms = [*(atom for atom, _ in literals(action.precondition)), *(e.atom for e in action.effects)]
+        bound = own | {name for e in action.effects for name, _ in e.each}
+        named |= {term for atom in atoms for term in atom.terms if term not in bound and term in world.objects}
+    everything = tuple(name for name in world.objects if name in named)
+    inside = set(everything)
+    return {
+        **{cls: tuple(name for name in names if name in inside) for cls, names in members.items()},
+        EVERYTHING: everything,
+    }
+
+
+def _domains(actions: Sequence[Action], goal: Formula, members: dict[str, tuple[str, ...]]) -> _Domains:
+    domains: _Domains = {}
+
+    def add(atom: Atom, possible: dict[str, set[str]]) -> None:
+        known = domains.setdefault(atom.predicate, tuple(set() for _ in atom.terms))
+        for domain, term in zip(known, atom.terms, strict=True):
+            if term in possible:
+                domain |= possible[term]
+            else:
+                domain.add(term)
+
+    for atom, _ in literals(goal):
+        add(atom, {})
+    for action in actions:
+        possible = {v.name: set.intersection(*(set(members[cls]) for cls in v.classes)) for v in action.variables}
+        for atom, _ in literals(action.precondition):
+            add(atom, possible)
+        for effect in action.effects:
+            add(effect.atom, {**possible, **{name: set(members[cls]) for name, cls in effect.each}})
+    return domains
+
+
+def _facts(domains: _Domains, actions: Sequence[Action], families: FactFamilies, world: WorldView) -> Iterator[Atom]:
+    """Yields the current facts over the domains of the predicates."""
+    stated = world.stated_relations()
+    for predicate, domain in domains.items():
+        kind, name = predicate.kind, predicate.name
+        if kind is Kind.RELATION:
+            if world.computed(name):  # statements in the scene are ignored
+                for pair in world.computed_pairs(name, sorted(domain[0]), sorted(domain[1])):
+                    yield Atom(predicate, pair)
+                continue
+            tracked = families.tracked(name)
+            for relation in stated:
+                if relation == name or (relation not in tracked and world.is_subproperty(relation, name)):
+                    for pair in world.pairs(relation):
+                        if pair[0] in domain[0] and pair[1] in domain[1]:
+                            yield Atom(predicate, pair)
+        elif kind is Kind.ALLOWED:
+            yield from (Atom(predicate, pair) for pair in world.allowed_pairs(name, domain[0], domain[1]))
+        elif kind is Kind.CAN:
+            robots = {robot for a in actions if a.name == name for robot, _ in a.managers}
+            yield from (Atom(predicate, (robot,)) for robot in robots & domain[0])
+        else:
+            yield from (Atom(predicate, (obj,)) for obj in domain[0] if _is_true(predicate, obj, world))
+
+
+def _is_true(predicate: Predicate, name: str, world: WorldView) -> bool:
+    element = world.objects[name]
+    if predicate.kind is Kind.IN_SCENE:
+        return name not in world.to_create
+    if predicate.kind is Kind.IS_A:
+        return world.is_a(name, predicate.name)
+    if predicate.kind is Kind.HAS:
+        return element.hasProperty(predicate.name, not_none=True)
+    if predicate.kind is Kind.VALUE or predicate.operator == "=":
+        return element.hasProperty(predicate.name, predicate.value)
+    try:
+        return _COMPARE[predicate.operator](float(element.value_of(predicate.name)), float(predicate.value or 0.0))
+    except (TypeError, ValueError):
+        return False  # missing, or not a number
+
+
+@dataclass(frozen=True)
+class Relevant:
+    """The part of a domain that is relevant for a goal.
+
+    :param actions: with pre-conditions in negation normal form and effects on `predicates` only.
+    :param goal: in negation normal form.
+    :param predicates: of pre-conditions and goal, in a stable order.
+    :param left_out: the names of the other actions.
+    """
+
+    actions: tuple[Action, ...]
+    goal: Formula
+    predicates: tuple[Predicate, ...]
+    left_out: tuple[str, ...]
+
+
+def relevant_part(actions: Sequence[Action], goal: Formula, families: FactFamilies) -> Relevant:
+    """Returns the relevant actions, found by backward search from the goal.
+
+    An action is relevant if one of its effects makes a literal true that the goal or the pre-condition of a relevant
+    action needs. Other actions occur only in plans with redundant steps.
+    """
+    normal = [replace(a, precondition=rewrite(a.precondition, families.positive, families.negative)) for a in actions]
+    goal = rewrite(goal, families.positive, families.negative)
+    needed: dict[Literal, None] = {}
+    _add_needed(goal, needed)
+    chosen: set[str] = set()
+    growing = True
+    while growing:
+        growing = False
+        for action in normal:
+            if action.name not in chosen and _produces(action, needed, families):
+                chosen.add(action.name)
+                _add_needed(action.precondition, needed)
+                growing = True
+    predicates = tuple(dict.fromkeys(predicate for predicate, _ in needed))
+    kept = tuple(
+        replace(
+            a,
+            effects=_consequences(a.effects, predicates, families),
+            during=_consequences(a.during, predicates, families),
+        )
+        for a in normal
+        if a.name in chosen
+    )
+    return Relevant(kept, goal, predicates, tuple(a.name for a in actions if a.name not in chosen))
+
+
+def _add_needed(formula: Formula, needed: dict[Literal, None]) -> None:
+    for atom, state in literals(formula):
+        needed[(atom.predicate, state)] = None
+
+
+def _produces(action: Action, needed: dict[Literal, None], families: FactFamilies) -> bool:
+    predicates = {predicate for predicate, _ in needed}
+    return any(
+        literal in needed
+        for effect in action.effects
+        for literal in families.consequences(effect.atom.predicate, effect.state, predicates)
+    )
+
+
+def _consequences(
+    effects: Sequence[Effect], predicates: Sequence[Predicate], families: FactFamilies
+) -> tuple[Effect, ...]:
+    """Returns the effects on relevant predicates. An atom that is made both true and false is true, as in PDDL."""
+    found: dict[tuple[Atom, tuple[tuple[str, str], ...]], bool] = {}
+    for effect in effects:
+        for predicate, state in families.consequences(effect.atom.predicate, effect.state, predicates):
+            key = (Atom(predicate, effect.atom.terms), effect.each)
+            found[key] = state or found.get(key, False)
+    return tuple(Effect(atom, state, each) for (atom, each), state in found.items())

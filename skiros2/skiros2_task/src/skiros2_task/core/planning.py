@@ -1,0 +1,226 @@
+"""Plans for goals: reads the goal, compiles the task, runs a planner, validates and schedules the plan."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from enum import Enum
+
+from skiros2_common.core.errors import WrongType, WrongValue
+from skiros2_common.core.names import same_node
+from skiros2_task.core.actions import condition_predicates, make_actions
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.compiler import make_task
+from skiros2_task.core.durations import Durations
+from skiros2_task.core.explain_no_plan import NoPlan, explain_no_plan
+from skiros2_task.core.formula import FALSE, Formula
+from skiros2_task.core.goal_reader import GoalReader
+from skiros2_task.core.plan import SkillCall, skill_calls
+from skiros2_task.core.planner import Limits, Outcome, Planner, PlannerAnswer
+from skiros2_task.core.reachability import Deadline
+from skiros2_task.core.schedule import Schedule, schedule_plan
+from skiros2_task.core.semantics import validate
+from skiros2_task.core.task import PlanningTask, PlanStep
+from skiros2_task.core.unusable_skills import unusable_skills
+from skiros2_task.core.world import WorldView
+from skiros2_world_model.core.world_model_abstract_interface import WorldModelPort
+
+log = logging.getLogger(__name__)
+
+
+class Verdict(Enum):
+    """The outcome of planning or achieving a goal."""
+
+    PLANNED = "planned"
+    NOTHING_TO_DO = "nothing to do"
+    IMPOSSIBLE = "impossible"
+    TIMED_OUT = "timed out"
+    CANCELLED = "cancelled"
+    FAILED = "failed"
+
+
+#: Timeout of the explanation why there is no plan (s).
+_EXPLANATION_TIMEOUT = 5.0
+
+NO_ROBOT = "no robot in the world model offers skills"
+
+#: A hint for tasks with required concurrency.
+CONCURRENCY_HINT = "plans start no step during another one that it depends on; a skill that runs both can"
+
+_VERDICTS = {
+    Outcome.SOLVED: Verdict.PLANNED,
+    Outcome.IMPOSSIBLE: Verdict.IMPOSSIBLE,
+    Outcome.TIMED_OUT: Verdict.TIMED_OUT,
+    Outcome.CANCELLED: Verdict.CANCELLED,
+    Outcome.FAILED: Verdict.FAILED,
+}
+
+
+@dataclass(frozen=True)
+class PlanningResult:
+    """The result of planning.
+
+    :param calls: the skills to run, in order.
+    :param message: for the client.
+    :param notes: messages about skills and elements that were left out.
+    :param task: the planning task; None if the goal could not be read.
+    :param steps: the plan, a step for each call.
+    :param why: the explanation, if there is no plan.
+    """
+
+    verdict: Verdict
+    calls: tuple[SkillCall, ...] = ()
+    message: str = ""
+    notes: tuple[str, ...] = ()
+    task: PlanningTask | None = None
+    steps: tuple[PlanStep, ...] = ()
+    schedule: Schedule | None = None
+    why: NoPlan | None = None
+
+
+class TaskPlanner:
+    """Plans for goals with the scene and the skills of a world model. Thread-safe."""
+
+    def __init__(
+        self,
+        wm: WorldModelPort,
+        planner: Planner,
+        limits: Limits,
+        archive: Archive | None = None,
+        durations: Durations | None = None,
+        managers: Callable[[], Collection[str]] = tuple,
+    ) -> None:
+        """
+        :param archive: stores the files of each request.
+        :param durations: of the skills, for schedules.
+        :param managers: returns the node names of running skill managers.
+        """
+        self._wm = wm
+        self._planner = planner
+        self._limits = limits
+        self._archive = archive
+        self._durations = durations or Durations()
+        self._managers = managers
+
+    def plan(
+        self,
+        goal: str | Formula,
+        cancelled: threading.Event | None = None,
+        progress: Callable[[str], None] | None = None,
+        asked_by: str = "",
+        limits: Limits | None = None,
+        planner: Planner | None = None,
+        adapt: Callable[[PlanningTask], PlanningTask] | None = None,
+    ) -> PlanningResult:
+        """Returns the plan for a goal, or why there is none. Blocks until the limits are reached at most.
+
+        :param goal: a text, or a formula, see `skiros2_task.core.goals`.
+        :param progress: called with progress messages.
+        :param asked_by: the node name of the client, with or without slash. The plan for a skill manager is for its
+            robot only.
+        :param limits, planner: override those of the constructor.
+        :param adapt: changes the task before planning.
+        :raises WmException: the world model does not answer.
+        :raises WrongType: the goal is neither text nor formula.
+        """
+        report = progress or log.info
+        report("reading the world model")
+        world = self._view(asked_by)
+        try:
+            task = make_task(world, self._formula(goal, world))
+        except WrongValue as error:
+            # Unusable skills may explain an unknown name.
+            return PlanningResult(Verdict.FAILED, message=str(error), notes=tuple(make_actions(world.robots)[1]))
+        if cancelled is not None and cancelled.is_set():
+            return PlanningResult(Verdict.CANCELLED, message="cancelled before the planner was asked", task=task)
+        task = adapt(task) if adapt is not None else task
+        if task.satisfied:
+            done = PlanningResult(Verdict.NOTHING_TO_DO, message="the goal holds already", task=task)
+            return self._store(goal, task, done)
+        reason = _why_impossible(task, world)
+        if reason:
+            return self._store(goal, task, _without_plan(Outcome.IMPOSSIBLE, reason, task, world, cancelled))
+        planner = planner or self._planner
+        report(f"planning with {len(task.actions)} skills and {len(task.objects)} elements ({planner.name})")
+        answer = planner.solve(task, limits or self._limits, cancelled)
+        return self._store(goal, task, self._result(answer, task, world, cancelled), answer)
+
+    def read_task(self, goal: str | Formula) -> PlanningTask:
+        """Returns the planning task for a goal in the current world.
+
+        :raises WrongValue: the goal cannot be read in the current world.
+        :raises WmException: the world model does not answer.
+        """
+        world = self._view()
+        return make_task(world, self._formula(goal, world))
+
+    def _view(self, asked_by: str = "") -> WorldView:
+        world = WorldView(self._wm, self._managers())
+        world.robots = tuple(r for r in world.robots if same_node(r.manager, asked_by)) or world.robots
+        return world
+
+    def _formula(self, goal: str | Formula, world: WorldView) -> Formula:
+        if not isinstance(goal, str | Formula):
+            raise WrongType(f"goal {goal!r}: expected its text or a formula, found {type(goal).__name__}")
+        # A formula is read as text, so that its names are resolved.
+        return GoalReader(world, condition_predicates(world.robots)).read(str(goal))
+
+    def _result(
+        self, answer: PlannerAnswer, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
+    ) -> PlanningResult:
+        if answer.outcome is Outcome.SOLVED:
+            wrong = validate(task, answer.plan)
+            if wrong:
+                message = f"the planner gave a plan that does not work: {wrong}"
+                return PlanningResult(Verdict.FAILED, message=message, notes=task.notes)
+            plan = schedule_plan(task, answer.plan, self._durations)
+            steps = plan.order.steps
+            calls = skill_calls(task, steps, world.objects)
+            return PlanningResult(
+                Verdict.PLANNED, calls, "\n".join(map(str, calls)), task.notes, task=task, steps=steps, schedule=plan
+            )
+        return _without_plan(answer.outcome, answer.reason, task, world, cancelled)
+
+    def _store(
+        self, goal: str | Formula, task: PlanningTask, result: PlanningResult, answer: PlannerAnswer | None = None
+    ) -> PlanningResult:
+        level = logging.DEBUG if result.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO) else logging.INFO
+        for note in task.notes:
+            log.log(level, "%s", note)
+        if self._archive is not None:
+            texts = dict(answer.files) if answer is not None else {}
+            texts["goal.txt"] = str(goal)
+            texts["result.txt"] = "\n".join([result.verdict.value, result.message, *task.notes])
+            if answer is not None:
+                texts["planner.log"] = answer.log
+            self._archive.keep(texts)
+        return result
+
+
+def _why_impossible(task: PlanningTask, world: WorldView) -> str:
+    """Returns why the goal is impossible without asking a planner; "" if a planner has to decide."""
+    if task.goal == FALSE:
+        return "; ".join(["the goal can never hold", *(note for note in task.notes if "the goal names" in note)])
+    if task.actions:
+        return ""
+    return "none of the robots' skills can help" if world.robots else NO_ROBOT
+
+
+def _without_plan(
+    outcome: Outcome, reason: str, task: PlanningTask, world: WorldView, cancelled: threading.Event | None
+) -> PlanningResult:
+    """Explains why there is no plan. The explanation may prove the goal impossible after the planner timed out.
+
+    :param cancelled: ends the search for an explanation.
+    """
+    if outcome in (Outcome.CANCELLED, Outcome.FAILED):
+        why = NoPlan(outcome.value, reason)
+        return PlanningResult(_VERDICTS[outcome], message=reason, notes=task.notes, task=task, why=why)
+    if task.concurrent:
+        reason = "; ".join([reason or outcome.value, *task.concurrent, CONCURRENCY_HINT])
+    deadline = Deadline(_EXPLANATION_TIMEOUT, cancelled)
+    why = explain_no_plan(task, outcome.value, reason, unusable_skills(world, task), deadline)
+    verdict = next(_VERDICTS[o] for o in Outcome if o.value == why.verdict)
+    return PlanningResult(verdict, message=str(why), notes=task.notes, task=task, why=why)

@@ -1,0 +1,255 @@
+"""Reads skills, with their parameters and conditions, from elements of the world model.
+
+A skill manager adds an element for each of its skills to its robot (`skiros:hasSkill`), with elements for its
+parameters (`skiros:hasParam`) and conditions (`skiros:hasPreCondition` and so on).
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from skiros2_common.core.errors import WrongValue
+from skiros2_common.core.names import full_name, same_node
+from skiros2_common.core.world_element import Element
+
+log = logging.getLogger(__name__)
+
+#: The types whose defaults the world model has.
+_PLAIN_TYPES = frozenset({str, int, float, bool})
+
+MANAGER_PROPERTY = "skiros:SkillMgr"
+_MISSING = "skiros:MissingParameter"
+
+
+class ParameterKind(Enum):
+    """The kind of a parameter, as in `skiros:ParameterType`."""
+
+    REQUIRED = 0
+    OPTIONAL = 1
+    INFERRED = 2
+
+
+@dataclass(frozen=True)
+class SkillParameter:
+    """A parameter of a skill.
+
+    :param element_class: the class of its element; None if it does not hold an element.
+    :param fixed: the id of the element in its declaration; "" if there is none.
+    :param missing: it is required, has no default, and holds no element that planning can choose.
+    """
+
+    key: str
+    kind: ParameterKind
+    element_class: str | None
+    fixed: str = ""
+    missing: bool = False
+
+
+@dataclass(frozen=True)
+class SkillCondition:
+    """A condition of a class in `skiros2_common.core.conditions`.
+
+    :param kind: the name of the class, such as `ConditionRelation`.
+    :param name: the relation, property or class that it tests.
+    """
+
+    kind: str
+    label: str = ""
+    subject: str = ""
+    object: str = ""
+    name: str = ""
+    operator: str = "="
+    value: str | bool | float | None = None
+    state: bool = True
+    parts: tuple[SkillCondition, ...] = ()
+
+    def contradicts(self, other: SkillCondition) -> bool:
+        """Whether both test the same fact for different values."""
+        same = (self.kind, self.subject, self.object, self.name, self.operator, self.value, self.parts) == (
+            other.kind,
+            other.subject,
+            other.object,
+            other.name,
+            other.operator,
+            other.value,
+            other.parts,
+        )
+        return same and self.state != other.state
+
+
+@dataclass(frozen=True)
+class Skill:
+    """The declaration of a skill. Equal for all robots that have it.
+
+    :param type: the class, such as `skiros:Pick`.
+    :param label: the implementation.
+    :param duration: the declared duration (s), if any.
+    :param flaw: why its element cannot be read; "" if it can.
+    """
+
+    type: str
+    label: str
+    parameters: tuple[SkillParameter, ...]
+    pre: tuple[SkillCondition, ...]
+    hold: tuple[SkillCondition, ...]
+    post: tuple[SkillCondition, ...]
+    available: bool = True
+    duration: float | None = None
+    flaw: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.type} ({self.label})" if self.label else self.type
+
+    def parameter(self, key: str) -> SkillParameter | None:
+        """Returns a parameter by key, or None."""
+        return next((p for p in self.parameters if p.key == key), None)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot with a skill manager.
+
+    :param id: the robot's element.
+    :param manager: the node name of its skill manager, such as `/test_robot`.
+    """
+
+    id: str
+    manager: str
+    skills: tuple[Skill, ...]
+
+
+def read_robots(elements: Mapping[str, Element], managers: Collection[str] = ()) -> tuple[Robot, ...]:
+    """Returns the robots of a scene with the skills of their managers.
+
+    :param elements: all elements of the scene, by id.
+    :param managers: the node names of running managers; scenes may omit namespace and slash.
+    """
+    robots = []
+    for element in elements.values():
+        written = str(element.value_of(MANAGER_PROPERTY) or "")
+        if not written:
+            continue
+        manager = next((name for name in managers if same_node(name, written)), f"/{written.lstrip('/')}")
+        skills = [read_skill(child, elements) for child in _children(element, "skiros:hasSkill", elements)]
+        if skills:
+            robots.append(Robot(element.id, manager, tuple(skills)))
+    return tuple(robots)
+
+
+def read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
+    """Returns the skill of an element; with a flaw if the element is malformed."""
+    try:
+        return _read_skill(element, elements)
+    except WrongValue as error:
+        return Skill(element.type, element.label, (), (), (), (), flaw=str(error))
+
+
+def _read_skill(element: Element, elements: Mapping[str, Element]) -> Skill:
+    def conditions(relation: str) -> tuple[SkillCondition, ...]:
+        return tuple(_condition(child, elements) for child in _children(element, relation, elements))
+
+    missing = element.getProperty(_MISSING).values if element.hasProperty(_MISSING) else []
+    parameters = (
+        *(_parameter(child) for child in _children(element, "skiros:hasParam", elements)),
+        *(SkillParameter(str(key), ParameterKind.REQUIRED, None, missing=True) for key in missing),
+    )
+    optional = {f"Has{p.key}": p.key for p in parameters if p.kind is ParameterKind.OPTIONAL}
+
+    def is_implicit(condition: SkillCondition) -> bool:
+        """Whether the condition is added to every skill with such an optional parameter."""
+        return condition.kind == "ConditionGenerate" and optional.get(condition.label) == condition.subject
+
+    return Skill(
+        element.type,
+        element.label,
+        parameters,
+        conditions("skiros:hasPreCondition"),
+        conditions("skiros:hasHoldCondition"),
+        tuple(c for c in conditions("skiros:hasPostCondition") if not is_implicit(c)),
+        available=_truth(element.value_of("skiros:AvailableForPlanning"), True),
+        duration=_duration(element),
+    )
+
+
+def _children(element: Element, relation: str, elements: Mapping[str, Element]) -> list[Element]:
+    """Returns the children of an element in the order of their id numbers, which is that of their declaration."""
+    ids = {r["dst"] for r in element.getRelations("-1", relation, "") if r["dst"] in elements}
+    return sorted((elements[eid] for eid in ids), key=lambda e: (e.getIdNumber(), e.id))
+
+
+def _parameter(element: Element) -> SkillParameter:
+    written = element.value_of("skiros:ParameterType")
+    try:
+        kind = ParameterKind(int(written or 0))
+    except (TypeError, ValueError):
+        raise WrongValue(f"its parameter {element.label!r} is of type {written!r}, expected 0, 1 or 2") from None
+    known_type = element.hasProperty("skiros:DataType")
+    datatype = full_name(str(element.value_of("skiros:DataType") or ""))
+    if datatype or not known_type or element.hasProperty("skiros:DataType", ""):  # a class; otherwise a Python type
+        fixed = element.getRelation("-1", "skiros:hasValue", "")
+        return SkillParameter(element.label, kind, datatype or "sumo:Object", fixed["dst"] if fixed else "")
+    given = any(element.hasProperty(key, not_none=True) for key in ("skiros:Default", "skiros:Value"))
+    python_type = element.getProperty("skiros:DataType").dataType()
+    missing = kind is ParameterKind.REQUIRED and python_type in _PLAIN_TYPES and not given
+    return SkillParameter(element.label, kind, None, missing=missing)
+
+
+def _condition(element: Element, elements: Mapping[str, Element], parents: tuple[str, ...] = ()) -> SkillCondition:
+    if element.id in parents:
+        raise WrongValue(f"its condition {element.label!r} ({element.id}) is a part of itself")
+    parents = (*parents, element.id)
+    parts = tuple(_condition(child, elements, parents) for child in _children(element, "skiros:hasCondition", elements))
+    kind = element.type.rpartition(":")[2]
+    is_class = kind == "ConditionOnType" and not element.hasProperty("skiros:appliedOnType")
+    return SkillCondition(
+        kind=kind,
+        label=element.label,
+        subject=_text(element, "skiros:hasSubject"),
+        object=_text(element, "skiros:hasObject"),
+        name=_text(element, "skiros:desiredValue" if is_class else "skiros:appliedOnType"),
+        operator=_text(element, "skiros:operator") or "=",
+        value=None if is_class else _value(element.value_of("skiros:desiredValue")),
+        state=_truth(element.value_of("skiros:desiredState"), True),
+        parts=parts,
+    )
+
+
+def _text(element: Element, key: str) -> str:
+    value = element.value_of(key)
+    return "" if value is None else str(value)
+
+
+def _value(value: Any) -> str | bool | float | None:
+    """Returns a value with the texts "True" and "False" as bool, as the conditions themselves do."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        return float(value)
+    text = str(value)
+    return text == "True" if text in ("True", "False") else text
+
+
+def _duration(element: Element) -> float | None:
+    value = element.value_of("skiros:Duration")
+    if value is None:
+        return None
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if math.isfinite(seconds) and seconds >= 0.0:
+        return seconds
+    log.warning("skill %s-%s: skiros:Duration is %r, expected seconds", element.id, element.label, value)
+    return None
+
+
+def _truth(value: Any, default: bool) -> bool:
+    if value is None:
+        return default
+    return value if isinstance(value, bool) else str(value).strip().lower() in ("true", "1")

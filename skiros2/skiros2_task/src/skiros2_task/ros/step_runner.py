@@ -1,0 +1,148 @@
+"""Runs the steps of plans on skill managers."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from skiros2_common.core.errors import Refused, SkirosError, UnknownName
+from skiros2_common.core.explanation import Explanation
+from skiros2_common.core.params import ParamHandler
+from skiros2_msgs.msg import SkillProgress
+from skiros2_skill.ros.skill_layer_interface import SkillLayerInterface
+from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
+from skiros2_skill.ros.skill_run import SkillRun
+from skiros2_skill.ros.utils import SkillHolder
+from skiros2_task.core.durations import Durations
+from skiros2_task.core.executor import Ended
+from skiros2_task.core.plan import SkillCall
+from skiros2_task.core.steps import Step
+from skiros2_task.ros.task_message import skill_holder
+
+log = logging.getLogger(__name__)
+
+#: How long to wait for a manager that is in the world model (s).
+_MANAGER_TIMEOUT = 5.0
+_POLL_PERIOD = 0.2  # s
+
+
+class ManagerStepRunner(SkillLayerInterface):
+    """Discovers skill managers, runs steps on them, and reports when managers appear and disappear.
+
+    :param author: the author of the tasks, in the managers' logs.
+    :param durations: records the durations of successful steps.
+    """
+
+    def __init__(self, author: str, durations: Durations) -> None:
+        self._durations = durations
+        self._callbacks: tuple[Callable[[str], None], Callable[[str], None]] | None = None
+        self._discovered = threading.Condition()
+        super().__init__(author)
+
+    def subscribe(self, on_found: Callable[[str], None], on_lost: Callable[[str], None]) -> None:
+        """Reports the names of managers that appear or disappear from now on, from a ROS thread."""
+        with self._discovery_lock:
+            self._callbacks = on_found, on_lost
+
+    def start(self, step: Step, ended: Ended) -> Callable[[], None]:
+        """Runs a step in a new thread; see `StepRunner`."""
+        run = _StepRun(step, ended)
+        threading.Thread(target=self._run, args=(run,), name=f"step {step.number}", daemon=True).start()
+        return run.stop
+
+    def offered(self, call: SkillCall) -> ParamHandler | None:
+        """Returns a copy of the skill's parameters as its manager lists them; None if the manager does not list it."""
+        try:
+            return self.get_agent(call.manager).get_skill(call.label).ph
+        except UnknownName as error:
+            log.warning("%s is sent with the parameters in the world model: %s", call, error)
+            return None
+
+    def _run(self, run: _StepRun) -> None:
+        try:
+            manager = self._find(run.step.call.manager)
+            skill = skill_holder(run.step.call, self.offered)
+            seconds = run.execute(manager, skill, lambda: self.agents.get(manager.name) is manager)
+            if seconds is not None:
+                self._durations.record(run.step.skill, manager.name, seconds)
+        except SkirosError as error:
+            run.ended(False, str(error), ())
+        except Exception as error:
+            log.exception("%s", run.step)
+            run.ended(False, f"internal error: {type(error).__name__}: {error}", ())
+
+    def _find(self, manager: str) -> SkillManagerInterface:
+        """Returns the client of a manager, waiting for one that is not discovered yet.
+
+        :raises UnknownName: the manager does not run.
+        """
+        with self._discovered:
+            self._discovered.wait_for(lambda: manager in self.agents, _MANAGER_TIMEOUT)
+        return self.get_agent(manager)
+
+    # -- called by ROS threads ---------------------------------------------------------------------------------
+
+    def _on_agent(self, name: str) -> None:
+        super()._on_agent(name)
+        with self._discovered:
+            self._discovered.notify_all()
+        if self._callbacks is not None:
+            self._callbacks[0](name)
+
+    def _on_agent_gone(self, name: str) -> None:
+        super()._on_agent_gone(name)
+        if self._callbacks is not None:
+            self._callbacks[1](name)
+
+
+class _StepRun:
+    """A run of a step on a manager. `stop` may be called by any thread, also before the run."""
+
+    def __init__(self, step: Step, ended: Ended) -> None:
+        self.step = step
+        self.ended = ended
+        self._lock = threading.Lock()
+        self._run: SkillRun | None = None
+        self._stopped = False
+
+    def stop(self) -> None:
+        with self._lock:
+            self._stopped = True
+            if self._run is not None:
+                self._run.cancel()
+
+    def execute(self, manager: SkillManagerInterface, skill: SkillHolder, is_alive: Callable[[], bool]) -> float | None:
+        """Blocks until the step has ended. Returns its duration (s); None if it failed.
+
+        :param skill: the skill with its parameters.
+        :param is_alive: whether the manager still runs and was not restarted.
+        :raises SkirosError: the manager does not answer.
+        """
+        started = time.monotonic()
+        with self._lock:
+            if self._stopped:
+                raise Refused("stopped before it was started")
+        run = manager.run([skill])
+        with self._lock:
+            self._run = run
+            if self._stopped:
+                run.cancel()
+        while not run.wait(_POLL_PERIOD):
+            if not is_alive():
+                self.ended(False, f"{manager.name} has disappeared", ())
+                return None
+        seconds, result = time.monotonic() - started, run.result()
+        succeeded = result.state == SkillProgress.SUCCESS
+        log.info("%s has ended after %.2f s: %s", self.step, seconds, result.message)
+        self.ended(succeeded, result.message, _explanations(run))
+        return seconds if succeeded else None
+
+
+def _explanations(run: SkillRun) -> list[Explanation]:
+    try:
+        return run.explanations()
+    except SkirosError as error:
+        log.warning("an explanation cannot be read: %s", error)
+        return []

@@ -1,0 +1,12 @@
+"""Rotations between boxes, up to their symmetry."""
+
+from __future__ import annotations
+
+from skiros2_sim.core.box_fit import least_turned
+from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_between, conjugated, multiplied
+
+
+def turn_between(a: Pose, b: Pose, size: Vector) -> float:
+    """The least angle (rad) between two boxes of this size (m), up to their symmetry."""
+    between = multiplied(conjugated(a.orientation), b.orientation)
+    return angle_between(IDENTITY.orientation, least_turned(between, size))

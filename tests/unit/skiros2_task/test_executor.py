@@ -1,0 +1,184 @@
+"""Goals that are carried out in a world model, by robots that follow the skills' conditions."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from skiros2_task.core.commands import End, StepState
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.executor import Goal, GoalExecution, GoalExecutor
+from skiros2_task.core.planner import Limits, PlannerAnswer
+from skiros2_task.core.planners import UpPlanner
+from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.task import PlanningTask
+from support.planning_world import PlanningWorld, transport_world
+from support.stand_in_step_runner import StandInStepRunner
+
+
+class Cell:
+    """A transport world with a executor."""
+
+    def __init__(self, world: PlanningWorld, processes: EngineProcesses, seconds: float = 0.02) -> None:
+        self.world = world
+        self.crew = StandInStepRunner(world, seconds)
+        self.executor = GoalExecutor(TaskPlanner(world.wm, UpPlanner(processes), Limits(30.0)), self.crew)
+        self.crew.on_change = self.executor.world_changed
+
+    @property
+    def goal(self) -> str:
+        return f"(forall (?p - skiros:Product) (skiros:contain {self.world.places[-1]} ?p))"
+
+    @property
+    def reached(self) -> bool:
+        place = self.world.wm.get_element(self.world.places[-1])
+        return all(place.hasRelation("-1", "skiros:contain", product) for product in self.world.products)
+
+    def achieve(self, goal: str = "", **options: int) -> Request:
+        return Request(self.executor, Goal(goal or self.goal, **options))
+
+    def move(self, product: str, start: str, end: str) -> None:
+        self.world.wm.set_relation(start, "skiros:contain", product, False)
+        self.world.wm.set_relation(end, "skiros:contain", product, True)
+        self.executor.world_changed()
+
+
+class Request:
+    def __init__(self, executor: GoalExecutor, goal: Goal) -> None:
+        self._over = threading.Event()
+        self._end: End | None = None
+        self.execution = executor.achieve(goal, lambda execution: None, self._on_end)
+
+    def _on_end(self, execution: GoalExecution, end: End) -> None:
+        self._end = end
+        self._over.set()
+
+    @property
+    def end(self) -> End:
+        assert self._over.wait(30.0)
+        assert self._end is not None
+        return self._end
+
+
+Make = Callable[..., Cell]
+
+
+@pytest.fixture
+def cell(processes: EngineProcesses) -> Iterator[Make]:
+    cells: list[Cell] = []
+
+    def make(*size: int, seconds: float = 0.02) -> Cell:
+        cells.append(Cell(transport_world(*size), processes, seconds))
+        return cells[-1]
+
+    yield make
+    for one in cells:
+        one.executor.close()
+
+
+def test_robots_reach_goal_in_parallel(cell: Make) -> None:
+    busy = cell(2, 3, 4)
+    request = busy.achieve()
+    assert (request.end.verdict, request.end.message) == (Verdict.PLANNED, "the goal is reached")
+    assert busy.reached
+    assert busy.crew.at_once == 2
+    assert {record.state for record in request.execution.started} == {StepState.SUCCEEDED}
+    assert busy.achieve().end.verdict is Verdict.NOTHING_TO_DO
+
+
+def test_changed_world_causes_replan(cell: Make) -> None:
+    busy = cell(1, 3, 4, seconds=0.2)
+    request = busy.achieve()
+    busy.crew.wait_for_starts(1)
+    taken = {element.id for _, step in busy.crew.begun for _, element in step.call.arguments}
+    product = next(p for p in busy.world.products[1:] if p not in taken)
+    start = busy.world.places[busy.world.products.index(product) % 3]
+    busy.move(product, start, next(p for p in busy.world.places[:-1] if p != start))
+    assert request.end.verdict is Verdict.PLANNED
+    assert busy.reached
+    assert request.execution.machine.replans == 1
+
+
+def test_steps_of_lost_robot_move_to_other(cell: Make) -> None:
+    busy = cell(2, 3, 4, seconds=0.2)
+    request = busy.achieve()
+    busy.crew.wait_for_starts(2)
+    manager = busy.crew.begun[0][1].call.manager
+    busy.crew.lose(manager)
+    busy.executor.robot_lost(manager)
+    assert request.end.verdict is Verdict.PLANNED
+    assert busy.reached
+    after = [record for record in request.execution.started if record.step.number >= 3]
+    assert manager not in {record.step.call.manager for record in after if record.state is StepState.SUCCEEDED}
+
+
+def test_goals_for_one_robot_run_in_sequence(cell: Make) -> None:
+    busy = cell(1, 3, 2)
+    place = busy.world.places[-1]
+    requests = [busy.achieve(f"(skiros:contain {place} {product})") for product in busy.world.products]
+    assert [request.end.verdict for request in requests] == [Verdict.PLANNED] * 2
+    assert busy.reached
+    assert busy.crew.at_once == 1
+
+
+def test_goal_is_cancelled_while_running_and_planning(cell: Make) -> None:
+    busy = cell(1, 3, 2, seconds=30.0)
+    request = busy.achieve()
+    busy.crew.wait_for_starts(1)
+    busy.executor.cancel(request.execution)
+    assert request.end.verdict is Verdict.CANCELLED
+    assert request.execution.started[-1].state is StepState.STOPPED
+    planning = busy.achieve()
+    busy.executor.cancel(planning.execution)
+    assert planning.end.verdict is Verdict.CANCELLED
+    assert planning.execution.started == []
+
+
+def test_invalid_and_impossible_goals_end(cell: Make) -> None:
+    busy = cell(1, 2, 1)
+    assert busy.achieve("(skiros:contain").end.verdict is Verdict.FAILED
+    assert busy.achieve(f"(skiros:contain {busy.world.products[0]} {busy.world.places[0]})").end.verdict is (
+        Verdict.IMPOSSIBLE
+    )
+    assert busy.achieve().end.verdict is Verdict.PLANNED
+
+
+def test_impossible_goals_do_not_wait_for_each_other(cell: Make) -> None:
+    busy = cell(1, 2, 1)
+    goals = [f"(skiros:contain {busy.world.products[0]} {place})" for place in busy.world.places]
+    requests = [busy.achieve(goal) for goal in goals]
+    assert [request.end.verdict for request in requests] == [Verdict.IMPOSSIBLE] * 2
+
+
+def test_close_cancels_all_goals(cell: Make) -> None:
+    busy = cell(2, 3, 4, seconds=30.0)
+    requests = [busy.achieve(), busy.achieve()]
+    busy.crew.wait_for_starts(1)
+    busy.executor.close()
+    assert [request.end.verdict for request in requests] == [Verdict.CANCELLED] * 2
+
+
+class BadPlanner:
+    """One that has a mistake."""
+
+    name = "bad"
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        raise RuntimeError("a bug")
+
+
+class BadStepRunner(StandInStepRunner):
+    def start(self, *_: object) -> Callable[[], None]:
+        raise RuntimeError("a bug")
+
+
+def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> None:
+    world = transport_world()
+    goal = Goal(f"(skiros:contain {world.places[1]} {world.products[0]})")
+    for planner, crew in ((BadPlanner(), StandInStepRunner(world)), (UpPlanner(processes), BadStepRunner(world))):
+        executor = GoalExecutor(TaskPlanner(world.wm, planner, Limits(30.0)), crew)
+        end = Request(executor, goal).end
+        assert (end.verdict, end.message) == (Verdict.FAILED, "internal error: RuntimeError: a bug")
+        executor.close()

@@ -1,0 +1,223 @@
+"""Searches side by side: plan qualities, which plan wins, and nothing left of the others."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from skiros2_task.core.actions import Action, Effect, Variable
+from skiros2_task.core.engine_processes import EngineProcesses
+from skiros2_task.core.engine_worker import Job
+from skiros2_task.core.fast_downward import Search, SearchPortfolio
+from skiros2_task.core.formula import Not, Or, conjunction
+from skiros2_task.core.planner import Limits, Outcome
+from skiros2_task.core.planners import Portfolio, Quality, UpPlanner, makespan, planner_named
+from skiros2_task.core.semantics import validate
+from skiros2_task.core.task import PlanningTask, PlanStep
+from support.ros import wait_until
+from support.running import running_in
+from support.transport_task import at, contain, transport_task
+
+LIMITS = Limits(seconds=60.0)
+R, A, B, C, P = "cora:Robot-0", *(f"skiros:Location-{i}" for i in range(3)), "skiros:Product-0"
+
+
+def portfolio(processes: EngineProcesses, quality: Quality) -> Portfolio:
+    return Portfolio(processes, quality, makespan())
+
+
+@pytest.mark.parametrize("quality", Quality)
+def test_each_quality_gives_valid_plan(processes: EngineProcesses, quality: Quality) -> None:
+    task = transport_task(2, 4, 3)
+    answer = portfolio(processes, quality).solve(task, LIMITS)
+    assert answer.outcome is Outcome.SOLVED, answer.reason
+    assert validate(task, answer.plan) == ""
+    assert set(dict(answer.files)) == {"domain.pddl", "p01.pddl", "plan.txt"}
+
+
+@pytest.mark.parametrize("quality", Quality)
+@pytest.mark.parametrize(
+    "goal",
+    [conjunction([Not(contain(A, P)), Or((contain(P, A), at(R, C)))]), Or((at(R, B), at(R, C)))],
+    ids=["a conjunction", "an alternative"],
+)
+def test_disjunctive_goal_is_solved(processes: EngineProcesses, quality: Quality, goal: object) -> None:
+    task = transport_task(1, 3, 1, goal)  # type: ignore[arg-type]
+    answer = portfolio(processes, quality).solve(task, LIMITS)
+    assert answer.outcome is Outcome.SOLVED, answer.reason
+    assert validate(task, answer.plan) == ""
+
+
+@pytest.mark.parametrize("quality", Quality)
+def test_impossible_goal_is_proven(processes: EngineProcesses, quality: Quality) -> None:
+    answer = portfolio(processes, quality).solve(transport_task(1, 2, 1, conjunction([at(R, A), at(R, B)])), LIMITS)
+    assert (answer.outcome, answer.plan) == (Outcome.IMPOSSIBLE, ())
+
+
+def test_optimal_plan_has_fewest_steps(processes: EngineProcesses) -> None:
+    task = transport_task(1, 3, 2)
+    # To each product, and with it to where it belongs; the second lies where the first one goes.
+    assert len(portfolio(processes, Quality.OPTIMAL).solve(task, LIMITS).plan) == 6
+
+
+def test_plan_with_lowest_cost_is_chosen(processes: EngineProcesses) -> None:
+    seen: list[float] = []
+
+    def by_first_robot(_: PlanningTask, plan: Sequence[PlanStep]) -> float:
+        seen.append(float(sum(R in step.arguments for step in plan)))
+        return seen[-1]
+
+    task = transport_task(3, 8, 12)
+    answer = Portfolio(processes, Quality.BEST, by_first_robot).solve(task, LIMITS)
+    assert len(set(seen)) > 1, "all searches use the first robot alike; this test needs another task"
+    least = min(seen)
+    assert by_first_robot(task, answer.plan) == least
+    assert "lama-first, after" in answer.log
+
+
+def test_best_plan_is_returned_at_time_limit(
+    processes: EngineProcesses, own_folder: Path
+) -> None:
+    """Of these sizes, lama-first ends in seconds, and the others much later."""
+    answer = portfolio(processes, Quality.FIRST).solve(transport_task(4, 40, 60), LIMITS)
+    assert answer.outcome is Outcome.SOLVED, answer.reason
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+    assert list((own_folder / "tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize("quality", Quality)
+def test_cancelled_portfolio_leaves_no_process(processes: EngineProcesses, own_folder: Path, quality: Quality) -> None:
+    cancelled = threading.Event()
+    answers = []
+    task = transport_task(4, 25, 60)
+    planner = portfolio(processes, quality)
+    thread = threading.Thread(target=lambda: answers.append(planner.solve(task, LIMITS, cancelled)))
+    thread.start()
+    wait_until(
+        lambda: any("release/bin/downward" in c for c in running_in(own_folder / "tmp").values()), what="a search"
+    )
+    cancelled.set()
+    thread.join(5.0)
+    assert [a.outcome for a in answers] == [Outcome.CANCELLED]
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+    assert list((own_folder / "tmp").iterdir()) == []
+
+
+def test_portfolio_respects_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
+    answer = portfolio(processes, Quality.OPTIMAL).solve(transport_task(4, 12, 14), Limits(seconds=2.0))
+    assert (answer.outcome, answer.plan) == (Outcome.TIMED_OUT, ())
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+
+
+def test_portfolio_respects_memory_limit(processes: EngineProcesses) -> None:
+    blind = SearchPortfolio((Search("blind", "astar(blind())"),))
+    job = Job(transport_task(4, 12, 14), blind, Limits(60.0, memory_mb=60))
+    answer = processes.run(job, threading.Event()).answer
+    assert answer.outcome is Outcome.FAILED
+    assert "blind exceeded its memory limit" in answer.reason
+
+
+def test_makespan_counts_overlapping_steps_once(processes: EngineProcesses) -> None:
+    other = "cora:Robot-1"
+    alone, both = (PlanStep("drive", (R, A, B)),), (PlanStep("drive", (R, A, B)), PlanStep("drive", (other, A, B)))
+    one = makespan()(transport_task(2, 3, 1, at(R, B)), alone)
+    assert makespan()(transport_task(2, 3, 1, conjunction([at(R, B), at(other, B)])), both) == one > 0.0
+
+
+def test_planner_named_accepts_quality_or_engine(processes: EngineProcesses) -> None:
+    assert planner_named(processes).name == planner_named(processes, "first").name == "fast-downward, first plan"
+    assert planner_named(processes, "optimal").name == "fast-downward, optimal plan"
+    other = planner_named(processes, "fast-downward-opt")
+    assert isinstance(other, UpPlanner)
+    assert other.name == "fast-downward-opt"
+
+
+def test_installed_engines_are_listed(processes: EngineProcesses) -> None:
+    engines = processes.engines()
+    assert {"fast-downward", "fast-downward-opt"} <= set(engines)
+    assert not any("[" in name for name in engines)
+
+
+BAD = "support.bad_engines"
+
+
+@pytest.mark.parametrize(
+    ("engine", "reason"),
+    [
+        ("Raising", "out of luck"),
+        ("Dying", "without an answer"),
+        ("Printing", "Cannot interpret ((( fly me"),
+        ("Missing", "Missing"),
+    ],
+)
+def test_bad_engine_fails_and_next_run_succeeds(
+    processes: EngineProcesses, own_folder: Path, engine: str, reason: str
+) -> None:
+    answer = UpPlanner(processes, f"{BAD}:{engine}").solve(transport_task(1, 2, 1), LIMITS)
+    assert answer.outcome is Outcome.FAILED
+    assert reason in answer.reason
+    assert UpPlanner(processes).solve(transport_task(1, 2, 1), LIMITS).outcome is Outcome.SOLVED
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+
+
+def test_hanging_engine_is_killed_at_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
+    """Also one that ignores what asks it to end, and has processes of its own in another session."""
+    answer = UpPlanner(processes, f"{BAD}:Hanging").solve(transport_task(1, 2, 1), Limits(seconds=0.5))
+    assert answer.outcome is Outcome.TIMED_OUT
+    wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
+
+
+def test_engine_without_type_hierarchy_gets_flat_problem(processes: EngineProcesses) -> None:
+    task = transport_task(2, 3, 2)
+    answer = UpPlanner(processes, f"{BAD}:Flat").solve(task, LIMITS)
+    assert answer.outcome is Outcome.SOLVED, answer.reason
+    assert validate(task, answer.plan) == ""
+
+
+def test_quantified_effect_is_limited_to_crossing_class(processes: EngineProcesses) -> None:
+    """Emptying a place of its red things leaves the others there; types cannot say what is red, as some boxes are."""
+    red, boxes = (P, "skiros:Product-1"), ("skiros:Product-1", "skiros:Product-2")
+    base = transport_task(1, 1, 3)
+    robot, box = base.action("drive").variables[0], Variable("?Box", "Box", ("test:Box",))
+    skill = replace(base.action("drive").skill, label="sweep")
+    here = contain(A, "?Red")
+    sweep = Action(
+        "sweep", skill, "?Robot", (), (robot, box), conjunction([]), (Effect(here, False, (("?Red", "test:Red"),)),)
+    )
+    members = {**base.members, "test:Red": red, "test:Box": boxes}
+    task = replace(
+        base, actions=(sweep,), members=members, goal=conjunction([Not(contain(A, P)), contain(A, boxes[1])])
+    )
+    answer = UpPlanner(processes).solve(task, LIMITS)
+    assert [step.action for step in answer.plan] == ["sweep"], answer.reason
+    assert validate(task, answer.plan) == ""
+
+
+def test_invalid_plan_is_returned_only_without_valid_one(processes: EngineProcesses) -> None:
+    task = transport_task(1, 2, 1)
+    answer = UpPlanner(processes, f"{BAD}:Wrong").solve(task, LIMITS)
+    assert answer.outcome is Outcome.SOLVED
+    assert "does not hold" in validate(task, answer.plan)
+
+
+def test_crashed_search_does_not_stop_others(processes: EngineProcesses, own_folder: Path) -> None:
+    """The first search's process is killed while it runs; another one's plan is given."""
+    answers = []
+    task = transport_task(2, 30, 40)
+    thread = threading.Thread(target=lambda: answers.append(portfolio(processes, Quality.FIRST).solve(task, LIMITS)))
+    thread.start()
+    pid = wait_until(lambda: search_process(own_folder / "tmp", "lama-first"), what="the first search")
+    os.kill(pid, 9)
+    thread.join()
+    assert [a.outcome for a in answers] == [Outcome.SOLVED], answers[0].reason
+    assert "lama-first, after" not in answers[0].log
+
+
+def search_process(folder: Path, name: str) -> int | None:
+    """The process of a search that runs in a folder or below."""
+    return next((pid for pid, line in running_in(folder).items() if f"{name}.plan" in line), None)

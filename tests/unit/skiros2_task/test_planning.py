@@ -1,0 +1,184 @@
+"""From a goal to a plan that is checked, with planners that behave in all ways."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from skiros2_common.core.errors import WrongType
+from skiros2_task.core.archive import Archive
+from skiros2_task.core.formula import Atom, Exists, Kind, Predicate
+from skiros2_task.core.planner import Limits, Outcome, PlannerAnswer
+from skiros2_task.core.planning import TaskPlanner, Verdict
+from skiros2_task.core.task import PlanningTask, PlanStep
+from support.planning_world import PlanningWorld, transport_world
+
+AT = Predicate(Kind.RELATION, "skiros:at")
+
+
+@dataclass
+class GivenAnswer:
+    """A planner that always answers the same."""
+
+    answer: PlannerAnswer
+    asked: list[PlanningTask] = field(default_factory=list)
+    name: str = "given"
+
+    def solve(self, task: PlanningTask, limits: Limits, cancelled: threading.Event | None = None) -> PlannerAnswer:
+        self.asked.append(task)
+        return self.answer
+
+
+@pytest.fixture
+def world() -> PlanningWorld:
+    return transport_world()
+
+
+def drive_goal(world: PlanningWorld) -> str:
+    return f"(skiros:at {world.robots[0]} {world.places[1]})"
+
+
+def drive_step(world: PlanningWorld) -> PlanStep:
+    return PlanStep("drive", (world.robots[0], *world.places))
+
+
+def planner(world: PlanningWorld, answer: PlannerAnswer, archive: Archive | None = None) -> TaskPlanner:
+    return TaskPlanner(world.wm, GivenAnswer(answer), Limits(), archive)
+
+
+def test_valid_plan_is_returned(world: PlanningWorld) -> None:
+    result = planner(world, PlannerAnswer(Outcome.SOLVED, (drive_step(world),))).plan(drive_goal(world))
+    assert result.verdict is Verdict.PLANNED
+    (call,) = result.calls
+    assert (call.manager, call.type, call.label) == ("/alpha", "skiros:Drive", "drive")
+    assert "skiros:Drive (drive) by /alpha" in result.message
+
+
+@pytest.mark.parametrize("plan", [(), (PlanStep("drive", ("nobody", "nowhere", "nowhere")),), (PlanStep("dance", ()),)])
+def test_invalid_plan_is_not_returned(world: PlanningWorld, plan: tuple[PlanStep, ...]) -> None:
+    result = planner(world, PlannerAnswer(Outcome.SOLVED, plan)).plan(drive_goal(world))
+    assert (result.verdict, result.calls) == (Verdict.FAILED, ())
+    assert "a plan that does not work" in result.message
+
+
+@pytest.mark.parametrize(
+    ("outcome", "verdict"),
+    [
+        (Outcome.CANCELLED, Verdict.CANCELLED),
+        (Outcome.FAILED, Verdict.FAILED),
+    ],
+)
+def test_reason_of_planner_is_quoted(world: PlanningWorld, outcome: Outcome, verdict: Verdict) -> None:
+    result = planner(world, PlannerAnswer(outcome, reason="because")).plan(drive_goal(world))
+    assert (result.verdict, result.calls, result.message) == (verdict, (), "because")
+
+
+def test_timeout_of_planner_is_quoted(world: PlanningWorld) -> None:
+    result = planner(world, PlannerAnswer(Outcome.TIMED_OUT, reason="60 s were over")).plan(drive_goal(world))
+    assert (result.verdict, result.calls) == (Verdict.TIMED_OUT, ())
+    first, second = result.message.splitlines()
+    assert first == "no plan (timed out): 60 s were over"
+    assert second == f"{drive_goal(world)} may be reachable; more time may help"
+
+
+def test_unreachable_goal_overrides_timeout(world: PlanningWorld) -> None:
+    answer = PlannerAnswer(Outcome.TIMED_OUT, reason="60 s were over")
+    result = planner(world, answer).plan(f"(skiros:at {world.robots[0]} {world.products[0]})")
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "(timed out: 60 s were over)" in result.message
+
+
+def test_impossible_goal_is_explained(world: PlanningWorld) -> None:
+    goal = f"(skiros:at {world.robots[0]} {world.products[0]})"
+    result = planner(world, PlannerAnswer(Outcome.IMPOSSIBLE, reason="no way")).plan(goal)
+    assert result.message.splitlines()[0] == "no plan (proven impossible): no way"
+    assert f"{world.products[0]} is no skiros:Location" in result.message
+
+
+def test_planner_is_not_called_for_trivial_goals(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    tasks = TaskPlanner(world.wm, given, Limits())
+    assert tasks.plan(f"(skiros:at {world.robots[0]} {world.places[0]})").verdict is Verdict.NOTHING_TO_DO
+    assert tasks.plan(f"(skiros:hasA {world.places[0]} {world.products[0]})").verdict is Verdict.IMPOSSIBLE
+    assert given.asked == []
+
+
+def test_goal_may_be_formula(world: PlanningWorld) -> None:
+    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),))
+    goal = Atom(AT, (world.robots[0], world.places[1]))
+    assert planner(world, answer).plan(goal).verdict is Verdict.PLANNED
+    somewhere = Exists((("?x", "skiros:Location"),), Atom(AT, (world.robots[0], "?x")))
+    assert planner(world, answer).plan(somewhere).verdict is Verdict.NOTHING_TO_DO
+
+
+@pytest.mark.parametrize(
+    ("terms", "expected"), [(("nobody", "?x"), "unknown element 'nobody'"), (("?x",), "expected subject and object")]
+)
+def test_formula_with_unknown_name_is_refused(world: PlanningWorld, terms: tuple[str, ...], expected: str) -> None:
+    goal = Exists((("?x", "skiros:Location"),), Atom(AT, terms))
+    result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
+    assert result.verdict is Verdict.FAILED
+    assert expected in result.message
+
+
+@pytest.mark.parametrize("goal", [None, 3, b"(p a)", ["(p a)"]])
+def test_goal_of_wrong_type_raises(world: PlanningWorld, goal: object) -> None:
+    with pytest.raises(WrongType, match="expected its text or a formula, found"):
+        planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)  # type: ignore[arg-type]
+
+
+def test_cancelled_request_does_not_reach_planner(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    cancelled = threading.Event()
+    result = TaskPlanner(world.wm, given, Limits()).plan(drive_goal(world), cancelled, lambda _: cancelled.set())
+    assert (result.verdict, result.calls) == (Verdict.CANCELLED, ())
+    assert given.asked == []
+
+
+def test_goal_about_missing_class_is_impossible(world: PlanningWorld) -> None:
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    goal = f"(exists (?x - skiros:Starter) (skiros:contain {world.places[1]} ?x))"
+    result = TaskPlanner(world.wm, given, Limits()).plan(goal)
+    assert result.verdict is Verdict.IMPOSSIBLE
+    assert "the scene has no element of class skiros:Starter" in result.message
+    assert given.asked == []
+
+
+def test_skill_manager_gets_plan_for_its_robot() -> None:
+    world = transport_world(robots=2)
+    given = GivenAnswer(PlannerAnswer(Outcome.FAILED))
+    tasks = TaskPlanner(world.wm, given, Limits())
+    goal = f"(skiros:contain {world.places[1]} {world.products[0]})"
+    tasks.plan(goal, asked_by="/beta")
+    tasks.plan(goal, asked_by="somebody")
+    managers = [{manager for a in task.actions for _, manager in a.managers} for task in given.asked]
+    assert managers == [{"/beta"}, {"/alpha", "/beta"}]
+
+
+def test_goal_with_too_large_expansion_is_refused(world: PlanningWorld) -> None:
+    for _ in range(60):
+        world.thing("skiros:Product")
+    goal = "(forall (?a ?b ?c - skiros:Product) (skiros:contain ?a ?b))"
+    result = planner(world, PlannerAnswer(Outcome.SOLVED)).plan(goal)
+    assert result.verdict is Verdict.FAILED
+    assert "the limit is 100000" in result.message
+
+
+def test_files_of_request_are_archived(world: PlanningWorld, tmp_path: Path) -> None:
+    files = (("domain.pddl", "(define"), ("p01.pddl", "(define"))
+    answer = PlannerAnswer(Outcome.SOLVED, (drive_step(world),), log="found it", files=files)
+    planner(world, answer, Archive(tmp_path)).plan(drive_goal(world))
+    (request,) = (p for p in tmp_path.iterdir() if p.is_dir())
+    assert {p.name for p in request.iterdir()} == {
+        "domain.pddl",
+        "p01.pddl",
+        "goal.txt",
+        "result.txt",
+        "planner.log",
+    }
+    assert (request / "goal.txt").read_text() == drive_goal(world)
+    assert "planned\nskiros:Drive (drive)" in (request / "result.txt").read_text()
+    assert {p.name for p in tmp_path.iterdir() if p.is_file()} == {"domain.pddl", "p01.pddl"}

@@ -24,8 +24,9 @@ from typing import Any
 import pytest
 
 from skiros2_bags.core.tolerance import NARROW, Tolerance
-from skiros2_bags.testing.replay import KINDS, RERUN, Settings, replay
+from skiros2_bags.testing.replay import KINDS, RERUN, replay
 from skiros2_bags.testing.replay_program import WHILE_STDIN
+from skiros2_bags.testing.replay_settings import Settings
 
 #: Exit status of the replay program after a divergence.
 _DIVERGED = 1

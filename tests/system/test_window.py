@@ -150,7 +150,7 @@ def test_killed_master_is_reported_and_its_successor_found(tmp_path: Path) -> No
             onlooker.wait_for_line("^✕ ROS master.*has not been there since")
             master.start()
             again = re.compile(r"^✕ ROS master.*^● ROS master[^\n]*● world model", re.DOTALL | re.MULTILINE)
-            wait_until(lambda: again.search(onlooker.output), activity="the new master in the window")
+            wait_until(lambda: again.search(onlooker.output), what="the new master in the window")
         finally:
             ros.stop()
 

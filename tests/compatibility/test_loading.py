@@ -244,7 +244,7 @@ FLAWS = {
     ),
     "condition on an unknown key": (
         visit("", '        self.addPreCondition(self.getIsSpecifiedCond("Has", "Thign", True))\n'),
-        "speaks of 'Thign'",
+        "refers to 'Thign'",
     ),
 }
 

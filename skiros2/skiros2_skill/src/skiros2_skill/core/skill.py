@@ -1,4 +1,4 @@
-"""What skill authors import: compounds, nodes and processors."""
+"""The public names for skill libraries: compounds, nodes and processors."""
 
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State
 from skiros2_common.core.params import ParamTypes

@@ -245,7 +245,7 @@ FLAWS = {
     ),
     "condition on an unknown key": (
         visit("", '        self.addPreCondition(self.getIsSpecifiedCond("Has", "Thign", True))\n'),
-        "speaks of 'Thign'",
+        "refers to 'Thign'",
     ),
 }
 

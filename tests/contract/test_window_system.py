@@ -1,4 +1,4 @@
-"""The system as the window sees it, in process and over ROS: the same calls tell the same."""
+"""The port `System` of the window, in process and over ROS."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ ROBOT = "/test_robot"
 SCENE = "skiros:Scene-0"
 SKILLS = ["add", "stay", "give_up"]
 TESTS = Path(__file__).resolve().parents[1]
-PATIENCE = 30.0  # s
+TIMEOUT = 30.0  # s
 
 
 class Desk:
-    """A system and what it tells."""
+    """A system and its events."""
 
     def __init__(self) -> None:
         self._event_posted = threading.Event()
@@ -40,18 +40,18 @@ class Desk:
         self.system: System = None  # type: ignore[assignment]
 
     def events(self) -> Iterator[Event]:
-        """What comes, for as long as somebody asks."""
-        end = time.monotonic() + PATIENCE
+        """Yields events until the timeout."""
+        end = time.monotonic() + TIMEOUT
         while self._event_posted.wait(max(0.0, end - time.monotonic())):
             self._event_posted.clear()
             yield from self.event_queue.take()
-        pytest.fail("nothing more has come")
+        pytest.fail("no further event was received")
 
     def until(self, condition: Callable[[], Any]) -> None:
         if not condition():
             next(event for event in self.events() if condition())
 
-    def heard(self, kind: type[Event], fits: Callable[[Any], bool]) -> Any:
+    def wait_for(self, kind: type[Event], fits: Callable[[Any], bool]) -> Any:
         return next(event for event in self.events() if isinstance(event, kind) and fits(event))
 
     @property
@@ -64,7 +64,7 @@ class Desk:
         return int(self.manager.command("start", -1, [Step(skill.type, label, {}, params)]))
 
     def end_of(self, task: int) -> TaskProgress:
-        return self.heard(TaskProgress, lambda e: e.task == task and has_ended(e.nodes))
+        return self.wait_for(TaskProgress, lambda e: e.task == task and has_ended(e.nodes))
 
 
 @pytest.fixture(scope="module", params=["in process", "over ROS"])
@@ -96,7 +96,7 @@ def desk(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         ros.stop()
 
 
-def test_the_parts_that_are_up_are_told(desk: Desk) -> None:
+def test_parts_are_up(desk: Desk) -> None:
     for kind in (WORLD_MODEL, MANAGER):
         part = part_of(desk.system, kind)
         assert part is not None
@@ -106,13 +106,13 @@ def test_the_parts_that_are_up_are_told(desk: Desk) -> None:
     assert desk.manager.name == ROBOT
 
 
-def test_a_manager_tells_its_skills(desk: Desk) -> None:
+def test_manager_returns_its_skills(desk: Desk) -> None:
     skills = {skill.label: skill for skill in desk.manager.skills()}
     assert sorted(skills) == sorted(SKILLS)
     assert skills["add"].parameters["A"].wire_type == "float"
 
 
-def test_a_task_is_started_and_followed_to_its_end(desk: Desk) -> None:
+def test_started_task_reports_its_end(desk: Desk) -> None:
     task = desk.start("add", A=2.0, B=3.0)
     end = desk.end_of(task)
     assert end.manager == ROBOT
@@ -121,9 +121,9 @@ def test_a_task_is_started_and_followed_to_its_end(desk: Desk) -> None:
     assert desk.manager.tasks() == []
 
 
-def test_a_task_is_paused_stepped_resumed_and_stopped(desk: Desk) -> None:
+def test_task_is_paused_stepped_and_stopped(desk: Desk) -> None:
     task = desk.start("stay")
-    desk.heard(TaskProgress, lambda e: e.task == task)
+    desk.wait_for(TaskProgress, lambda e: e.task == task)
     desk.manager.command("pause", task)
     desk.manager.command("tick_once", task)
     assert [nodes[0].id for nodes in desk.manager.tasks(task)] == [task]
@@ -134,45 +134,47 @@ def test_a_task_is_paused_stepped_resumed_and_stopped(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("action", ["start", "pause", "preempt", "dance"])
-def test_what_a_manager_refuses_is_said(desk: Desk, action: str) -> None:
+def test_refused_command_raises(desk: Desk, action: str) -> None:
     with pytest.raises(SkirosError, match=r"999|dance"):
         desk.manager.command(action, 999)
 
 
-def test_a_start_that_is_refused_is_explained(desk: Desk) -> None:
+def test_refused_start_is_explained(desk: Desk) -> None:
     with pytest.raises(SkirosError, match="required parameter 'B'"):
         desk.start("add")
     assert "required parameter 'B'" in desk.manager.why(-1).text
 
 
-def test_breakpoints_are_set_listed_and_taken_away(desk: Desk) -> None:
+def test_breakpoints_are_added_listed_and_removed(desk: Desk) -> None:
     number, known = desk.manager.breakpoint("add", "node", "stay")
     assert [(b["number"], b["kind"], b["pattern"]) for b in known] == [(number, "node", "stay")]
     task = desk.start("stay")
-    desk.heard(TaskProgress, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
+    desk.wait_for(TaskProgress, lambda e: e.task == task and "breakpoint" in e.nodes[0].progress_message)
     desk.manager.command("preempt", task)
     desk.end_of(task)
     assert desk.manager.breakpoint("remove", number=number)[1] == []
 
 
-def test_a_change_of_the_scene_is_told_and_can_be_read_then(desk: Desk) -> None:
+def test_scene_change_is_reported_after_it_can_be_read(desk: Desk) -> None:
     element = Element("skiros:Product", "bolt")
     element.addRelation(SCENE, "skiros:contain", "-1")
     eid = desk.system.world.add_element(element).id
-    change = desk.heard(WorldChanged, lambda e: any(x.id == eid for c in e.changes for x in c.elements))
+    change = desk.wait_for(WorldChanged, lambda e: any(x.id == eid for c in e.changes for x in c.elements))
     assert not change.is_reset
     assert desk.system.scene.find(eid, "scene").label == "bolt"
     assert [r["src"] for r in desk.system.scene.related("", "skiros:contain", eid, "scene")] == [SCENE]
     assert eid in {e.id for e in desk.system.scene.matching(Element("skiros:Product"), "scene")}
 
 
-def test_a_scene_that_is_loaded_is_told_as_new(desk: Desk) -> None:
+def test_loaded_scene_is_reported_as_reset(desk: Desk) -> None:
     desk.system.world.save("kept.ttl")
     desk.system.world.load("kept.ttl")
-    desk.heard(WorldChanged, lambda e: e.is_reset)
+    desk.wait_for(WorldChanged, lambda e: e.is_reset)
     assert desk.system.scene.find(SCENE, "scene") is not None
 
 
-def test_a_class_that_is_added_is_known_after_it_was_told(desk: Desk) -> None:
+def test_added_class_is_known_when_reported(desk: Desk) -> None:
     desk.system.world.add_class("skiros:Bolt", "skiros:Product")
-    desk.heard(WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product"))
+    desk.wait_for(
+        WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product")
+    )

@@ -77,7 +77,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
         output = _ended(recorder)
 
         second = system.run("skiros2_bags", "record", "-o", str(late), "--no-check", name="late")
-        second.wait_for_line("the scene is taken from /wm/snapshot")
+        second.wait_for_line("requested the scene from /wm/snapshot")
         system.done("skiros2_world_model", "set", ROBOT_ID, "label", "Robbie")
         wait_until(lambda: _label(late.with_name("late.bag.active")) == "Robbie", WAIT, "the change in the file")
         second.signal(signal.SIGINT)

@@ -67,7 +67,7 @@ def up(driver: Driver) -> set[str]:
     return {part.kind for part in driver.window.system.parts if part.is_up}
 
 
-def test_a_skill_is_started_watched_and_stopped_by_clicks(window: Driver, demo: Ros) -> None:
+def test_skill_is_started_and_stopped_by_clicks(window: Driver, demo: Ros) -> None:
     told = demo.messages(f"{ROBOT}/monitor", TreeProgress)
     window.open_tab("Skills")
     window.choose("skillTree", "wait")
@@ -99,7 +99,7 @@ def test_refused_start_is_explained_before_and_after(window: Driver) -> None:
     window.wait_until(lambda: "Workstation" in why.toPlainText(), "why it failed")
 
 
-def test_a_goal_is_reached_from_the_goal_line(window: Driver) -> None:
+def test_goal_is_achieved_from_the_goal_line(window: Driver) -> None:
     window.open_tab("Skills")
     window.write("goalLine", PRODUCT_A_IN_TRAY_B)
     window.click("planButton")

@@ -52,7 +52,7 @@ class TaskManager:
         self.result: Any = Result()
         self.cancelled = 0
 
-    def achieve(self, goals: str, on_feedback: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
         for feedback in self.feedback:
             on_feedback(feedback)
         if isinstance(self.result, Exception):

@@ -83,7 +83,7 @@ def test_a_parameter_is_declared_by_a_default_a_type_or_a_list(value, datatype, 
     assert (param.dataType(), param.values, param.defaults) == (datatype, values, values)
 
 
-def test_a_list_of_several_types_is_no_default():
+def test_list_of_mixed_types_is_not_a_default():
     with pytest.raises(ValueError, match="Key"):
         SkillDescription().addParam("Key", [1, "two"], ParamTypes.Optional)
 
@@ -139,7 +139,7 @@ def test_on_start_may_redefine_a_parameter(bench):
 # -- options of parameters ---------------------------------------------------------------------------------------------
 
 
-def test_consume_wants_the_element_to_be_gone_at_the_end(bench):
+def test_consume_requires_element_removed_at_end(bench):
     eat = describe("Eat", [(*OBJECT, [ParamOptions.Consume])])
     bench.load(
         primitive(eat, "eat", execute=lambda s: s.wmi.remove_element(s.params["Object"].value) and s.success()),
@@ -151,7 +151,7 @@ def test_consume_wants_the_element_to_be_gone_at_the_end(bench):
     assert "Post-condition failed: [ConsumeObject]" in fast.root.progress_msg
 
 
-def test_unspecify_wants_the_parameter_to_be_unset_at_the_end(bench):
+def test_unspecify_requires_parameter_unset_at_end(bench):
     drop = describe("Drop", [(*OBJECT, [ParamOptions.Unspecify])])
     bench.load(
         primitive(drop, "drop", execute=lambda s: s.params["Object"].unset() or s.success()), primitive(drop, "keep")
@@ -160,7 +160,7 @@ def test_unspecify_wants_the_parameter_to_be_unset_at_the_end(bench):
     assert "Post-condition failed" in bench.run(bench.node("keep", Object=bench.product)).root.progress_msg
 
 
-def test_lock_wants_a_device_idle_before_and_after_and_not_idle_meanwhile(bench):
+def test_lock_requires_idle_device_before_and_after(bench):
     hold = declared(
         bench, primitive(describe("Hold", [("Arm", Element("rparts:ArmDevice"), REQUIRED, [ParamOptions.Lock])]))
     )
@@ -172,14 +172,14 @@ def test_lock_wants_a_device_idle_before_and_after_and_not_idle_meanwhile(bench)
     assert told == [[(*idle, True)], [(*idle, False)], [(*idle, True)]]
 
 
-def test_respect_type_wants_the_class_of_the_default(bench):
+def test_respect_type_requires_class_of_default(bench):
     hold = declared(bench, primitive(describe("Hold", [(*OBJECT, [ParamOptions.RespectType])])))
     (condition,) = hold.pre_conditions
     assert isinstance(condition, ConditionOnType)
     assert condition.getDescription().endswith("is a skiros:Product")
 
 
-def test_output_parameters_are_told(bench):
+def test_output_parameters_are_listed(bench):
     made = declared(bench, primitive(describe("Make", [("Made", str, OPTIONAL, [ParamOptions.Output]), CONTAINER])))
     assert list(made.getOutputParams()) == ["Made"]
 
@@ -216,7 +216,7 @@ def test_labels_differ_in_case(bench):
         bench.load(primitive(Work, "work it"))
 
 
-def test_what_an_implementation_adds_to_its_description_counts(bench):
+def test_implementation_may_extend_its_description(bench):
     class take(PrimitiveBase):
         def createDescription(self):
             self.setDescription(Take(), "take")
@@ -281,7 +281,7 @@ def any_either(bench):
     return SkillWrapper("Either", "", bench.library)
 
 
-def test_the_one_that_is_free_goes_before_the_one_that_runs(bench):
+def test_free_implementation_is_selected_before_running_one(bench):
     either(bench, execute=running_for(2))
     nodes = [any_either(bench) for _ in range(3)]
     task = bench.run(Skill("", ParallelFf())(*nodes))
@@ -289,7 +289,7 @@ def test_the_one_that_is_free_goes_before_the_one_that_runs(bench):
     assert [n.label for n in nodes][:2] == ["first", "second"]
 
 
-def test_once_it_has_ended_the_first_is_taken_again(bench):
+def test_first_implementation_is_selected_again_after_its_end(bench):
     either(bench)
     nodes = [any_either(bench) for _ in range(3)]
     bench.run(*nodes)
@@ -310,7 +310,7 @@ def test_a_compound_that_has_ended_is_free(bench):
     assert [n.label for n in nodes] == ["first", "first"]
 
 
-def test_a_label_is_kept_to_also_when_it_does_not_fit(bench):
+def test_requested_label_is_never_replaced(bench):
     never = describe("Never", [("Container", Element("skiros:LargeBox"), REQUIRED)])
 
     def create(self):
@@ -330,7 +330,7 @@ def test_a_type_may_be_written_in_three_ways(bench, written):
     assert bench.run(bench.node("top")).state is State.Success
 
 
-def test_what_was_not_listed_is_loaded_from_the_libraries():
+def test_unlisted_skill_is_loaded_from_library():
     library = SkillLibrary(LocalWorldModel("test"))
     library.import_libraries(["skiros2_std_skills"])
     assert library.implementations() == []
@@ -384,7 +384,7 @@ def test_one_processor_object_may_be_given_to_several_nodes(bench):
     assert bench.run(bench.node("top")).state is State.Success
 
 
-def test_what_is_latched_takes_the_children_that_follow(bench):
+def test_latched_node_gets_following_children(bench):
     def expand(self, skill):
         skill.addChild(self.getNode(Selector()), latch=True)
         skill.addChild(self.skill("Fail", "fail"))
@@ -481,7 +481,7 @@ def test_two_managers_in_one_process_share_no_state():
 
 
 @pytest.mark.parametrize("hook", ["onStart", "expand"])
-def test_what_a_skill_adds_to_itself_as_it_runs_is_gone_when_it_starts_again(bench, hook):
+def test_runtime_additions_of_skill_are_removed_at_next_start(bench, hook):
     seen = []
 
     class grows(SkillBase):

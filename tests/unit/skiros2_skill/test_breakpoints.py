@@ -38,7 +38,7 @@ def resumed(task):
     return task.tick()
 
 
-def test_a_node_pauses_before_it_starts_and_starts_when_the_task_goes_on(bench, breakpoints, task):
+def test_start_breakpoint_pauses_before_node_starts(bench, breakpoints, task):
     calls = []
     bench.load(recorder(calls, "first"), recorder(calls, "second"))
     number = breakpoints.add(Breakpoint("node", "second"))
@@ -54,7 +54,7 @@ def test_a_node_pauses_before_it_starts_and_starts_when_the_task_goes_on(bench, 
 
 
 @pytest.mark.parametrize("pattern", ["second", "SECOND", "sec*", "skiros:Work-second", "work-second", "*-second"])
-def test_nodes_are_named_by_label_type_or_both_and_by_patterns(bench, breakpoints, task, pattern):
+def test_node_breakpoint_matches_label_type_and_pattern(bench, breakpoints, task, pattern):
     bench.load(primitive(Work, "first"), primitive(Work, "second"))
     breakpoints.add(Breakpoint("node", pattern))
     one = task(bench.node("first"), bench.node("second"))
@@ -62,7 +62,7 @@ def test_nodes_are_named_by_label_type_or_both_and_by_patterns(bench, breakpoint
     assert "before the start of skiros:Work-second" in one.root.progress_msg
 
 
-def test_a_type_pauses_at_each_of_its_nodes(bench, breakpoints, task):
+def test_type_breakpoint_pauses_at_every_node_of_type(bench, breakpoints, task):
     bench.load(primitive(Work, "first"), primitive(Work, "second"))
     breakpoints.add(Breakpoint("node", "skiros:Work"))
     one = task(bench.node("first"), bench.node("second"))
@@ -73,7 +73,7 @@ def test_a_type_pauses_at_each_of_its_nodes(bench, breakpoints, task):
     assert resumed(one) is State.Success
 
 
-def test_at_the_end_of_a_node_the_next_one_is_not_started(bench, breakpoints, task):
+def test_end_breakpoint_pauses_before_next_node_starts(bench, breakpoints, task):
     calls = []
     bench.load(recorder(calls, "first", 2), recorder(calls, "second"))
     breakpoints.add(Breakpoint("node", "first", "end"))
@@ -88,7 +88,7 @@ def test_at_the_end_of_a_node_the_next_one_is_not_started(bench, breakpoints, ta
     assert calls == ["first", "first", "second"]
 
 
-def test_nothing_is_preempted_at_a_breakpoint(bench, breakpoints, task):
+def test_breakpoint_preempts_nothing(bench, breakpoints, task):
     calls = []
     bench.load(
         recorder(calls, "check"),
@@ -107,7 +107,7 @@ def test_nothing_is_preempted_at_a_breakpoint(bench, breakpoints, task):
     assert "preempted" not in calls
 
 
-def test_a_failing_pre_condition_pauses_where_it_failed(bench, breakpoints, task):
+def test_condition_breakpoint_pauses_at_failed_pre_condition(bench, breakpoints, task):
     calls = []
     bench.load(primitive(Hold, "hold"), recorder(calls, "instead"))
     breakpoints.add(Breakpoint("condition", "Contains"))
@@ -121,7 +121,7 @@ def test_a_failing_pre_condition_pauses_where_it_failed(bench, breakpoints, task
     assert calls == ["instead"]
 
 
-def test_a_failing_hold_condition_pauses_the_task(bench, breakpoints, task):
+def test_condition_breakpoint_pauses_at_failed_hold_condition(bench, breakpoints, task):
     bench.load(primitive(Hold, "hold", execute=lambda self: self.step("")), primitive(Work, "instead"))
     breakpoints.add(Breakpoint("condition", "cont*"))
     held = bench.node("hold", Object=bench.product)
@@ -135,7 +135,7 @@ def test_a_failing_hold_condition_pauses_the_task(bench, breakpoints, task):
     assert resumed(one) is State.Success
 
 
-def test_a_preempted_task_ends_also_at_a_breakpoint(bench, breakpoints, task):
+def test_task_at_breakpoint_can_be_preempted(bench, breakpoints, task):
     bench.load(primitive(Work, "first"))
     breakpoints.add(Breakpoint("node", "first"))
     one = task(bench.node("first"))
@@ -145,7 +145,7 @@ def test_a_preempted_task_ends_also_at_a_breakpoint(bench, breakpoints, task):
     assert one.root.progress_msg == "Preempted"
 
 
-def test_a_subtree_beside_goes_on_where_it_was(bench, breakpoints, task):
+def test_sibling_subtree_resumes_in_same_state(bench, breakpoints, task):
     calls = []
     bench.load(recorder(calls, "left", 3), recorder(calls, "right"))
     breakpoints.add(Breakpoint("node", "right"))
@@ -162,7 +162,7 @@ def test_a_subtree_beside_goes_on_where_it_was(bench, breakpoints, task):
 
 
 @pytest.mark.parametrize("pattern", ["prod*", "{id}", "skiros:contain", "*:Product-*"])
-def test_a_change_of_the_world_model_pauses_all_running_tasks(bench, pattern):
+def test_world_breakpoint_pauses_all_running_tasks(bench, pattern):
     scheduler = Scheduler(rate=200)
     bench.wmi.add_listener(scheduler.on_change)
     try:
@@ -189,7 +189,7 @@ def test_a_change_of_the_world_model_pauses_all_running_tasks(bench, pattern):
 # -- the list ----------------------------------------------------------------------------------------------------------
 
 
-def test_breakpoints_have_numbers_that_are_not_used_again(breakpoints):
+def test_breakpoint_numbers_are_not_reused(breakpoints):
     first = breakpoints.add(Breakpoint("node", "a"))
     breakpoints.remove(first)
     second = breakpoints.add(Breakpoint("node", "b"))
@@ -205,13 +205,13 @@ def test_breakpoints_have_numbers_that_are_not_used_again(breakpoints):
         (Breakpoint("condition", ""), "without a name"),
     ],
 )
-def test_a_wrong_breakpoint_is_refused_by_name(breakpoints, breakpoint, text):
+def test_invalid_breakpoint_is_refused(breakpoints, breakpoint, text):
     with pytest.raises(WrongValue, match=text):
         breakpoints.add(breakpoint)
     assert not breakpoints
 
 
-def test_removing_one_that_is_not_there_names_those_that_are(breakpoints):
+def test_removing_unknown_breakpoint_lists_existing_ones(breakpoints):
     breakpoints.add(Breakpoint("node", "a"))
     with pytest.raises(UnknownName, match="no breakpoint 7; there are: 1"):
         breakpoints.remove(7)

@@ -14,7 +14,7 @@ _BUSY.setProperty("skiros:StateProperty", "Busy")
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if not case.servers], ids=lambda case: case.name)
-def test_a_tree_does_what_its_trace_says(skill_bench: SkillBench, case: Case) -> None:
+def test_tree_produces_expected_trace(skill_bench: SkillBench, case: Case) -> None:
     task = case.play(skill_bench)
     assert str(task.trace) == str(case.trace), task.why
     assert task.ended.is_set()
@@ -29,7 +29,7 @@ def test_a_tree_does_what_its_trace_says(skill_bench: SkillBench, case: Case) ->
         for ticks in range(len(case.trace.ticks))
     ],
 )
-def test_what_is_preempted_after_any_tick_ends_and_what_has_ended_stays(
+def test_preemption_after_any_tick_ends_running_nodes_only(
     skill_bench: SkillBench, case: Case, ticks: int
 ) -> None:
     task = case.play(skill_bench, ticks)

@@ -87,7 +87,7 @@ def moving(bench, *params, **hooks):
 # -- who has it --------------------------------------------------------------------------------------------------------
 
 
-def test_the_holder_is_written_on_the_device_while_it_is_locked(bench, arm):
+def test_locked_device_names_its_holder(bench, arm):
     task = moving(bench)
     assert lock_of(bench, arm) == ("Busy", "/one")
     task.preempt()
@@ -97,13 +97,13 @@ def test_the_holder_is_written_on_the_device_while_it_is_locked(bench, arm):
     assert not device.hasProperty(HOLDER)
 
 
-def test_the_skill_sees_its_device_as_it_is_locked(bench, arm):
+def test_skill_sees_locked_state_of_its_device(bench, arm):
     seen = []
     moving(bench, onStart=lambda self: seen.append(self.params["Arm"].value.value_of(STATE)))
     assert seen == ["Busy"]
 
 
-def test_the_one_that_comes_second_is_told_who_has_it(bench, other, arm):
+def test_second_lock_is_refused_with_name_of_holder(bench, other, arm):
     bench.wmi.before.append(lambda device: locks_in(other).acquire(device.id, "a node", other))
     task = moving(bench)
     assert task.state is State.Failure
@@ -113,7 +113,7 @@ def test_the_one_that_comes_second_is_told_who_has_it(bench, other, arm):
     assert lock_of(bench, arm) == ("Busy", "/two")
 
 
-def test_of_two_managers_at_once_one_gets_it_each_time(bench, other, arm):
+def test_one_of_two_concurrent_managers_gets_lock(bench, other, arm):
     outcomes = {bench.wmi: [], other: []}
     start = threading.Barrier(2)
 
@@ -141,7 +141,7 @@ def test_of_two_managers_at_once_one_gets_it_each_time(bench, other, arm):
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_another_change_of_the_device_meanwhile_is_no_obstacle(bench, other, arm):
+def test_lock_tolerates_concurrent_change_of_device(bench, other, arm):
     def weigh(_):
         device = other.get_element(arm.id)
         device.setProperty("skiros:Weight", 2.0)
@@ -156,7 +156,7 @@ def test_another_change_of_the_device_meanwhile_is_no_obstacle(bench, other, arm
     assert bench.wmi.get_element(arm.id).value_of("skiros:Weight") == 2.0
 
 
-def test_a_device_that_another_has_meanwhile_is_not_freed(bench, other, arm):
+def test_device_locked_by_another_manager_is_not_released(bench, other, arm):
     task = moving(bench)
     device = other.get_element(arm.id)
     device.setProperty(HOLDER, "/two")
@@ -169,7 +169,7 @@ def test_a_device_that_another_has_meanwhile_is_not_freed(bench, other, arm):
 # -- freed however it ends ---------------------------------------------------------------------------------------------
 
 
-def test_a_release_that_is_refused_is_tried_again(bench, arm, soon):
+def test_refused_release_is_retried(bench, arm, soon):
     task = moving(bench)
     bench.wmi.before += [refuses] * 3
     task.preempt()
@@ -179,7 +179,7 @@ def test_a_release_that_is_refused_is_tried_again(bench, arm, soon):
     assert bench.wmi.before == []
 
 
-def test_a_release_that_fails_does_not_keep_others_locked(bench, arm):
+def test_failed_release_does_not_block_other_devices(bench, arm):
     second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
     bench.load(primitive(describe("Move", [LOCKED_ARM, SECOND_ARM]), "move", execute=lambda self: self.step()))
     task = bench.task(bench.node("move", Arm=arm, Second=second))
@@ -191,7 +191,7 @@ def test_a_release_that_fails_does_not_keep_others_locked(bench, arm):
     assert {lock_of(bench, arm), lock_of(bench, second)} == {("Busy", "/one"), ("Idle", None)}
 
 
-def test_a_lock_of_which_the_outcome_is_not_known_is_freed(bench, arm, soon):
+def test_lock_with_unknown_outcome_is_released(bench, arm, soon):
     bench.wmi.after.append(refuses)  # it was written, but the answer is lost
     task = moving(bench)
     assert task.state is State.Failure
@@ -199,7 +199,7 @@ def test_a_lock_of_which_the_outcome_is_not_known_is_freed(bench, arm, soon):
     wait_until(lambda: lock_of(bench, arm) == ("Idle", None), what="the release")
 
 
-def test_a_late_release_leaves_a_new_lock_of_the_same_manager(bench, arm, soon):
+def test_late_release_keeps_new_lock_of_same_manager(bench, arm, soon):
     first = moving(bench)
     bench.wmi.after.append(refuses)  # it is free, but that is not known
     first.preempt()
@@ -213,7 +213,7 @@ def test_a_late_release_leaves_a_new_lock_of_the_same_manager(bench, arm, soon):
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_one_of_two_devices_is_free_again_when_the_other_cannot_be_had(bench, arm):
+def test_device_is_released_when_second_lock_fails(bench, arm):
     second = bench.add("rparts:ArmDevice", "second", StateProperty="Idle")
     bench.load(primitive(describe("Move", [LOCKED_ARM, SECOND_ARM]), "move"))
     bench.wmi.before += [lambda _: None, refuses]
@@ -222,7 +222,7 @@ def test_one_of_two_devices_is_free_again_when_the_other_cannot_be_had(bench, ar
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_a_tick_that_raises_frees_devices(bench, arm):
+def test_exception_in_tick_releases_devices(bench, arm):
     task = moving(bench)
     task.root.children[0].visit = raises_anything
     task.tick()
@@ -230,14 +230,14 @@ def test_a_tick_that_raises_frees_devices(bench, arm):
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_a_tick_that_raises_between_the_lock_and_the_start_frees_devices(bench, arm, monkeypatch):
+def test_exception_between_lock_and_start_releases_devices(bench, arm, monkeypatch):
     monkeypatch.setattr(Executor, "_start_run", raises_anything)
     task = moving(bench)
     assert task.state is State.Failure
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_a_task_that_is_left_behind_frees_its_devices(bench, arm):
+def test_abandoned_task_releases_devices(bench, arm):
     returns, inside = threading.Event(), threading.Event()
 
     def hangs(self):
@@ -260,7 +260,7 @@ def test_a_task_that_is_left_behind_frees_its_devices(bench, arm):
         scheduler.stop()
 
 
-def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, soon, monkeypatch):
+def test_lock_acquired_after_abandonment_is_released(bench, arm, soon, monkeypatch):
     monkeypatch.setattr(devices, "_RELEASE_TIMEOUT", 0.05)
     goes_on, inside = threading.Event(), threading.Event()
 
@@ -288,7 +288,7 @@ def test_a_lock_that_comes_after_its_task_was_left_behind_is_freed(bench, arm, s
         scheduler.stop()
 
 
-def test_a_manager_that_ends_frees_the_devices_of_its_tasks(bench, arm):
+def test_shutdown_releases_devices(bench, arm):
     bench.load(primitive(describe("Move", [LOCKED_ARM]), "move", execute=lambda self: self.step()))
     scheduler = Scheduler()
     task = scheduler.new_task(bench.wmi, "tests")
@@ -299,7 +299,7 @@ def test_a_manager_that_ends_frees_the_devices_of_its_tasks(bench, arm):
     assert lock_of(bench, arm) == ("Idle", None)
 
 
-def test_what_an_earlier_life_has_left_locked_is_freed_and_nothing_else(bench, other, arm):
+def test_only_locks_of_former_process_are_released(bench, other, arm):
     moving(bench)
     left = bench.add("rparts:ArmDevice", "left", StateProperty="Busy", LockedBy="/one")
     foreign = bench.add("rparts:ArmDevice", "foreign", StateProperty="Busy", LockedBy="/two")

@@ -77,14 +77,14 @@ def held(bench, *hold, **specify):
 # -- what is not read again --------------------------------------------------------------------------------------------
 
 
-def test_nothing_is_read_while_nothing_changes(counted):
+def test_unchanged_world_causes_no_reads(counted):
     task = held(counted, contains())
     counted.wmi.calls.clear()
     task.tick()
     assert not counted.wmi.calls
 
 
-def test_nothing_is_read_when_another_element_changes(counted):
+def test_change_of_unrelated_element_causes_no_reads(counted):
     task = held(counted, contains())
     change(counted, counted.other_product, Weight=1.0)
     counted.wmi.calls.clear()
@@ -92,7 +92,7 @@ def test_nothing_is_read_when_another_element_changes(counted):
     assert not counted.wmi.calls
 
 
-def test_what_a_skill_has_is_read_once_when_it_changes(counted):
+def test_changed_element_is_read_once(counted):
     task = held(counted, contains())
     change(counted, counted.product, Weight=1.0)
     counted.wmi.calls.clear()
@@ -103,7 +103,7 @@ def test_what_a_skill_has_is_read_once_when_it_changes(counted):
     assert not counted.wmi.calls
 
 
-def test_elements_are_read_once_from_the_start_to_the_first_execute_where_they_have_changed(counted):
+def test_element_that_changes_before_first_execute_is_read_once(counted):
     Plain = describe("Plain", PARAMS[:2])
     counted.load(primitive(Plain, "plain"))
     tray, product = (counted.wmi.get_element(e.id) for e in (counted.tray, counted.product))
@@ -114,7 +114,7 @@ def test_elements_are_read_once_from_the_start_to_the_first_execute_where_they_h
     assert counted.wmi.calls["element"] == 1  # what was given is the same, but for the product
 
 
-def test_a_parameter_that_nobody_has_lets_nothing_be_read(counted):
+def test_change_of_unused_parameter_causes_no_reads(counted):
     Other = describe("Other", [("Other", 0, REQUIRED)])
     Held = describe("Held", PARAMS, hold=[contains()])
 
@@ -135,7 +135,7 @@ def test_a_parameter_that_nobody_has_lets_nothing_be_read(counted):
 # -- what is -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_change_between_start_and_first_execute_is_read(bench):
+def test_change_between_start_and_first_execute_is_read(bench):
     """Made by the skill itself, in `onStart`."""
 
     def weigh(skill):
@@ -158,7 +158,7 @@ def test_a_change_between_start_and_first_execute_is_read(bench):
     assert seen == [3.0]
 
 
-def test_a_change_in_one_leaf_is_seen_by_the_next_in_the_same_tick(bench):
+def test_change_in_leaf_reaches_next_leaf_in_same_tick(bench):
     def weigh(skill):
         bench.wmi.set_relation(bench.tray, "skiros:contain", bench.product, False)
         return skill.step("")
@@ -172,7 +172,7 @@ def test_a_change_in_one_leaf_is_seen_by_the_next_in_the_same_tick(bench):
     assert "Hold-condition failed" in held_node.progress_msg
 
 
-def test_a_skill_s_own_parameter_in_its_hold_condition(bench):
+def test_hold_condition_on_own_parameter_is_checked_after_assignment(bench):
     Own = describe("Own", [("Note", str, OPTIONAL)], hold=[lambda d: d.getIsSpecifiedCond("Unset", "Note", False)])
 
     def note(skill):
@@ -230,7 +230,7 @@ def test_whatever_it_answers_after_some_ticks_counts(bench, answer, state, code,
     assert message in node.progress_msg
 
 
-def test_its_progress_is_seen_by_its_parent_and_told_after_each_tick(bench):
+def test_progress_of_primitive_is_published_after_each_tick(bench):
     seen = []
     bench.load(primitive(describe("Turn"), "turn", execute=lambda s: s.step(f"step {s.progress_code}")))
     node = bench.node("turn")
@@ -242,7 +242,7 @@ def test_its_progress_is_seen_by_its_parent_and_told_after_each_tick(bench):
     assert seen == [(f"step {n}", f"step {n}") for n in range(4)]
 
 
-def test_nothing_is_told_of_one_that_reports_nothing(bench):
+def test_primitive_without_progress_does_not_change_revision(bench):
     bench.load(primitive(describe("Turn"), "turn", execute=State.Running))
     task = bench.task(bench.node("turn"))
     task.tick()
@@ -251,7 +251,7 @@ def test_nothing_is_told_of_one_that_reports_nothing(bench):
     assert not task.update_revision()
 
 
-def test_it_is_started_anew_after_its_preemption(bench):
+def test_primitive_starts_again_after_preemption(bench):
     starts = []
     bench.load(primitive(describe("Turn"), "turn", onStart=lambda s: starts.append(s) or True, execute=State.Running))
     node = bench.node("turn")
@@ -264,7 +264,7 @@ def test_it_is_started_anew_after_its_preemption(bench):
     assert (len(starts), node.state) == (2, State.Running)
 
 
-def test_one_that_needs_time_to_end_is_executed_once_a_tick(bench):
+def test_ending_primitive_is_executed_once_per_tick(bench):
     counted = []
     Held = describe("Held", PARAMS, hold=[contains()])
     slow = {"execute": lambda s: counted.append(1) or s.step(""), "onPreempt": State.Running}

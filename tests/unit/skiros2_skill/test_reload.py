@@ -100,7 +100,7 @@ def word(bench, library):
     return task.skill.progress_msg
 
 
-def test_the_new_code_is_used_and_the_new_description_declared(bench, library, package):
+def test_reload_uses_new_code_and_description(bench, library, package):
     assert word(bench, library) == "old"
     package.write(word="new", volume=2)
     with reloading(library) as fresh:
@@ -110,7 +110,7 @@ def test_the_new_code_is_used_and_the_new_description_declared(bench, library, p
     assert [i.label for i in fresh.implementations()] == [i.label for i in library.implementations()]
 
 
-def test_a_task_that_runs_keeps_the_old_code_also_for_what_it_starts_later(bench, library, package):
+def test_running_task_keeps_old_code(bench, library, package):
     task = BenchTask(bench.wmi)
     task.root(SkillWrapper("Talk", "", library))
     assert task.tick() is State.Running
@@ -134,7 +134,7 @@ def test_a_task_that_runs_keeps_the_old_code_also_for_what_it_starts_later(bench
         ),
     ],
 )
-def test_a_failed_reload_keeps_the_old_code_and_says_why(bench, library, package, text, why):
+def test_failed_reload_keeps_old_code(bench, library, package, text, why):
     before = {name: module for name, module in sys.modules.items() if name.startswith(package.name)}
     package.spoil(text)
     with pytest.raises(ConfigurationError, match=why), reloading(library):
@@ -147,7 +147,7 @@ def test_a_failed_reload_keeps_the_old_code_and_says_why(bench, library, package
     assert word(bench, fresh) == "new"
 
 
-def test_what_is_raised_while_the_new_code_is_taken_over_takes_the_modules_back(library, package):
+def test_exception_during_reload_restores_modules(library, package):
     before = sys.modules[f"{package.name}.words"]
     package.write(word="new")
     with pytest.raises(RuntimeError), reloading(library):
@@ -155,13 +155,13 @@ def test_what_is_raised_while_the_new_code_is_taken_over_takes_the_modules_back(
     assert sys.modules[f"{package.name}.words"] is before
 
 
-def test_a_library_that_was_not_loaded_is_refused_by_name(library, package):
+def test_reload_of_unknown_library_is_refused(library, package):
     refusal = f"no library 'nothing' was loaded; there are: {package.name}"
     with pytest.raises(UnknownName, match=refusal), reloading(library, ["nothing"]):
         pass
 
 
-def test_a_library_that_uses_a_reloaded_one_is_reloaded_too_and_others_are_not(bench, package, tmp_path):
+def test_reload_includes_only_dependent_libraries(bench, package, tmp_path):
     user, other = Package(tmp_path, f"{package.name}_user"), Package(tmp_path, f"{package.name}_other")
     (user.folder / "louder.py").write_text(
         f"from {package.name}.words import speak\n\n\nclass shout(speak):\n"

@@ -41,7 +41,7 @@ def skills(bench):
     )
 
 
-def test_tasks_run_side_by_side_to_their_ends(scheduler, skills):
+def test_tasks_run_in_parallel(scheduler, skills):
     one = scheduler()
     tasks = [started(one, skills, skills.node("work")) for _ in range(20)]
     assert all(task.ended.wait(5) for task in tasks)
@@ -49,7 +49,7 @@ def test_tasks_run_side_by_side_to_their_ends(scheduler, skills):
     assert one.tasks() == []
 
 
-def test_all_tasks_are_paused_and_preempted_by_one_command(scheduler, skills):
+def test_one_command_pauses_or_preempts_all_tasks(scheduler, skills):
     one = scheduler()
     tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
     one.pause_all()
@@ -60,7 +60,7 @@ def test_all_tasks_are_paused_and_preempted_by_one_command(scheduler, skills):
     assert one.tasks() == []
 
 
-def test_the_last_progress_of_a_task_has_its_end(scheduler, skills):
+def test_last_progress_has_end_of_task(scheduler, skills):
     told, ended = [], threading.Event()
 
     def on_progress(task):
@@ -74,7 +74,7 @@ def test_the_last_progress_of_a_task_has_its_end(scheduler, skills):
     assert [code for _, code in told[:-1]] == [0] * (len(told) - 1)
 
 
-def test_progress_is_told_again_while_nothing_changes(scheduler, skills):
+def test_unchanged_progress_is_repeated(scheduler, skills):
     told = threading.Semaphore(0)
     one = scheduler(on_progress=lambda task: told.release(), keep_alive=0.02)
     skills.load(primitive(Work, "still", execute=State.Running))
@@ -82,7 +82,7 @@ def test_progress_is_told_again_while_nothing_changes(scheduler, skills):
     assert all(told.acquire(timeout=5) for _ in range(5))
 
 
-def test_preempting_one_task_leaves_the_others_alone(scheduler, skills):
+def test_preempt_affects_only_one_task(scheduler, skills):
     one = scheduler()
     tasks = [started(one, skills, skills.node("endless")) for _ in range(5)]
     one.preempt(tasks[2].id)
@@ -90,7 +90,7 @@ def test_preempting_one_task_leaves_the_others_alone(scheduler, skills):
     assert sorted(t.id for t in one.tasks()) == sorted(t.id for t in tasks if t is not tasks[2])
 
 
-def test_a_paused_task_is_not_ticked_and_goes_on_where_it_was(scheduler, skills):
+def test_paused_task_resumes_in_same_state(scheduler, skills):
     count = []
     skills.load(primitive(Work, "count", execute=lambda self: count.append(1) or self.step()))
     ticks = threading.Semaphore(0)
@@ -127,7 +127,7 @@ def test_tick_once_ticks_once_and_pauses(scheduler, skills):
     assert task.ended.wait(5)
 
 
-def test_a_task_that_is_paused_says_so_until_it_goes_on(scheduler, skills):
+def test_progress_of_paused_task_is_paused_until_resume(scheduler, skills):
     messages = queue.SimpleQueue()
     one = scheduler(on_progress=lambda task: messages.put(task.progress()[0].progress_message))
     task = started(one, skills, skills.node("endless"))
@@ -140,7 +140,7 @@ def test_a_task_that_is_paused_says_so_until_it_goes_on(scheduler, skills):
         pass
 
 
-def test_a_paused_task_can_be_preempted(scheduler, skills):
+def test_paused_task_can_be_preempted(scheduler, skills):
     one = scheduler()
     task = started(one, skills, skills.node("endless"), ticks=1)
     one.pause(task.id)
@@ -148,14 +148,14 @@ def test_a_paused_task_can_be_preempted(scheduler, skills):
     assert task.ended.wait(5)
 
 
-def test_commands_to_an_unknown_task_name_it(scheduler, skills):
+def test_command_to_unknown_task_names_it(scheduler, skills):
     one = scheduler()
     for command in (one.start, one.preempt, one.pause):
         with pytest.raises(UnknownName, match="no task 77 is here; there are: none"):
             command(77)
 
 
-def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(scheduler, skills):
+def test_exception_in_tick_ends_only_that_task(scheduler, skills):
     class Broken(Skill):
         def visit(self, visitor):
             raise RuntimeError("broken node")
@@ -170,7 +170,7 @@ def test_what_goes_wrong_inside_a_tick_ends_that_task_alone(scheduler, skills):
     assert good.state is State.Success
 
 
-def test_what_a_callback_raises_does_not_end_the_thread(scheduler, skills):
+def test_exception_in_callback_does_not_end_thread(scheduler, skills):
     def raises(*_):
         raise RuntimeError("callback")
 
@@ -179,14 +179,14 @@ def test_what_a_callback_raises_does_not_end_the_thread(scheduler, skills):
     assert started(one, skills, skills.node("work")).ended.wait(5)
 
 
-def test_ids_of_running_tasks_differ_and_stay_within_int16(scheduler, skills):
+def test_task_ids_are_unique_and_fit_int16(scheduler, skills):
     one = scheduler()
     one._next_id = 32767
     tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
     assert [t.id for t in tasks] == [32767, 0, 1]
 
 
-def test_stopping_ends_all_tasks_and_the_thread(skills):
+def test_stop_ends_all_tasks_and_threads(skills):
     one = Scheduler(rate=200)
     tasks = [started(one, skills, skills.node("endless")) for _ in range(3)]
     before = set(threading.enumerate())
@@ -195,7 +195,7 @@ def test_stopping_ends_all_tasks_and_the_thread(skills):
     assert not any(thread.is_alive() and thread.name.startswith("scheduler") for thread in before)
 
 
-def test_a_skill_may_give_commands_from_its_own_hooks(scheduler, skills):
+def test_hook_may_send_commands(scheduler, skills):
     one = scheduler()
     skills.load(primitive(Work, "ender", execute=lambda self: one.preempt(other.id) or self.success()))
     other = started(one, skills, skills.node("endless"))
@@ -225,7 +225,7 @@ def gate(skills):
     return gate
 
 
-def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(scheduler, skills, gate):
+def test_wait_until_idle_waits_for_tick_of_paused_task(scheduler, skills, gate):
     one = scheduler()
     task = started(one, skills, skills.node("gate"), ticks=1)
     assert gate.entered.acquire(timeout=5)
@@ -241,7 +241,7 @@ def test_waiting_for_rest_ends_when_the_tick_of_a_paused_task_has(scheduler, ski
     assert one.wait_until_idle([task.id], 10)
 
 
-def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(scheduler, skills, gate):
+def test_tick_requested_during_tick_is_executed_after_it(scheduler, skills, gate):
     one = scheduler()
     task = started(one, skills, skills.node("gate"))
     assert gate.entered.acquire(timeout=5)
@@ -252,7 +252,7 @@ def test_a_tick_that_is_asked_for_while_one_is_under_way_is_another_one(schedule
     assert gate.ticks == 2
 
 
-def test_a_task_that_was_preempted_is_not_resumed(scheduler, skills, gate):
+def test_preempted_task_cannot_be_resumed(scheduler, skills, gate):
     one = scheduler()
     task = started(one, skills, skills.node("gate"))
     assert gate.entered.acquire(timeout=5)

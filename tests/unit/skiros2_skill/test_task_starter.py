@@ -73,7 +73,7 @@ def test_an_error_of_our_own_reaches_the_client(starter, bench, monkeypatch, cap
     monkeypatch.setattr(bench.wmi, "catch_up", fail)
     with pytest.raises(TaskRefused, match="internal error: ZeroDivisionError: of our own"):
         starter.make("tests", [description(Text="a")])
-    assert "a task of tests" in caplog.text
+    assert "creating a task for tests" in caplog.text
 
 
 def test_a_world_model_that_does_not_answer_is_the_reason(starter, bench, monkeypatch):

@@ -56,7 +56,7 @@ def runs_on(bench):
 @pytest.mark.parametrize(
     ("hook", "code"), [("expand", -404), ("onStart", -404), ("execute", -405), ("onEnd", -405), ("onPreempt", -406)]
 )
-def test_a_compound_fails_by_itself_with_the_traceback_and_ends_its_children(bench, hook, code):
+def test_exception_in_compound_has_traceback_and_ends_children(bench, hook, code):
     bench.load(primitive(Work, "work", execute=running_for(2)), compound(**{hook: raises}))
     task = bench.task(bench.node("unruly"))
     task.tick()
@@ -70,7 +70,7 @@ def test_a_compound_fails_by_itself_with_the_traceback_and_ends_its_children(ben
     assert runs_on(bench)
 
 
-def test_a_sibling_may_do_what_a_skill_that_raised_did_not(bench):
+def test_selector_tries_sibling_after_exception(bench):
     bench.load(primitive(Work, "bad", execute=raises), primitive(Work, "good"))
     assert bench.run(Skill("", Selector())(bench.node("bad"), bench.node("good"))).state is State.Success
 
@@ -78,7 +78,7 @@ def test_a_sibling_may_do_what_a_skill_that_raised_did_not(bench):
 @pytest.mark.parametrize(
     ("hook", "code"), [("onStart", -404), ("execute", -405), ("onEnd", -405), ("onPreempt", -406), ("run", -405)]
 )
-def test_a_skill_that_exits_ends_itself_alone(bench, hook, code):
+def test_sys_exit_in_skill_ends_only_that_skill(bench, hook, code):
     """`sys.exit()` is no `Exception`; it would end the thread that ticks, silently."""
     if hook == "run":
         create = lambda self: self.setDescription(describe("Off")(), "off")  # noqa: E731
@@ -98,7 +98,7 @@ def test_a_skill_that_exits_ends_itself_alone(bench, hook, code):
 
 
 @pytest.mark.parametrize("hook", ["onStart", "execute", "onEnd", "onPreempt"])
-def test_what_a_hook_changed_before_it_raised_is_not_written(bench, hook):
+def test_changes_before_exception_are_not_written(bench, hook):
     """A half-written element."""
 
     def half(self):
@@ -120,7 +120,7 @@ def test_what_a_hook_changed_before_it_raised_is_not_written(bench, hook):
 
 
 @pytest.mark.parametrize(("kind", "code"), [("pre", -404), ("hold", -405), ("post", -405)])
-def test_a_condition_that_raises_fails_its_skill_alone(bench, kind, code):
+def test_exception_in_condition_fails_only_its_skill(bench, kind, code):
     """As exceptions in hooks do: the rest of the task goes on."""
     condition = lambda d: ConditionFunction("Fresh", ["Text"], raises)  # noqa: E731
     unruly = describe("Unruly", [("Text", "x", REQUIRED)], **{kind: [condition]})
@@ -132,7 +132,7 @@ def test_a_condition_that_raises_fails_its_skill_alone(bench, kind, code):
     assert "RuntimeError: out of coffee" in unruly_node.progress_msg
 
 
-def test_a_condition_that_raises_while_elements_are_searched_is_named(bench):
+def test_exception_in_condition_during_inference_is_reported(bench):
     unruly = describe(
         "Unruly", [CONTAINER, OBJECT], pre=[lambda d: ConditionFunction("Near", ["Object", "Container"], raises)]
     )
@@ -142,7 +142,7 @@ def test_a_condition_that_raises_while_elements_are_searched_is_named(bench):
     assert "RuntimeError: out of coffee" in node_of(task).progress_msg
 
 
-def test_a_processor_of_a_library_that_raises_fails_its_node_alone(bench):
+def test_exception_in_processor_fails_only_its_node(bench):
     class Lottery(Sequential):
         def processChildren(self, children, visitor):
             super().processChildren(children, visitor)
@@ -163,7 +163,7 @@ def test_a_processor_of_a_library_that_raises_fails_its_node_alone(bench):
 
 @pytest.mark.parametrize(("what", "said"), [(raises, "RuntimeError: out of coffee"), (exits, "SystemExit: I am off")])
 @pytest.mark.parametrize("hook", ["createDescription", "onInit", "modifyDescription", "__init__"])
-def test_a_skill_that_cannot_be_loaded_says_where_and_the_rest_loads(bench, hook, what, said):
+def test_skill_that_cannot_be_loaded_is_skipped_with_source_location(bench, hook, what, said):
     unruly = primitive(Work, "unruly")
     setattr(unruly, hook, what)
     with pytest.raises(ConfigurationError, match="unruly cannot be loaded") as refused:
@@ -173,7 +173,7 @@ def test_a_skill_that_cannot_be_loaded_says_where_and_the_rest_loads(bench, hook
     assert runs_on(bench)
 
 
-def test_a_skill_whose_on_init_says_false_is_not_loaded_and_none_counts_as_loaded(bench):
+def test_on_init_false_skips_skill_and_none_loads_it(bench):
     with pytest.raises(ConfigurationError, match="onInit returned False"):
         bench.load(primitive(Work, "unwilling", onInit=False))
     bench.load(primitive(Work, "silent", onInit=None))
@@ -184,7 +184,7 @@ def test_a_skill_whose_on_init_says_false_is_not_loaded_and_none_counts_as_loade
 
 
 @pytest.mark.parametrize("answer", [False, State.Failure, np.bool_(False)])
-def test_a_failure_without_a_reason_says_which_hook_answered_so(bench, answer):
+def test_failure_without_progress_names_hook(bench, answer):
     bench.load(primitive(Work, "work", execute=answer))
     task = bench.run(bench.node("work"))
     assert task.state is State.Failure
@@ -193,7 +193,7 @@ def test_a_failure_without_a_reason_says_which_hook_answered_so(bench, answer):
     assert f"work: execute returned {answer!r}" in task.root.progress_msg
 
 
-def test_a_failure_without_a_reason_keeps_what_was_reported_last(bench):
+def test_failure_without_progress_keeps_last_progress(bench):
     def execute(self):
         self.step("looking for the cup")
         return State.Failure
@@ -205,7 +205,7 @@ def test_a_failure_without_a_reason_keeps_what_was_reported_last(bench):
 
 
 @pytest.mark.parametrize("answer", [State.Idle, State.Uninitialized])
-def test_a_state_that_execute_cannot_answer_is_named(bench, answer):
+def test_invalid_return_value_of_execute_is_named(bench, answer):
     bench.load(primitive(Work, "work", execute=answer))
     task = bench.run(bench.node("work"))
     assert node_of(task).state is State.Failure
@@ -213,13 +213,13 @@ def test_a_state_that_execute_cannot_answer_is_named(bench, answer):
 
 
 @pytest.mark.parametrize("answer", [np.bool_(True), True])
-def test_a_true_execute_is_a_success(bench, answer):
+def test_execute_returning_true_succeeds(bench, answer):
     bench.load(primitive(Work, "work", execute=answer))
     assert bench.run(bench.node("work")).state is State.Success
 
 
 @pytest.mark.parametrize("answer", [False, np.bool_(False), State.Failure])
-def test_an_on_start_that_says_no_does_not_start_the_skill(bench, answer):
+def test_refusal_of_on_start_prevents_start(bench, answer):
     calls = []
     bench.load(primitive(Work, "work", onStart=answer, execute=lambda self: calls.append(1) or self.success()))
     task = bench.run(bench.node("work"))
@@ -230,12 +230,12 @@ def test_an_on_start_that_says_no_does_not_start_the_skill(bench, answer):
 
 
 @pytest.mark.parametrize("answer", [None, True, State.Success, State.Running])
-def test_any_other_on_start_starts_it(bench, answer):
+def test_other_return_values_of_on_start_start_skill(bench, answer):
     bench.load(primitive(Work, "work", onStart=answer))
     assert bench.run(bench.node("work")).state is State.Success
 
 
-def test_an_on_start_may_fail_as_execute_does(bench):
+def test_on_start_may_return_fail(bench):
     bench.load(primitive(Work, "work", onStart=lambda self: self.fail("no battery", 12)))
     task = bench.run(bench.node("work"))
     assert (node_of(task).progress_code, node_of(task).progress_msg) == (-12, "no battery")
@@ -243,7 +243,7 @@ def test_an_on_start_may_fail_as_execute_does(bench):
 
 
 @pytest.mark.parametrize("answer", [False, np.bool_(False), State.Failure])
-def test_an_on_end_that_says_no_is_the_reason_of_the_failure(bench, answer):
+def test_refusal_of_on_end_fails_skill(bench, answer):
     bench.load(primitive(Work, "work", onEnd=answer))
     task = bench.run(bench.node("work"))
     assert task.state is State.Failure
@@ -252,7 +252,7 @@ def test_an_on_end_that_says_no_is_the_reason_of_the_failure(bench, answer):
     assert "work: onEnd returned" in task.root.progress_msg
 
 
-def test_an_on_end_may_fail_as_execute_does(bench):
+def test_on_end_may_return_fail(bench):
     bench.load(primitive(Work, "work", onEnd=lambda self: self.fail("cannot park", 5)))
     task = bench.run(bench.node("work"))
     assert (node_of(task).progress_code, node_of(task).progress_msg) == (-5, "cannot park")
@@ -260,7 +260,7 @@ def test_an_on_end_may_fail_as_execute_does(bench):
 
 
 @pytest.mark.parametrize("answer", [None, False, np.bool_(False), State.Failure, State.Idle])
-def test_a_preempted_skill_that_says_nothing_is_told_to_be_preempted(bench, answer):
+def test_preempted_skill_without_progress_has_message_preempted(bench, answer):
     bench.load(primitive(Work, "work", execute=lambda self: self.step("busy"), onPreempt=answer))
     task = bench.task(bench.node("work"))
     task.tick()
@@ -289,7 +289,7 @@ def test_a_skill_reads_and_sets_only_its_own_parameters(bench, caplog):
         assert task.root.params.getParamValue("Words") == "theirs"
 
 
-def test_a_value_of_another_type_changes_nothing_above(bench):
+def test_value_of_wrong_type_is_not_pushed(bench):
     def execute(self):
         self.params["Text"].value = 5
         return self.success()
@@ -299,7 +299,7 @@ def test_a_value_of_another_type_changes_nothing_above(bench):
     assert task.root.params.getParamValue("Text") == "words"
 
 
-def test_what_a_thread_of_a_skill_does_after_its_end_touches_nobody_else(bench):
+def test_thread_of_ended_skill_changes_nothing(bench):
     ended, done = threading.Event(), threading.Event()
 
     def execute(self):
@@ -324,7 +324,7 @@ def test_what_a_thread_of_a_skill_does_after_its_end_touches_nobody_else(bench):
         assert task.root.params.getParamValue("Text") == "words"
 
 
-def test_a_thread_that_goes_on_after_the_preemption_does_not_keep_others_from_the_skill(bench):
+def test_thread_of_preempted_skill_does_not_block_skill(bench):
     """Its instance is not used again: what the thread does later reaches nobody."""
     go_on, started = threading.Event(), threading.Semaphore(0)
 
@@ -358,7 +358,7 @@ def test_a_thread_that_goes_on_after_the_preemption_does_not_keep_others_from_th
     assert second.root.params.getParamValue("Text") == "words"
 
 
-def test_a_child_is_not_taken_out_of_the_tree_while_it_runs(bench):
+def test_running_child_cannot_be_removed(bench):
     """It would never end: its device would stay locked, its instance in use."""
     bench.load(primitive(Work, "work", execute=lambda self: self.step()), compound())
     task = bench.task(bench.node("unruly"))
@@ -367,7 +367,7 @@ def test_a_child_is_not_taken_out_of_the_tree_while_it_runs(bench):
         node_of(task).popChild()
 
 
-def test_a_subtree_may_grow_while_it_runs(bench):
+def test_running_subtree_may_grow(bench):
     def execute(self):
         if len(self._expands_into.children) < 4:
             self.addChild(self.skill("Work", "work"))
@@ -380,7 +380,7 @@ def test_a_subtree_may_grow_while_it_runs(bench):
     assert [child.state for child in node_of(task).children] == [State.Success] * 4
 
 
-def test_a_node_is_in_one_place_only(bench):
+def test_node_has_only_one_parent(bench):
     def expand(self, skill):
         child = self.skill("Work", "work")
         skill(child, child)
@@ -390,7 +390,7 @@ def test_a_node_is_in_one_place_only(bench):
     assert "is a child of skiros:Unruly-unruly(State.Running) already" in node_of(task).progress_msg
 
 
-def test_a_compound_that_contains_itself_ends_as_a_failure(bench, deep_stack):
+def test_compound_that_contains_itself_fails(bench, deep_stack):
     bench.load(compound(expand=lambda self, skill: skill(self.skill("Unruly", "unruly"))))
     task = bench.run(bench.node("unruly"), ticks=3)
     assert task.state is State.Failure
@@ -399,6 +399,6 @@ def test_a_compound_that_contains_itself_ends_as_a_failure(bench, deep_stack):
 
 
 @pytest.mark.parametrize("processor", [Sequential, ParallelFf, Selector])
-def test_a_compound_without_children_ends_at_once(bench, processor):
+def test_compound_without_children_ends_at_once(bench, processor):
     bench.load(compound(expand=lambda self, skill: skill.setProcessor(processor())))
     assert bench.run(bench.node("unruly"), ticks=1).state is not State.Running

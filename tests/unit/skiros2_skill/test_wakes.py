@@ -63,7 +63,7 @@ def take_out(bench, product):
 # -- the grid ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_task_is_ticked_at_once_when_it_starts_not_with_the_next_slot(scheduler, bench):
+def test_started_task_is_ticked_at_once(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
     one = scheduler()
@@ -74,7 +74,7 @@ def test_a_task_is_ticked_at_once_when_it_starts_not_with_the_next_slot(schedule
     assert not first.ended.is_set()
 
 
-def test_starting_tasks_ticks_no_other_task(scheduler, bench):
+def test_start_ticks_no_other_task(scheduler, bench):
     ticks, others = Ticks(), Ticks()
     bench.load(primitive(Work, "work", execute=ticks), primitive(Work, "other", execute=others))
     one = scheduler()
@@ -109,7 +109,7 @@ def test_ticks_do_not_drift_when_some_are_late(scheduler, bench):
 # -- wakes by the world ------------------------------------------------------------------------------------------------
 
 
-def test_a_change_of_what_a_hold_condition_speaks_of_wakes_the_task(scheduler, bench):
+def test_change_that_affects_hold_condition_wakes_task(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks))
     task = started(scheduler(), bench, bench.node("hold", Object=bench.product))
@@ -119,7 +119,7 @@ def test_a_change_of_what_a_hold_condition_speaks_of_wakes_the_task(scheduler, b
     assert "Hold-condition failed" in task.root.progress_msg
 
 
-def test_a_change_of_something_else_does_not(scheduler, bench):
+def test_unrelated_change_does_not_wake_task(scheduler, bench):
     ticks, other = Ticks(), Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks), primitive(Work, "work", execute=other))
     one = scheduler()
@@ -135,7 +135,7 @@ def test_a_change_of_something_else_does_not(scheduler, bench):
     assert not task.ended.is_set()
 
 
-def test_only_the_concerned_tasks_are_woken(scheduler, bench):
+def test_only_affected_tasks_are_woken(scheduler, bench):
     ticks, others = Ticks(), Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks), primitive(Hold, "other", execute=others))
     one = scheduler()
@@ -149,7 +149,7 @@ def test_only_the_concerned_tasks_are_woken(scheduler, bench):
     assert not unconcerned.ended.is_set()
 
 
-def test_what_a_task_writes_itself_does_not_wake_it(scheduler, bench):
+def test_own_changes_do_not_wake_task(scheduler, bench):
     writes = Ticks()
 
     def execute(skill):
@@ -168,7 +168,7 @@ def test_what_a_task_writes_itself_does_not_wake_it(scheduler, bench):
 # -- wakes by skills ---------------------------------------------------------------------------------------------------
 
 
-def test_a_skill_wakes_its_task_from_another_thread(scheduler, bench):
+def test_wake_from_another_thread_ticks_task(scheduler, bench):
     ready, skills = threading.Event(), []
 
     def execute(skill):
@@ -184,7 +184,7 @@ def test_a_skill_wakes_its_task_from_another_thread(scheduler, bench):
     assert task.ended.wait(5)
 
 
-def test_a_thread_that_has_its_result_wakes_the_task(scheduler, bench):
+def test_result_of_threaded_primitive_wakes_task(scheduler, bench):
     go = threading.Event()
 
     class think(PrimitiveThreadBase):
@@ -202,7 +202,7 @@ def test_a_thread_that_has_its_result_wakes_the_task(scheduler, bench):
     assert task.state is State.Success
 
 
-def test_a_skill_that_wakes_itself_at_each_tick_does_not_spin(scheduler, bench):
+def test_skill_that_wakes_itself_at_each_tick_does_not_spin(scheduler, bench):
     ticks, other = Ticks(), Ticks()
     bench.load(
         primitive(Work, "restless", execute=lambda self: self.wake() or ticks(self)),
@@ -216,7 +216,7 @@ def test_a_skill_that_wakes_itself_at_each_tick_does_not_spin(scheduler, bench):
     assert ticks.count <= MAX_WAKES + 2
 
 
-def test_a_wake_after_the_end_does_nothing(scheduler, bench):
+def test_wake_after_end_does_nothing(scheduler, bench):
     kept = []
     bench.load(primitive(Work, "work", execute=lambda self: kept.append(self) or self.success("")))
     one = scheduler()
@@ -225,7 +225,7 @@ def test_a_wake_after_the_end_does_nothing(scheduler, bench):
     assert started(one, bench, bench.node("work")).ended.wait(5)
 
 
-def test_a_woken_task_that_is_paused_stays_paused(scheduler, bench):
+def test_woken_paused_task_stays_paused(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Hold, "hold", execute=ticks))
     one = scheduler()
@@ -243,7 +243,7 @@ def test_a_woken_task_that_is_paused_stays_paused(scheduler, bench):
 # -- commands ----------------------------------------------------------------------------------------------------------
 
 
-def test_so_many_ticks_are_ticked_exactly(scheduler, bench):
+def test_start_with_tick_count_ticks_exactly_that_often(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
     one = scheduler(200)
@@ -258,7 +258,7 @@ def test_so_many_ticks_are_ticked_exactly(scheduler, bench):
         assert ticks.count == before + count
 
 
-def test_of_two_starts_at_once_one_is_refused(scheduler, bench):
+def test_one_of_two_simultaneous_starts_is_refused(scheduler, bench):
     ticks = Ticks()
     bench.load(primitive(Work, "work", execute=ticks))
     one = scheduler(200)

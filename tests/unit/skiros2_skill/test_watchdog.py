@@ -55,7 +55,7 @@ def started(scheduler, bench, *nodes):
     return task
 
 
-def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(scheduler, bench, stuck):
+def test_hung_hook_blocks_only_its_own_task(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
     one = scheduler()
     blocked = started(one, bench, bench.node("stuck"))
@@ -65,7 +65,7 @@ def test_a_hook_that_does_not_return_holds_up_its_own_task_alone(scheduler, benc
     assert not blocked.ended.is_set()
 
 
-def test_a_task_goes_on_when_its_hook_returns_after_all(scheduler, bench, stuck):
+def test_task_continues_when_slow_hook_returns(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(20)))
     one = scheduler()
     blocked = started(one, bench, bench.node("stuck"), bench.node("work"))
@@ -77,7 +77,7 @@ def test_a_task_goes_on_when_its_hook_returns_after_all(scheduler, bench, stuck)
 
 
 @pytest.mark.parametrize("hook", ["onStart", "execute"])
-def test_a_preempted_task_ends_without_the_hook_and_says_which(scheduler, bench, stuck, hook):
+def test_preempted_task_ends_and_names_abandoned_hook(scheduler, bench, stuck, hook):
     ended = []
     bench.load(primitive(Work, "stuck", **{hook: stuck}, onEnd=lambda self: ended.append(1)))
     told = []
@@ -101,7 +101,7 @@ def test_a_preempted_task_ends_without_the_hook_and_says_which(scheduler, bench,
 
 
 @pytest.mark.parametrize("hook", ["onPreempt", "onEnd"])
-def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(scheduler, bench, stuck, hook):
+def test_hook_that_hangs_at_the_end_is_abandoned(scheduler, bench, stuck, hook):
     begun = threading.Event()
     running = {"execute": lambda self: begun.set() or self.step("")}
     bench.load(primitive(Work, "stuck", **{**running, hook: stuck}))
@@ -113,7 +113,7 @@ def test_a_hook_that_does_not_return_at_the_end_does_not_keep_the_task(scheduler
     assert f"skiros:Work-stuck: {hook} has not returned" in blocked.root.progress_msg
 
 
-def test_what_runs_beside_a_stuck_hook_is_preempted_properly(scheduler, bench, stuck):
+def test_siblings_of_hung_hook_are_preempted(scheduler, bench, stuck):
     calls = []
     bench.load(
         primitive(
@@ -133,7 +133,7 @@ def test_what_runs_beside_a_stuck_hook_is_preempted_properly(scheduler, bench, s
     assert calls == ["onPreempt", "onEnd"]
 
 
-def test_an_instance_that_was_left_behind_is_not_used_again(scheduler, bench, stuck):
+def test_abandoned_instance_is_not_used_again(scheduler, bench, stuck):
     instances = []
     bench.load(primitive(Work, "stuck", execute=lambda self: instances.append(self) or stuck(self)))
     one = scheduler()
@@ -150,7 +150,7 @@ def test_an_instance_that_was_left_behind_is_not_used_again(scheduler, bench, st
     assert not bench.library.by_label("stuck").busy
 
 
-def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(scheduler, bench, stuck):
+def test_abandoned_skill_does_not_change_blackboard(scheduler, bench, stuck):
     from unit.skiros2_skill.skills import Speak
 
     def execute(self):
@@ -173,7 +173,7 @@ def test_what_a_skill_left_behind_changes_later_does_not_reach_the_blackboard(sc
     assert task.root.params["Text"].value == "hello"  # the default, from the start
 
 
-def test_devices_of_a_skill_left_behind_are_free(scheduler, bench, stuck):
+def test_devices_of_abandoned_skill_are_released(scheduler, bench, stuck):
     arm = bench.add("rparts:ArmDevice", "arm", StateProperty="Idle")
     bench.load(primitive(describe("Weld", [LOCKED_ARM]), "weld", execute=stuck))
     one = scheduler()
@@ -185,7 +185,7 @@ def test_devices_of_a_skill_left_behind_are_free(scheduler, bench, stuck):
     assert bench.wmi.get_element(arm.id).getProperty("skiros:StateProperty").value == "Idle"
 
 
-def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(scheduler, bench):
+def test_node_that_keeps_running_after_preemption_is_ended_after_timeout(scheduler, bench):
     begun, ended = threading.Event(), threading.Event()
     bench.load(
         primitive(
@@ -205,7 +205,7 @@ def test_a_node_that_goes_on_after_its_preemption_has_a_deadline(scheduler, benc
     assert "did not end in time" in task.root.children[0].progress_msg
 
 
-def test_preempting_one_of_several_while_another_is_stuck(scheduler, bench, stuck):
+def test_task_is_preempted_while_hook_of_another_hangs(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "endless", execute=lambda self: self.step("")))
     one = scheduler()
     started(one, bench, bench.node("stuck"))
@@ -216,7 +216,7 @@ def test_preempting_one_of_several_while_another_is_stuck(scheduler, bench, stuc
     assert not any(task.ended.is_set() for task in tasks if task is not tasks[2])
 
 
-def test_many_stuck_tasks_at_once(scheduler, bench, stuck):
+def test_many_hung_hooks_at_once_are_abandoned(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck), primitive(Work, "work", execute=running_for(3)))
     one = scheduler()
     tasks = []
@@ -231,7 +231,7 @@ def test_many_stuck_tasks_at_once(scheduler, bench, stuck):
     assert started(one, bench, bench.node("work")).ended.wait(10)
 
 
-def test_stopping_does_not_wait_for_a_hook_for_ever(bench, stuck):
+def test_stop_does_not_wait_for_hung_hook(bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
     told = []
     one = Scheduler(rate=200, preempt_timeout=60, on_progress=lambda task: told.append(task.root.progress_code))
@@ -242,7 +242,7 @@ def test_stopping_does_not_wait_for_a_hook_for_ever(bench, stuck):
     assert told[-1] == -1
 
 
-def test_a_slow_tick_is_reported_once_with_the_place_that_took_the_time(scheduler, bench, caplog):
+def test_slow_tick_is_logged_once_with_slowest_hook(scheduler, bench, caplog):
     pause = threading.Event()
     bench.load(
         primitive(Work, "quick", execute=running_for(4)),
@@ -257,7 +257,7 @@ def test_a_slow_tick_is_reported_once_with_the_place_that_took_the_time(schedule
     assert len(reports) == 1
 
 
-def test_a_tick_that_raises_preempts_what_runs_and_frees_its_devices(scheduler, bench):
+def test_exception_in_tick_preempts_nodes_and_releases_devices(scheduler, bench):
     class Broken(Skill):
         def visit(self, visitor):
             raise RuntimeError("broken node")
@@ -295,18 +295,18 @@ def preempted_in(scheduler, bench, stuck, **hooks):
     return task
 
 
-def test_a_preempted_task_has_failed_whatever_the_running_execute_still_answers(scheduler, bench, stuck):
+def test_preempted_task_fails_regardless_of_running_execute(scheduler, bench, stuck):
     task = preempted_in(scheduler, bench, stuck)
     assert (task.state, task.root.progress_code, task.root.progress_msg) == (State.Failure, -1, "Preempted")
     assert task.cause().stage == PREEMPT
 
 
-def test_no_skill_starts_after_its_task_was_preempted(scheduler, bench, stuck):
+def test_no_skill_starts_after_preemption(scheduler, bench, stuck):
     task = preempted_in(scheduler, bench, stuck)
     assert [node.state for node in task.root.children] == [State.Success, State.Idle]
 
 
-def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(scheduler, bench, stuck):
+def test_preempted_task_fails_even_if_last_skill_succeeds(scheduler, bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
     one = scheduler()
     task = started(one, bench, bench.node("stuck"))
@@ -317,7 +317,7 @@ def test_the_last_skill_of_a_preempted_task_may_succeed_and_the_task_has_failed(
     assert (task.state, task.root.progress_msg) == (State.Failure, "Preempted")
 
 
-def test_a_hook_has_less_time_than_a_skill_that_is_running_after_its_preemption(bench, stuck):
+def test_hook_timeout_is_shorter_than_preempt_timeout(bench, stuck):
     bench.load(primitive(Work, "stuck", execute=stuck))
     one = Scheduler(rate=200, preempt_timeout=60, hook_timeout=0.2)
     try:
@@ -331,7 +331,7 @@ def test_a_hook_has_less_time_than_a_skill_that_is_running_after_its_preemption(
         one.stop(timeout=0.5)
 
 
-def test_a_skill_that_is_running_after_its_preemption_has_more_time_than_a_hook(bench):
+def test_running_skill_may_exceed_hook_timeout_after_preemption(bench):
     begun, ended = threading.Event(), threading.Event()
     ticks = []
 

@@ -70,7 +70,7 @@ class Manager(Protocol):
 class Planner(Protocol):
     """The task manager. Called by jobs only; raises `SkirosError` if it refuses or does not answer."""
 
-    def achieve(self, goals: str, on_feedback: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
         """Plans and executes goals; blocks until the end and returns an `AchieveResult`.
 
         :param on_feedback: called, in any thread, with each `AchieveFeedback`.

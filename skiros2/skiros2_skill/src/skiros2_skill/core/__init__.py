@@ -1,1 +1,1 @@
-"""Behaviour trees of skills: nodes, processors, the tick, parameters, inference. No ROS here."""
+"""Behaviour trees of skills: nodes, processors, engine, tasks and library, without ROS."""

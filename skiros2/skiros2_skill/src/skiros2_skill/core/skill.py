@@ -1,4 +1,4 @@
-"""What skill authors import: compounds, nodes and processors."""
+"""The public names for skill libraries: compounds, nodes and processors."""
 
 import skiros2_skill.core.engine.executor  # noqa: F401 - ticks nodes without a task
 from skiros2_common.core.abstract_skill import ParamOptions, SkillCore, SkillDescription, State

@@ -260,18 +260,18 @@ class SkillManager(DiscoverableNode):
             element.id == self._registration.robot_id for element in change.elements
         )
         if will_executed or robot_gone or change.action == msgs.WmMonitor.RESET or change.prev_snapshot_id != known:
-            # A new scene, or one that was missed: a world model that was started anew, and has changed since, tells the
-            # last change only. Not in this thread: it is the one that brings changes.
+            # The scene was replaced, or changes were missed (a restarted world model publishes only its last change).
+            # In a new thread, because this one delivers changes.
             threading.Thread(target=self._register_again, name="register", daemon=True).start()
 
     def _register_again(self) -> None:
-        """Registers the robot and its skills if the world model has not got them any more."""
+        """Registers the robot and its skills if the world model has lost them."""
         with self._registering:
             if self._scheduler is None:
                 return
             try:
                 if self._registration.register(self._library.implementations()):
-                    log.info("the world model had not got %s, which is registered again", self._registration.robot_id)
+                    log.info("the world model had lost %s, which is registered again", self._registration.robot_id)
             except SkirosError as error:
                 log.error("the world model has another scene, and the robot cannot be registered: %s", error)
 

@@ -69,7 +69,7 @@ class TaskStarter:
         except SkirosError as error:
             text = str(error)
         except Exception as error:  # report internal errors to the client too
-            log.exception("a task of %s", author or "somebody")
+            log.exception("creating a task for %s", author or "unknown")
             text = f"internal error: {type(error).__name__}: {error}"
         text = one_line(text)
         if explanation is None:

@@ -33,7 +33,7 @@ class TaskManagerConnection:
         self._goal_lock = threading.Lock()
         self._status = rospy.Subscriber(f"{ACHIEVE_ACTION}/status", GoalStatusArray, self._on_status, queue_size=1)
 
-    def achieve(self, goals: str, on_feedback: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], quality: str = "", seconds: float = 0.0) -> Any:
         """See `app.system.Planner`.
 
         :raises Refused: another goal of this window is running.
@@ -44,7 +44,7 @@ class TaskManagerConnection:
         try:
             if self._client is None:
                 self._client = TaskManagerInterface()
-            self._client.achieve(goals, feedback_cb=on_feedback, quality=wish, seconds=seconds)
+            self._client.achieve(goals, feedback_cb=on_feedback, quality=quality, seconds=seconds)
             return self._client.wait_for_result()
         finally:
             self._goal_lock.release()

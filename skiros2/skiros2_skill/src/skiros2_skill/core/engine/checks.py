@@ -1,4 +1,4 @@
-"""Evaluates conditions of nodes, and tells what their results depend on."""
+"""Evaluates conditions of nodes, and determines what their results depend on."""
 
 from __future__ import annotations
 

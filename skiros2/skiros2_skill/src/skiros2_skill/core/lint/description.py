@@ -77,7 +77,7 @@ def _condition_faults(described: Described) -> Iterator[Fault]:
                 param = params.get(key)
                 if param is None:
                     if not described.is_open:
-                        text = f"{name} speaks of {key!r}; the parameters are: {known}"
+                        text = f"{name} refers to {key!r}; the parameters are: {known}"
                         done = "loaded; it fails where the condition is checked and no such parameter was added"
                         yield described.fault(WARNING, "unknown-key", text, place, done)
                 elif _wants_element(condition) and not param.is_element:
@@ -141,5 +141,5 @@ def _unknown_names(described: Described, wmi: Any) -> Iterator[Fault]:
             for attribute, kind in (("relation", "relation"), ("property", "property"), ("wanted_type", "class")):
                 name = getattr(condition, attribute, "")
                 if name and not wmi.knows(name) and reasoners.find_or_load(name) is None:
-                    text = f"{stage}-condition [{condition.label}] speaks of {name}, which no ontology declares"
+                    text = f"{stage}-condition [{condition.label}] refers to {name}, which no ontology declares"
                     yield described.fault(WARNING, f"unknown-{kind}", text, place, _KEPT)

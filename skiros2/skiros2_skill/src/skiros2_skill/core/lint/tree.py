@@ -274,7 +274,7 @@ def _pre_condition_faults(
     for condition in node.own_pre_conditions:
         for key in condition.getKeys():
             if all(_param(option, key) is None for option in options):
-                text = f"pre-condition [{condition.label}] speaks of {key!r}; {child} has no such parameter"
+                text = f"pre-condition [{condition.label}] refers to {key!r}; {child} has no such parameter"
                 done = "loaded; the child fails where it is checked"
                 yield described.fault(WARNING, "unknown-key", text, node.source_location, done)
 

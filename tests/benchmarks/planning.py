@@ -96,7 +96,7 @@ def _makespans(processes: EngineProcesses, size: tuple[int, int, int]) -> Iterat
     world = transport_world(*size)
     durations = Durations()
     for action in TaskPlanner(world.wm, planner_named(processes), Limits()).read_task(_goal(world)).actions:
-        durations.learn(action.skill, "/any", SECONDS[action.skill.label])
+        durations.record(action.skill, "/any", SECONDS[action.skill.label])
     cost = makespan(durations)
     ours = _plan(TaskPlanner(world.wm, planner_named(processes, "best", durations), Limits(OTHERS_TIME)), _goal(world))
     assert ours.task is not None

@@ -30,7 +30,7 @@ def measure() -> Iterator[Measurement]:
         task = transport_task(*size)
         durations = Durations()
         for action in task.actions:
-            durations.learn(action.skill, "", SECONDS[action.name])
+            durations.record(action.skill, "", SECONDS[action.name])
         plan = transport_plan(task, task.members[ROBOT][:1])
         if plan is None:
             raise RuntimeError(f"no plan for {size}")

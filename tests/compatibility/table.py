@@ -19,7 +19,7 @@ from compatibility.rules import TOPICS  # noqa: E402 - after the path
 
 
 def rules() -> Iterator[tuple[str, str, str, str, str]]:
-    """(topic, rule, what is better, what differs, file) of each test, in the order of the files."""
+    """(topic, rule, improvement, difference, file) of each test, in the order of the files."""
     for file in sorted(FOLDER.glob("test_*.py")):
         for node in ast.parse(file.read_text()).body:
             if not isinstance(node, ast.FunctionDef) or not node.name.startswith("test_"):

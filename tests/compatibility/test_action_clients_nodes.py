@@ -148,7 +148,7 @@ def test_restart_sends_another_goal(server: Server) -> None:
     "`buildClient` and `buildGoal` return None by default",
     better="a start fails then and names the missing one",
 )
-def test_what_is_not_built_is_none(server: Server) -> None:
+def test_build_client_and_build_goal_return_none_by_default(server: Server) -> None:
     class bare(PrimitiveActionClient):
         def createDescription(self) -> None:
             self.setDescription(Job(), "bare")

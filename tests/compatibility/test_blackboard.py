@@ -97,7 +97,7 @@ def test_remaps_apply_to_all_below(bench):
 
 
 @rule("blackboard", "A parameter declared by a type takes what is on the blackboard; one with a default keeps it")
-def test_what_is_taken_at_the_start(bench):
+def test_default_takes_precedence_over_the_blackboard(bench):
     task = run(
         bench,
         primitive("Free", ("Text", str, OPTIONAL), execute=tells("Text")),
@@ -125,7 +125,7 @@ def test_a_default_with_the_same_ids_is_refreshed(bench):
 
 
 @rule("blackboard", "A value of another Python type is refused with a logged error; the own value stays")
-def test_a_value_of_another_type_is_refused(bench, caplog):
+def test_value_of_another_type_is_rejected(bench, caplog):
     with caplog.at_level(logging.ERROR):
         task = run(bench, primitive("Tell", ("Text", str, OPTIONAL), execute=tells("Text")), Text=5)
     assert (task.state, message(task, "Tell")) == (State.Success, "[]")
@@ -152,7 +152,7 @@ def test_elements_are_read_again(bench):
 
 
 @rule("blackboard", "An element that is gone is dropped when a skill starts")
-def test_an_element_that_is_gone_is_dropped_at_the_start(bench):
+def test_missing_element_is_dropped_at_the_start(bench):
     eat = does(lambda s: s.wmi.remove_element(s.params["Object"].value))
     task = run(
         bench,
@@ -351,7 +351,7 @@ def test_elements_changed_in_place_are_seen(bench):
 
 @rule("blackboard", "Elements that are changed in place are seen by siblings",
       better="also when somebody else changes the element meanwhile")  # fmt: skip
-def test_changes_in_place_outlive_changes_of_others(bench):
+def test_changes_in_place_survive_external_changes(bench):
     thing = ("Object", PRODUCT, REQUIRED)
 
     def touch(self):
@@ -547,7 +547,7 @@ def test_an_inferred_value_is_the_first_candidate(bench):
 @rule(
     "blackboard", "An ancestor's parameter without a value takes what a child has inferred, before its post-conditions"
 )
-def test_an_ancestor_takes_what_a_child_has_inferred(bench):
+def test_ancestor_pulls_an_inferred_value_of_a_child(bench):
     bench.load(
         primitive("Take", *TAKE, pre=[CONTAINS]),
         compound("Both", lambda self, skill: skill(self.skill("Take")), ("Container", BOX, OPTIONAL),
@@ -614,7 +614,7 @@ def test_a_remap_to_a_sibling_s_key_is_inferred(bench):
 
 
 @rule("blackboard", "`self.params` of a node hold what was assigned, after its end too")
-def test_values_are_there_after_the_end(bench):
+def test_values_remain_after_the_end(bench):
     task = run(
         bench,
         primitive("Put", ("Text", str, OPTIONAL), execute=does(lambda s: setattr(s.params["Text"], "value", "made"))),

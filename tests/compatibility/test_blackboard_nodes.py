@@ -91,7 +91,7 @@ def test_values_are_handed_on_on_a_manager(cell: Cell) -> None:
 
 @rule("blackboard", "An element that is removed while a skill of a robot runs is dropped from its parameter",
       differs="the skill fails in one line with the element's id, who removed it and when")  # fmt: skip
-def test_who_removed_an_element_is_told(cell: Cell) -> None:
+def test_failure_names_the_author_of_a_removal(cell: Cell) -> None:
     skill = cell.client.get_skill("watch_fake")
     skill.ph.specify("Object", cell.bolt)
     bolt = cell.bolt.id

@@ -254,7 +254,7 @@ def test_names_are_normalised_when_written(wmi):
 
 
 @rule("client", "A context is made when a request names it, also a read; a resolve in it gives `[]`")
-def test_a_context_is_made_when_it_is_named(wmi):
+def test_context_is_created_when_first_named(wmi):
     assert wmi.resolve_elements(Element("skiros:Part"), "database") == []
     assert wmi.query_ontology("SELECT ?x WHERE { ?x ?y ?z }", context="notes") == []
     assert wmi.save("diary.ttl", "diary")

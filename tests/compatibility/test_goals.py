@@ -118,7 +118,7 @@ def test_a_parameter_is_inferred_by_templates(bench: SkillBench) -> None:
 
 
 @rule("conditions", "Planning goes by the templates of abstract relations: scenes give elements free labels")
-def test_what_is_planned_with_is_found_by_templates(bench: SkillBench, processes: EngineProcesses) -> None:
+def test_planned_templates_are_found(bench: SkillBench, processes: EngineProcesses) -> None:
     result = plan(bench, processes, f"(skiros:contain {TABLE} plant:gear)")
     found = steps(result)
     assert [label for label, _ in found] == ["drive_fake", "locate_fake", "pick_fake", "drive_fake", "place_fake"]

@@ -117,7 +117,7 @@ def test_the_loaded_implementation_with_that_label_is_used(library: Any, skill_b
     "A label that no loaded implementation has is the name of a class in the libraries, which is loaded and "
     "used whatever its own label is, in a tree, a start request and a plan",
 )
-def test_a_label_is_the_name_of_a_class_whatever_its_own_label_is(library: Any, skill_bench: SkillBench) -> None:
+def test_label_may_be_a_class_name(library: Any, skill_bench: SkillBench) -> None:
     one = library(visit('self.skill("Greet", "greet_quietly")'))
     one.load("greet_loudly", "visit")
     task = skill_bench.command("Visit").run()
@@ -314,7 +314,7 @@ def test_specify_of_an_unknown_key_is_logged_and_ignored(library: Any, skill_ben
 
 
 @rule("loading", "A start request with an unknown key is refused")
-def test_a_request_with_an_unknown_key_is_refused(library: Any, skill_bench: SkillBench) -> None:
+def test_request_with_an_unknown_key_is_rejected(library: Any, skill_bench: SkillBench) -> None:
     library().load("greet_loudly")
     with pytest.raises(UnknownName, match="has no parameter 'Txet'; it has: Text, Thing, Robot"):
         skill_bench.command("Greet", Txet="a")
@@ -385,7 +385,7 @@ def test_unknown_names_are_named_all_at_once(library: Any, skill_bench: SkillBen
     "A description with an unknown kind of parameter cannot be loaded",
     better="the error names the library's own line and the known kinds",
 )
-def test_an_unknown_kind_of_parameter_is_named_with_the_known_kinds(library: Any) -> None:
+def test_unknown_parameter_type_error_names_the_known_types(library: Any) -> None:
     one = library("""
 
 class odd(PrimitiveBase):

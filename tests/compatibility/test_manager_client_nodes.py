@@ -117,7 +117,7 @@ def test_agents_are_active_while_a_task_runs(cell: Cell, robot: SkillManagerInte
 
 @rule("client", '`DiscoveryInterface.init_discovery("skill_managers", ...)`: the slash may be left out')
 @pytest.mark.parametrize("name", ["skill_managers", "/skill_managers"])
-def test_the_slash_of_the_namespace_may_be_left_out(cell: Cell, name: str) -> None:
+def test_slash_of_the_namespace_is_optional(cell: Cell, name: str) -> None:
     found: list[str] = []
     follower = DiscoveryInterface()
     follower.init_discovery(name, found.append, lambda agent: None)

@@ -220,7 +220,7 @@ def test_the_author_of_a_goal_has_a_slash_or_not(plant: Plant) -> None:
 
 
 @rule("client", "`TaskManagerInterface.plan()` returns True; without a task manager False, and the error is logged")
-def test_plan_tells_whether_the_goal_was_sent(ros: Ros, caplog: pytest.LogCaptureFixture) -> None:
+def test_plan_returns_whether_the_goal_was_sent(ros: Ros, caplog: pytest.LogCaptureFixture) -> None:
     tasks = TaskManagerInterface()
     assert tasks.plan("(skiros:at a b)") is False
     assert "no task manager answers on /tm/task_plan" in caplog.text

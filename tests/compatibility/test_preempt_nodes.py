@@ -68,7 +68,7 @@ def cell(ros_master: RosMaster) -> Iterator[Cell]:
     "`execute` still returns",
     better="no further skill of the task starts",
 )
-def test_a_preempted_task_has_failed_whatever_execute_returns(cell: Cell) -> None:
+def test_preempted_task_fails_regardless_of_execute(cell: Cell) -> None:
     task = cell.start("block", "creep", seconds=1.0)
     began_at = time.monotonic()
     assert cell.client.preempt_one(task)
@@ -80,7 +80,7 @@ def test_a_preempted_task_has_failed_whatever_execute_returns(cell: Cell) -> Non
 
 
 @rule("robustness", "A hook that does not return is abandoned 2 s after the preemption; the manager continues")
-def test_a_hook_that_does_not_return_is_left_behind_after_two_seconds(cell: Cell) -> None:
+def test_hanging_hook_is_abandoned_after_two_seconds(cell: Cell) -> None:
     task = cell.start("hang")
     began_at = time.monotonic()
     assert cell.client.preempt_one(task)

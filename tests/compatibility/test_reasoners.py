@@ -157,7 +157,7 @@ def test_execute_returns_at_once():
 
 
 @rule("reasoners", "`stop()` raises a flag; `stopRequested` tells it once and lowers it again")
-def test_a_stop_request_is_told_once():
+def test_stop_request_is_reported_once():
     reasoner = DiscreteReasoner()
     assert not reasoner.stopRequested
     reasoner.stop()
@@ -196,7 +196,7 @@ def test_every_change_is_offered_to_every_reasoner(server):
 
 
 @rule("reasoners", "The element that `parse` gets is the new one; what the reasoner changes in it is stored")
-def test_what_a_reasoner_changes_in_an_element_is_stored(server):
+def test_changes_of_a_reasoner_are_stored(server):
     server.start()
 
     def weigh(element, action):

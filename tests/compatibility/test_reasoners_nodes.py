@@ -156,7 +156,7 @@ def test_a_client_computes_with_the_reasoner(line):
     better="below a parent that is not published it is connected to the nearest published ancestor; `validate` reports "
     "where none is",
 )
-def test_a_frame_below_one_that_is_not_published_is_connected_to_the_root(line):
+def test_frame_below_an_unpublished_one_is_connected_to_the_root(line):
     buffer = tf2_ros.Buffer()
     tf2_ros.TransformListener(buffer)
     shelf, cup = Element("skiros:LargeBox", "shelf"), Element("skiros:Part", "cup")

@@ -35,7 +35,7 @@ def product(ros_master: RosMaster) -> Iterator[Element]:
 
 @pytest.fixture
 def call(ros: Ros) -> Callable[..., str]:
-    """Starts a skill as somebody who types `rosservice call`; gives what is printed."""
+    """Starts a skill by `rosservice call` and returns the output."""
 
     def call(*params: str, skill: str = "Block") -> str:
         written = ", ".join("{param: '" + param.replace("'", "''") + "'}" for param in params)

@@ -21,7 +21,7 @@ ROBOT = "/test_robot"
     "`skiros:SkillMgr` of the robot's element is the last part of the manager's node name without slash; agents are "
     "listed with slash",
 )
-def test_the_robots_manager_is_named_without_slash_and_the_agent_with_one(ros: Ros) -> None:
+def test_skill_mgr_has_no_slash_and_agents_have_one(ros: Ros) -> None:
     ros.launch("skiros2", "world_model_server.launch", gui=False)
     skills = {"libraries_list": "[skiros2_std_skills]", "primitive_list": "[wait]", "skill_list": "[]"}
     ros.launch("skiros2", "skill_mgr.launch", **skills)

@@ -89,7 +89,7 @@ def test_a_strict_world_model_refuses_flaws(start, folder, caplog):
 
 
 @rule("robustness", '`init_scene` that is missing: an error, a blank scene, and `save("")` writes it')
-def test_a_missing_scene_is_made_by_saving(start, folder, caplog):
+def test_save_creates_a_missing_scene_file(start, folder, caplog):
     wmi = start("new_scene.ttl")
     (record,) = [r for r in caplog.records if r.levelno == logging.ERROR]
     assert "new_scene.ttl" in record.getMessage()
@@ -133,7 +133,7 @@ def test_a_broken_scene_is_kept_beside(start, folder):
 
 
 @rule("robustness", "A load at run time of a missing, broken or rootless file (no `skiros:Scene-0`) keeps the scene")
-def test_a_refused_load_keeps_the_scene(start, folder):
+def test_refused_load_keeps_the_scene(start, folder):
     (folder / "scene.ttl").write_text(HEAD + ":LargeBox-1 a :LargeBox .")
     (folder / "broken.ttl").write_text("this is no Turtle")
     (folder / "rootless.ttl").write_text(HEAD.partition(":Scene-0")[0] + ":LargeBox-7 a :LargeBox .")

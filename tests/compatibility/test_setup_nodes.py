@@ -37,7 +37,7 @@ ARM = """
     "Launch files that name nodes of `tf`, `tf2_ros`, `topic_tools`, `robot_state_publisher`, `joint_state_publisher` "
     "and `rviz` start after the set-up",
 )
-def test_nodes_named_in_launch_files_of_others_are_installed(ros: Ros, tmp_path: Path) -> None:
+def test_nodes_of_existing_launch_files_are_installed(ros: Ros, tmp_path: Path) -> None:
     from sensor_msgs.msg import JointState
     from tf2_msgs.msg import TFMessage
 

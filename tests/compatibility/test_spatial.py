@@ -157,7 +157,7 @@ def test_a_missing_position_is_unknown(position):
     "counts as it stands",
 )
 @pytest.mark.parametrize("frame", ["", "table"])
-def test_an_object_in_the_frame_of_the_subject_counts_as_it_stands(frame):
+def test_object_in_the_frame_of_the_subject_is_not_transformed(frame):
     subject = placed((9, 9, 9), (1, 1, 1), turned(1.0), base=frame, frame=frame)
     obj = placed((3, 0, 0), (1, 1, 1), base=frame)
     assert REASONER.computeRelations(subject, obj, True)[0] == (":pX", 2.0)
@@ -175,7 +175,7 @@ def test_an_object_without_a_base_frame_is_unknown():
     "Otherwise the position is transformed with tf; without a transform it is unknown",
     better="two poses in one base frame need no tf",
 )
-def test_other_frames_are_asked_of_tf():
+def test_other_frames_are_transformed_with_tf():
     subject = placed((1, 0, 0), (1, 1, 1), turned(math.pi / 2), base="map", frame="table")
     beside = placed((1, 3, 0), (1, 1, 1), turned(math.pi / 2), base="map", frame="cup")
     assert REASONER.computeRelations(subject, beside, True)[0] == (":pX", pytest.approx(2.0))
@@ -183,7 +183,7 @@ def test_other_frames_are_asked_of_tf():
 
 
 @rule("spatial", "`getAssociatedRelations()` has all 13 relations for each axis, `:eqA`, `:pA` and `:unknownT`")
-def test_all_relations_are_told():
+def test_associated_relations_are_complete():
     relations = REASONER.getAssociatedRelations()
     expected = {f":{row[1]}{axis}" for row in TABLE for axis in "XYZ"} | {":eqA", ":pA", ":unknownT"}
     assert set(relations) == expected

@@ -20,5 +20,5 @@ def test_every_compatibility_test_names_its_rule():
     assert not missing
 
 
-def test_the_page_is_made_from_the_tests():
+def test_page_is_generated_from_the_tests():
     assert PAGE.read_text() == page(), "run: .venv/bin/python3 tests/compatibility/table.py"

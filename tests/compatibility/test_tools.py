@@ -80,7 +80,7 @@ def test_assert_of_successes(name, capsys):
 
 
 @rule("tools", "The logger remembers: `last*`, `count*Msg`, `has*`, `test*`, `msg*`, `toString`, `dump`, `clear`")
-def test_what_was_logged(capsys, tmp_path):
+def test_log_keeps_its_messages(capsys, tmp_path):
     assert not log.hasError() and not log.testWarn() and log.lastError() == ""
     log.error("[a]", "first")
     log.error("[a]", "second")

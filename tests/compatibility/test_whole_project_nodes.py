@@ -88,7 +88,7 @@ def cell(ros_master: RosMaster) -> Iterator[Cell]:
 
 
 @rule("robustness", "A scene with a doubled value, a relation to nothing and an undeclared property loads")
-def test_the_projects_scene_loads_as_it_is(cell: Cell) -> None:
+def test_scene_of_the_project_loads_unchanged(cell: Cell) -> None:
     assert {e.label for e in cell.wmi.resolve_elements(Element("skiros:Location"))} >= {
         "left_rack",
         "right_rack",
@@ -128,7 +128,7 @@ def test_a_goal_is_planned_read_and_executed_by_a_client(cell: Cell) -> None:
 
 
 @rule("blackboard", "An element added in a skill, and a list filled in place, reach its siblings")
-def test_what_a_skill_finds_reaches_its_siblings(cell: Cell) -> None:
+def test_found_elements_reach_siblings(cell: Cell) -> None:
     inspect = cell.manager.get_skill("inspect")
     inspect.ph.specify("Container", cell.find("dock"))
     end = cell.run(inspect)

@@ -89,7 +89,7 @@ def test_other_window_follows_the_scene(window: OtherWindow) -> None:
     "client",
     "A window of others fills its lists from `_skill_list` and `ph._params`, and from `resolve_elements(default)`",
 )
-def test_other_window_lists_skills_and_what_may_be_chosen(window: OtherWindow) -> None:
+def test_foreign_window_lists_skills_and_choices(window: OtherWindow) -> None:
     agent = window.layer.get_agent("/mobile_manipulator")
     skills = agent._skill_list
     assert {"drive", "pick", "place", "wait"} <= set(skills)

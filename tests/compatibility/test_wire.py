@@ -121,7 +121,7 @@ def test_a_data_value_is_a_list(text):
 
 
 @rule("wire", '`ParamsEncoder` writes a value that JSON cannot hold as `"NotSerializable"`')
-def test_what_json_cannot_hold():
+def test_values_that_json_cannot_hold():
     assert json.loads(json.dumps({"x": [object()]}, cls=utils.ParamsEncoder)) == {"x": ["NotSerializable"]}
 
 

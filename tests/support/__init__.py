@@ -1,1 +1,1 @@
-"""What tests share: programs run as child processes, and a ROS master with nodes on it."""
+"""Shared test code: child processes, and a ROS master with nodes."""

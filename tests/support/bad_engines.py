@@ -68,7 +68,7 @@ class Wrong(_Bad):
 
 
 class Printing(PDDLPlanner):  # type: ignore[misc]
-    """A program that prints and writes what nobody can read."""
+    """A program that prints and writes garbage."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""An X display that nobody sees, for programs that draw: `with Display() as display: ... env=display.env`."""
+"""A virtual X display for programs that draw: `with Display() as display: ... env=display.env`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Display(VirtualDisplay):
         }
 
     def grab(self) -> Any:
-        """What is to be seen, as a Pillow image."""
+        """The screen as a Pillow image."""
         from PIL import ImageGrab
 
         return ImageGrab.grab(xdisplay=self.name)

@@ -85,7 +85,7 @@ def _content(problem: Problem) -> dict[str, Any]:
 
 
 def _action(action: Any) -> tuple[Any, ...]:
-    """An action, with numbers for the names of its parameters, which the PDDL may choose anew."""
+    """An action with numbered parameters, because PDDL may rename them."""
     numbers = {p.name: f"?{number}" for number, p in enumerate(action.parameters)}
 
     def numbered(item: Any) -> str:

@@ -1,4 +1,4 @@
-"""Programs run as child processes: their output as it comes, their end, and nothing left behind."""
+"""Child processes: live output, end and cleanup."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Program:
             os.killpg(self.pid, number)
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> None:
-        """Ends it and all that it has started: as Ctrl-C; what is still there after that time (s) is killed."""
+        """Ends the program and its descendants by SIGINT; kills those that remain after the timeout (s)."""
         family = descendants(self.pid) if self.running else []
         self.interrupt()
         try:
@@ -140,7 +140,7 @@ class Program:
 
 
 class ProcessId:
-    """One process of the system, told from a later one with the same number by the time it started."""
+    """A process, distinguished by its start time from a later one with the same id."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid

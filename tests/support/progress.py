@@ -1,4 +1,4 @@
-"""Progress of tasks as managers tell it, made up."""
+"""Synthetic progress messages of tasks."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def pick_and_place(pick: int = RUNNING, place: int = IDLE, task_id: int = 5, **o
 
 
 def fresh(nodes: list[ProgressNode]) -> list[ProgressNode]:
-    """The same once more: what is told again is told of as other objects."""
+    """A copy of the message with new objects."""
     return [replace(node) for node in nodes]
 
 
 def random_tree(count: int, seed: int = 1) -> list[ProgressNode]:
-    """A tree of so many nodes, wide and deep."""
+    """A wide and deep tree with the given number of nodes."""
     chance = random.Random(seed)
     nodes = [root()]
     for number in range(1, count):

@@ -24,7 +24,7 @@ PLAN = json.dumps([
 
 
 def done(*states: str) -> str:
-    """The steps of `PLAN` as a result tells them."""
+    """The steps of `PLAN` as in a result."""
     return json.dumps([{**step, "state": state} for step, state in zip(json.loads(PLAN), states, strict=True)])
 
 
@@ -79,7 +79,7 @@ def scene() -> list[Any]:
 
 
 def moved() -> list[Any]:
-    """What is otherwise once Product A is in Tray B."""
+    """The differences after Product A is in Tray B."""
     return [element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.5])]
 
 

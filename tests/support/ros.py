@@ -1,4 +1,4 @@
-"""A ROS master of its own, and nodes and launch files from install/ on it.
+"""A private ROS master with nodes and launch files from install/.
 
 A test asks for the fixture `ros` (tests/conftest.py), a `Ros`:
 
@@ -192,7 +192,7 @@ class Ros:
     def launch_file(
         self, path: Path, *, namespace: str = "", env: Mapping[str, str] | None = None, **arguments: Any
     ) -> Program:
-        """Likewise, a launch file by its path."""
+        """Starts a launch file by its path."""
         return self._start([*_ROSLAUNCH, str(path), *_launch_arguments(arguments)], namespace, env)
 
     def run(
@@ -235,7 +235,7 @@ class Ros:
         return rospy.ServiceProxy(name, kind)  # type: ignore[no-any-return]
 
     def messages(self, topic: str, kind: Any) -> Messages:
-        """Collects what is published on a topic, from now on; a latched message comes first."""
+        """Collects the messages of a topic from now on, starting with a latched one."""
         messages = Messages(topic, kind)
         self._subscriptions.append(messages)
         return messages

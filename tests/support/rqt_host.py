@@ -49,7 +49,7 @@ def provide_rqt(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Settings:
-    """A group of rqt's settings, in a file: what is read has gone through the file's text."""
+    """A group of rqt's settings, stored in a file."""
 
     def __init__(self, file: Path, group: str) -> None:
         self._file, self._group = file, group

@@ -1,4 +1,4 @@
-"""The processes that work in a folder, to see that none is left."""
+"""The processes that work in a folder, to check that none remains."""
 
 from __future__ import annotations
 

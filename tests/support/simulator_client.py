@@ -1,4 +1,4 @@
-"""A simulator node that many tests share, and what they ask it for."""
+"""A simulator node shared by tests, with its requests."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SimulatorClient:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Lets time go on by itself meanwhile."""
+        """A context manager that lets time advance."""
         assert self.pause(False).success
         try:
             yield

@@ -65,7 +65,7 @@ class StandInDrivers:
         return [goal for there, goal in self.goals if there == name]
 
     def lose(self) -> None:
-        """What is held falls from the gripper, straight down onto a tray's top."""
+        """The held object falls from the gripper onto the tray below."""
         assert self.held is not None
         pose, width = self.things[self.held]
         x, y, _ = pose.position

@@ -1,4 +1,4 @@
-"""world_editor.py SECONDS SEED: changes the elements of a world model that others change too, then tells what it sees.
+"""world_editor.py SECONDS SEED: changes elements of a shared world model, then prints the scene.
 
 A program with a replica. It prints `ready`; after a line of input it makes random changes for that time and prints how
 many it made; after another line it prints the scene as it sees it, as one line of JSON.

@@ -112,7 +112,7 @@ class Refused(Exception):
 
 
 class WorldModelMachine(RuleBasedStateMachine):
-    """The rules. Who runs them says how the world model is reached."""
+    """The rules. Subclasses define the access to the world model."""
 
     @abstractmethod
     def open(self) -> None:
@@ -277,7 +277,7 @@ class WorldModelMachine(RuleBasedStateMachine):
 
     @rule(twice=st.booleans())
     def save_and_load(self, twice: bool) -> None:
-        """A scene that was saved comes back, and what is saved then is the same file."""
+        """A saved scene loads unchanged, and saving it again gives the same file."""
         self.files("save", "saved.ttl")
         self.files("load", "saved.ttl")
         self.scene = self.scene.as_read_from_a_file()
@@ -326,7 +326,7 @@ class WorldModelMachine(RuleBasedStateMachine):
         self.snapshot_id = self.state()[0]
 
     def culprits(self, operations: Sequence[Operation]) -> list[str]:
-        """What a refusal may name: what is wrong with the request or one of its parts; nothing when it is good."""
+        """The possible reasons of a refusal; none for a valid request."""
         found: list[str] = []
         for some in (operations, *([operation] for operation in operations)):
             try:

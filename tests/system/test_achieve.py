@@ -49,7 +49,7 @@ class Cell:
 
     def start_manager(self, name: str, skills: list[str]) -> None:
         params = {
-            "libraries_list": ["support.crew_skills", "skiros2_std_skills"],
+            "libraries_list": ["support.team_skills", "skiros2_std_skills"],
             "primitive_list": skills,
             "prefix": "skiros",
         }
@@ -79,7 +79,7 @@ class Cell:
 
 
 class Request:
-    """A goal that was sent, with all that was told of it."""
+    """A sent goal with its messages."""
 
     def __init__(self, tasks: TaskManagerInterface, goal: str, **options: Any) -> None:
         self.tasks = tasks
@@ -87,7 +87,7 @@ class Request:
         tasks.achieve(goal, feedback_cb=self.told.append, **options)
 
     def wait_for(self, condition: Callable[[Any], Any]) -> Any:
-        """Waits until the condition is true of what was told last, and returns its value."""
+        """Waits until the condition holds for the last message, and returns its value."""
         return wait_until(lambda: self.told and condition(self.told[-1]), WAIT, "feedback as wanted")
 
     @property
@@ -100,7 +100,7 @@ class Request:
 
 
 def running(feedback: Any) -> list[dict[str, Any]]:
-    """The steps that run, by what was told."""
+    """The running steps, by the last message."""
     return [step for step in json.loads(feedback.steps) if step["state"] == "running"]
 
 

@@ -20,7 +20,7 @@ from skiros2_msgs import srv as srvs
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 from skiros2_skill.testing import SkillBench, Trace
-from skiros2_skill.testing.trace import Seen
+from skiros2_skill.testing.trace import TracedNode
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
 from support.ros import Messages, Ros
 
@@ -95,7 +95,7 @@ def test_parallel_tasks_have_the_same_traces_as_single_ones(ros: Ros, robot: Ski
 
 
 def _listen(ros: Ros, robot: SkillManagerInterface) -> Messages:
-    """What the manager tells from here on; it is heard already."""
+    """The manager's messages from now on; the subscriber is connected."""
     messages = ros.messages(f"{ROBOT}/monitor", msgs.TreeProgress)
     task = robot.tick_once(skill_list=[robot.get_skill("default_sequence")])
     messages.wait_for(lambda message: message.progress[0].task_id == task)  # it is told once a second at least
@@ -105,8 +105,8 @@ def _listen(ros: Ros, robot: SkillManagerInterface) -> Messages:
     return messages
 
 
-def _states(nodes: Iterable[Seen]) -> list[Any]:
-    return [(node.place, node.state, node.code) for node in nodes]
+def _states(nodes: Iterable[TracedNode]) -> list[Any]:
+    return [(node.child_indices, node.state, node.code) for node in nodes]
 
 
 def _start(robot: SkillManagerInterface, case: Case) -> int:
@@ -149,7 +149,7 @@ class Stage:
                     wmi.remove_element(element)
 
     def _ticks(self, case: Case) -> Iterator[Any]:
-        """What is told after each tick, up to the end or to as many as the case has."""
+        """The messages after each tick, up to the end or the number of the case."""
         holder = self._robot.get_skill(case.name)
         for key, value in case.params(self._world).items():
             holder.ph.specify(key, value)
@@ -194,7 +194,7 @@ def _has_ended(message: Any) -> bool:
     return abs(message.progress[0].progress_code) == 1
 
 
-def _seen(message: Any) -> Iterator[Seen]:
+def _seen(message: Any) -> Iterator[TracedNode]:
     places: dict[int, tuple[int, ...]] = {}
     children: dict[int, int] = {}
     for node in message.progress:
@@ -206,4 +206,4 @@ def _seen(message: Any) -> Iterator[Seen]:
             places[node.id] = ()
         name = node.label or (node.processor if node.type == ":Skill" else node.type.rpartition(":")[2])
         name = "root" if node.type == ":Root" else name
-        yield Seen(places[node.id], name, _STATES[node.state], node.progress_code)
+        yield TracedNode(places[node.id], name, _STATES[node.state], node.progress_code)

@@ -64,7 +64,7 @@ def test_query_is_abandoned_after_its_timeout(ros: Ros, start):
     wm = WorldModelInterface("tester")
     query = ros.service("/wm/ontology/query", srvs.WoQuery)
     pairs = "{ ?a ?b ?c . ?d ?e ?f . ?g a owl:Class FILTER(?b != ?e) }"
-    with pytest.raises(rospy.ServiceException, match=r"given up after 0\.3 s"):
+    with pytest.raises(rospy.ServiceException, match=r"abandoned after 0\.3 s"):
         query(query_string=f"SELECT (COUNT(*) AS ?n) {pairs}")
     eid = wm.add_element(Element("skiros:LargeBox", "box")).id
     with pytest.raises(rospy.ServiceException, match="more than 1000 rows; expected a LIMIT"):

@@ -43,7 +43,7 @@ class Writer:
         self._chance = chance
         self.boxes = [Element("skiros:LargeBox", f"{name} {side}") for side in ("left", "right")]
         self.wmi.add_elements(self.boxes)
-        self.wmi._transaction_service.patience = self.wmi._get_service.patience = 0.0  # it does not wait for a new node
+        self.wmi._transaction_service.timeout = self.wmi._get_service.timeout = 0.0  # it does not wait for a new node
         self.acknowledged = 0
         self._parts: dict[str, str] = {}
         self._asked: State | None = None  # what the scene holds when the request that broke off was carried out
@@ -51,7 +51,7 @@ class Writer:
         self.error: Exception | None = None
 
     def start(self) -> None:
-        """Goes on until a request breaks off."""
+        """Continues until a request fails."""
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
 

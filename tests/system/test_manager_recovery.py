@@ -124,7 +124,7 @@ class Cell:
     # -- tasks -------------------------------------------------------------------------------------------------
 
     def move(self, ticks: int) -> int:
-        """Starts a task that has the arm for so many ticks; its id."""
+        """Starts a task that locks the arm for a number of ticks; returns its id."""
         client = SkillManagerInterface(ROBOT, "tests")
         try:
             skill = client.get_skill("move")

@@ -101,7 +101,7 @@ def _ended(program: Program) -> str:
 def _label(bag: Path) -> str:
     """The robot's label at the end of a bag that is still written; "" while there is no such."""
     try:
-        node = Run.open(bag).world().node(ROBOT_ID)
+        node = Run.open(bag).world().record(ROBOT_ID)
     except BagError:
         return ""
     return node.label if node is not None else ""
@@ -137,7 +137,7 @@ def test_late_recorder_requests_the_scene(recorded: Recorded) -> None:
     assert (first.change.author, first.change.action) == ("recorder", "reset")
     assert [timed.change.action for timed in others] == ["update"]
     assert run.world(first.time).related(ROBOT_ID, "skiros:at", WORKSTATION)
-    assert run.world().node(ROBOT_ID).label == "Robbie"
+    assert run.world().record(ROBOT_ID).label == "Robbie"
 
 
 def test_launch_file_records_its_run(recorded: Recorded) -> None:

@@ -38,7 +38,7 @@ class Planted:
     becomes: str
 
     def plant(self, folder: Path) -> Path:
-        """Copies the package to the folder, changed. Returns what is to be on Python's path."""
+        """Copies the package to the folder with changes. Returns the entry for Python's path."""
         source = next(ROOT.glob(f"skiros2*/{self.package}/src/{self.package}"))
         copy = Path(tempfile.mkdtemp(dir=folder)) / self.package
         shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))

@@ -40,7 +40,7 @@ ASIDE = (0.4, -0.6, 0.0, -2.2, 0.0, 1.6, 0.785)
 
 
 class Request:
-    """A goal that was sent, with all that was told of it."""
+    """A sent goal with its messages."""
 
     def __init__(self, client: Any, goal: Any) -> None:
         self.feedback: list[Any] = []

@@ -51,7 +51,7 @@ def run(ros_master: RosMaster, cell: Ros) -> Iterator[Run]:
 
 @pytest.fixture
 def start(ros: Ros, cell: Ros) -> Start:
-    """Starts a command that goes on."""
+    """Starts a command that keeps running."""
     return lambda name, *arguments: ros.run("skiros2_skill", name, *arguments)
 
 

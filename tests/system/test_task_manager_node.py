@@ -123,7 +123,7 @@ def test_planning_phases_are_published_as_feedback(client: Any, world: PlanningW
 
 
 def test_plan_uses_the_current_scene(client: Any, world: PlanningWorld) -> None:
-    """Each request looks at the world model anew."""
+    """Each request reads the world model again."""
     world.wm.set_relation(world.robots[0], "skiros:at", world.places[0], False)
     world.wm.set_relation(world.robots[0], "skiros:at", world.places[1], True)
     code, message = answer(ask(client, bring(world)))

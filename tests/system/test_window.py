@@ -19,7 +19,7 @@ from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.testing.driver import Driver
 from skiros2_msgs.msg import TreeProgress
 from skiros2_world_model.ros.world_model_interface import WorldModelInterface
-from support import window_onlooker
+from support import window_monitor
 from support.ros import INSTALL, Ros, RosMaster, wait_until
 from support.rqt_host import RqtHost, provide_rqt
 
@@ -144,13 +144,13 @@ def test_killed_master_is_reported_and_its_successor_found(tmp_path: Path) -> No
         ros = Ros(master)
         try:
             ros.run("skiros2_world_model", "world_model_server_node", name="wm")
-            onlooker = ros.program(sys.executable, window_onlooker.__file__)
+            onlooker = ros.program(sys.executable, window_monitor.__file__)
             onlooker.wait_for_line("^● ROS master.*● world model")
             master.kill()
             onlooker.wait_for_line("^✕ ROS master.*has not been there since")
             master.start()
             again = re.compile(r"^✕ ROS master.*^● ROS master[^\n]*● world model", re.DOTALL | re.MULTILINE)
-            wait_until(lambda: again.search(onlooker.output), activity="the new master in the window")
+            wait_until(lambda: again.search(onlooker.output), what="the new master in the window")
         finally:
             ros.stop()
 

@@ -228,7 +228,7 @@ def _valued(text: str, kind: str, key: str = "skiros:PositionX") -> object:
 
 
 def hostile_requests() -> dict[str, tuple[str, tuple[object, ...], str]]:
-    """By what is wrong: the service, the fields of the request, and what the answer names."""
+    """By flaw: the service, the fields of the request, and a part of the error text."""
     endless = "[" * 100_000 + "]" * 100_000
 
     def modify(action: str, *elements: object, context: str = "scene", type_filter: str = "") -> tuple[object, ...]:

@@ -508,7 +508,7 @@ def test_replica_and_ontologies_have_the_same_revision(ros: Ros, start):
 def test_call_without_a_server_raises(ros: Ros, start):
     node = start()
     client = WorldModelInterface("tester")
-    client._get_service.patience = client._query_service.patience = 0.2
+    client._get_service.timeout = client._query_service.timeout = 0.2
     node.stop()
     assert not client.is_connected()
     with pytest.raises(WmException, match="service /wm/get does not answer"):

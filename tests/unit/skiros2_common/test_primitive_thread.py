@@ -13,7 +13,7 @@ class Dig(SkillDescription):
 
 
 class dig(PrimitiveThreadBase):
-    """Waits to be told what `run` answers, or raises."""
+    """Waits for the result that `run` returns, or the exception that it raises."""
 
     willing = True
 

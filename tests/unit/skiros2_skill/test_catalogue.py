@@ -33,20 +33,20 @@ def test_what_is_preempted_after_any_tick_ends_and_what_has_ended_stays(
     skill_bench: SkillBench, case: Case, ticks: int
 ) -> None:
     task = case.play(skill_bench, ticks)
-    before = {seen.place: seen for seen in case.trace.ticks[ticks - 1]} if ticks else {}
+    before = {node.child_indices: node for node in case.trace.ticks[ticks - 1]} if ticks else {}
     task.preempt()
     task.tick()
     assert task.ended.is_set(), task.why
     root, *others = task.trace.ticks[-1]
     assert (root.state, root.code) == (State.Failure, -1)
-    for seen in others:
-        was = before.get(seen.place)
+    for node in others:
+        was = before.get(node.child_indices)
         if was is None:
-            assert seen.state is State.Idle, task.why
+            assert node.state is State.Idle, task.why
         elif was.state is State.Running:
-            assert seen.state in (State.Failure, State.Success), task.why
+            assert node.state in (State.Failure, State.Success), task.why
         else:
-            assert (seen.state, seen.code) == (was.state, was.code), task.why
+            assert (node.state, node.code) == (was.state, was.code), task.why
     assert not skill_bench.wmi.resolve_elements(_BUSY)
     if case.scene is None:
         assert str(case.play(skill_bench).trace) == str(case.trace)

@@ -409,7 +409,7 @@ def test_a_trace_tells_tick_node_state_and_code():
 
 
 @pytest.mark.parametrize(
-    ("table", "named"), [("a  R Q1", "'Q1' is no state"), ("a  Rx", "'Rx'"), ("a  R R\n  b  R", "rows of")]
+    ("table", "named"), [("a  R Q1", "'Q1' is not a state"), ("a  Rx", "'Rx'"), ("a  R R\n  b  R", "rows of")]
 )
 def test_a_table_that_is_none_is_told(table, named):
     with pytest.raises(WrongValue, match=named):

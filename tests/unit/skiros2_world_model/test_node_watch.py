@@ -217,7 +217,7 @@ def network(monkeypatch: pytest.MonkeyPatch) -> Network:
 def test_one_that_is_out_of_reach_for_long_is_gone(
     node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.5)
+    monkeypatch.setattr(node_watch, "UNREACHABLE_TIMEOUT", 0.5)
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     has_answered(wire, 1)
@@ -243,7 +243,7 @@ def test_one_that_is_out_of_reach_for_a_while_is_not(node: ElementRecord, watch:
 def test_one_that_was_never_reached_is_not_gone(
     node: ElementRecord, watch: Any, network: Network, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(node_watch, "OUT_OF_REACH", 0.1)
+    monkeypatch.setattr(node_watch, "UNREACHABLE_TIMEOUT", 0.1)
     network.is_up = False
     gone = watch(node.port, node.pid)
     for _ in range(3):
@@ -257,7 +257,7 @@ def test_one_that_was_never_reached_is_not_gone(
 def test_who_is_met_in_its_place_was_never_the_node(node: ElementRecord) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid + 1, gone.set)
-    watch.meet()
+    watch.connect()
     watch.start()
     watch.join(5.0)
     assert not watch.is_alive()
@@ -267,13 +267,13 @@ def test_who_is_met_in_its_place_was_never_the_node(node: ElementRecord) -> None
 def test_nobody_is_met_where_nobody_listens(node: ElementRecord) -> None:
     node.kill()
     with pytest.raises(OSError):
-        NodeWatch(f"http://localhost:{node.port}/", node.pid, list).meet()
+        NodeWatch(f"http://localhost:{node.port}/", node.pid, list).connect()
 
 
 def test_one_that_dies_right_after_it_was_met_is_gone(node: ElementRecord) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid, gone.set)
-    watch.meet()
+    watch.connect()
     node.kill()
     watch.start()
     assert gone.wait(5.0)

@@ -216,7 +216,7 @@ def test_a_change_by_a_reasoner_that_cannot_be_stored_is_discarded(wm, weigher, 
     element = product("a")
     wm.add_element(element)
     assert not wm.get_element(element.id).hasProperty("skiros:Weight")
-    assert "what reasoner Weigher changed" in caplog.text
+    assert "the changes of reasoner Weigher" in caplog.text
     assert "skiros:Nothing-7" in caplog.text
 
 

@@ -27,7 +27,7 @@ def test_what_takes_too_long_is_given_up_and_told():
         abandoned.wait()
         told.set()
 
-    with pytest.raises(TimedOut, match=r"waiting: given up after 0\.05 s"):
+    with pytest.raises(TimedOut, match=r"waiting: abandoned after 0\.05 s"):
         TimeLimit(0.05).run(endless, "waiting")
     assert told.wait(30)
 
@@ -46,7 +46,7 @@ def test_nothing_is_begun_while_too_much_that_was_given_up_goes_on():
     for index in range(2):
         with pytest.raises(TimedOut):
             limit.run(stubborn(index), f"number {index}")
-    with pytest.raises(Refused, match="other: not begun, as what was given up is still running: number 0; number 1"):
+    with pytest.raises(Refused, match="other: refused while abandoned calls are still running: number 0; number 1"):
         limit.run(lambda _: None, "other")
     assert TimeLimit(5).run(lambda _: "fine", "that of others") == "fine"
     end.set()

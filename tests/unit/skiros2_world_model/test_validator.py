@@ -43,21 +43,21 @@ def test_a_file_is_validated_and_what_is_found_is_logged_and_kept(validator, loa
     load("-1")
     with caplog.at_level(logging.WARNING):
         validator.file_loaded("scene")
-        report = validator.loaded("scene")
+        report = validator.file_report("scene")
     assert told(report) == {
         (VIOLATION, "skiros:LargeBox-1", "skiros:SizeX"), (WARNING, "skiros:LargeBox-1", "skiros:colour")
     }  # fmt: skip
     assert report.origin.endswith("workspace/scene.ttl")
     logged = [m for m in caplog.messages if "skiros:SizeX: a size is" in m]
     assert len(logged) == 1 and "scene.ttl: 1 violation, 1 warning" in logged[0] and "colour" not in logged[0]
-    assert validator.loaded("scene") is report
+    assert validator.file_report("scene") is report
 
 
 def test_the_file_that_was_loaded_last_counts(validator, load):
     for size in ("-1", "-2", "-3", "1"):
         load(size)
         validator.file_loaded("scene")
-    assert told(validator.loaded()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
+    assert told(validator.file_report()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
 
 
 def test_who_waits_for_a_file_gets_the_later_one_s_report(validator, load):
@@ -65,20 +65,20 @@ def test_who_waits_for_a_file_gets_the_later_one_s_report(validator, load):
     validator.file_loaded("scene")
     validator.file_loaded("scene")  # this one waits, and is cancelled
     reports = []
-    waiting = threading.Thread(target=lambda: reports.append(validator.loaded()))
+    waiting = threading.Thread(target=lambda: reports.append(validator.file_report()))
     waiting.start()
     load("1")
     validator.file_loaded("scene")
     waiting.join()
     assert len(reports) == 1
-    assert told(validator.loaded()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
+    assert told(validator.file_report()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
 
 
 def test_a_file_of_another_context_is_validated_when_asked_for(validator, load):
     load("-1", "memory")
-    assert validator.loaded("memory").origin.endswith("memory.ttl")
+    assert validator.file_report("memory").origin.endswith("memory.ttl")
     with pytest.raises(UnknownName, match="no file was loaded into the context 'scene'"):
-        validator.loaded()
+        validator.file_report()
 
 
 def test_the_present_scene_is_validated_with_the_classes_that_were_declared_meanwhile(validator, model, wm):
@@ -86,16 +86,16 @@ def test_the_present_scene_is_validated_with_the_classes_that_were_declared_mean
     crate = Element("skiros:Crate", "one")
     crate.setProperty("skiros:Weight", -1.0)
     eid = wm.add_element(crate).id
-    assert told(validator.present()) == {(VIOLATION, eid, "skiros:Weight"), (WARNING, eid, "")}
-    assert told(validator.present()) == told(wm.validate())
-    assert told(validator.present("other")) == set()
+    assert told(validator.validate_context()) == {(VIOLATION, eid, "skiros:Weight"), (WARNING, eid, "")}
+    assert told(validator.validate_context()) == told(wm.validate())
+    assert told(validator.validate_context("other")) == set()
 
 
 def test_a_file_that_is_gone_is_told(validator, load, workspace, caplog):
     load("1")
     (workspace / "scene.ttl").unlink()
     with pytest.raises(WrongValue, match=r"scene\.ttl: cannot be read"):
-        validator.loaded()
+        validator.file_report()
     assert any("scene.ttl: cannot be read" in m for m in caplog.messages)
 
 
@@ -106,7 +106,7 @@ def test_shapes_that_make_no_sense_are_told(validator, model, load, workspace):
                       "sh:targetNode <urn:x> ; sh:minCount 1 .")  # fmt: skip
     model.knowledge_base.shapes = [broken]
     with pytest.raises(WrongValue, match=r"cell\.shapes\.ttl"):
-        validator.loaded()
+        validator.file_report()
 
 
 def test_one_that_is_stopped_ends_what_is_running(validator, model, load, workspace):
@@ -118,8 +118,8 @@ def test_one_that_is_stopped_ends_what_is_running(validator, model, load, worksp
     wait_until(lambda: validator._process is not None)
     validator.stop()
     with pytest.raises(Refused):
-        validator.loaded()
-    for refused in (validator.present, lambda: validator.file_loaded("scene")):
+        validator.file_report()
+    for refused in (validator.validate_context, lambda: validator.file_loaded("scene")):
         with pytest.raises(Refused, match="has ended"):
             refused()
 
@@ -135,7 +135,7 @@ def test_what_waits_ends_with_it(validator, model, load, workspace):
 
     def ask():
         try:
-            validator.present()
+            validator.validate_context()
         except Refused as error:
             errors.append(error)
 

@@ -16,7 +16,7 @@ from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 
 
 class Achieve(SkillDescription):
-    """Reaches a goal: it is planned, carried out by the robots, and planned anew when something goes wrong."""
+    """Achieves a goal: plans for it, executes the plan on the robots, and replans after a failure."""
 
     def createDescription(self) -> None:
         self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")

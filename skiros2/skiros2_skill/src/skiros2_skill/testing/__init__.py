@@ -1,6 +1,6 @@
 """Runs skills in one process, tick by tick, with a scene, a fake clock, stand-ins for children and injected failures.
 
-For the tests of skill authors. With pytest, name the package in the top `conftest.py` to have its fixtures:
+For tests of skills. With pytest, name the package in the top `conftest.py` to get its fixtures:
 
     pytest_plugins = ["skiros2_skill.testing"]
 
@@ -11,7 +11,7 @@ For the tests of skill authors. With pytest, name the package in the top `confte
         assert task.state is State.Success, task.why
         assert skill_bench.element("gripper").hasProperty("skiros:Open", True)
 
-`SkillBench` needs no pytest; without a world model of one's own it makes one, which needs rdflib.
+`SkillBench` works without pytest. Without a given world model it creates one, which needs rdflib.
 """
 
 from skiros2_skill.testing.bench import SkillBench
@@ -33,5 +33,5 @@ __all__ = [
     "stand_in",
 ]
 
-#: pytest loads the fixtures with the package, and only pytest does.
+#: Only pytest loads the fixtures.
 pytest_plugins = ["skiros2_skill.testing.fixtures"]

@@ -1,4 +1,4 @@
-"""A robot's skills on a world model in this process."""
+"""The test bench: a robot's skills on a world model in this process."""
 
 from __future__ import annotations
 
@@ -24,13 +24,12 @@ SCENE = "skiros:Scene-0"
 
 
 class SkillBench:
-    """A scene, a robot, and the skills that it has; a context manager, which takes injected failures back.
+    """A scene, a robot and its skills. A context manager that reverts injected failures.
 
-    :param scene: Turtle, as text or as a file; "" is a blank scene. Its folder is the workspace: the ontologies in it
-        (`*.owl*`) are loaded.
-    :param wmi: the world model, instead of a new one.
+    :param scene: Turtle text or a file; "": a blank scene. The ontologies (`*.owl*`) in the file's folder are loaded.
+    :param wmi: the world model; None: a new one.
     :param robot: the robot's element; None: the scene's first `cora:Robot` by id, or a new one `skiros:robot`.
-    :param clock: a period of it passes with each tick.
+    :param clock: advances by one period per tick.
     :param period: of the ticks (s).
     """
 
@@ -58,7 +57,7 @@ class SkillBench:
         self.close()
 
     def close(self) -> None:
-        """Takes all injected failures back."""
+        """Reverts all injected failures."""
         self._exit.close()
 
     # -- the scene ---------------------------------------------------------------------------------------------
@@ -73,8 +72,8 @@ class SkillBench:
     ) -> Element:
         """Adds an element to the scene.
 
-        :param container: what it belongs to; None: the scene.
-        :param relation: how.
+        :param container: the subject of the relation; None: the scene.
+        :param relation: from the container to the element.
         :param properties: by name, without the prefix `skiros:`.
         """
         element = Element(etype, label)
@@ -85,27 +84,27 @@ class SkillBench:
         return element
 
     def element(self, label: str) -> Element:
-        """The element of the scene with that label, as it is now.
+        """The element with a label in its present state.
 
         :raises UnknownName: there is none.
         :raises WrongValue: there are several.
         """
         found = self.wmi.resolve_elements(Element("", label))
         if not found:
-            there = ", ".join(repr(e) for e in self.wmi.get_scene_elements())
-            raise UnknownName(f"no element is labelled {label!r}; there are: {there}")
+            existing = ", ".join(repr(e) for e in self.wmi.get_scene_elements())
+            raise UnknownName(f"no element is labelled {label!r}; there are: {existing}")
         if len(found) > 1:
             raise WrongValue(f"several elements are labelled {label!r}: {found!r}")
         return found[0]  # type: ignore[no-any-return]
 
     def related(self, label: str, relation: str) -> list[str]:
-        """The labels of what an element is related to so, or by a relation under that one, sorted."""
+        """The sorted labels of the objects of a relation or its subproperties."""
         names = [relation, *self.wmi.get_sub_properties(relation)]
         relations = self.element(label).getRelations("-1", names, "")
         return sorted(self.wmi.get_element(r["dst"]).label for r in relations)
 
     def holder(self, label: str) -> str:
-        """The label of what contains an element, or has it as a part."""
+        """The label of the element that contains an element, or has it as a part."""
         (relation,) = self.element(label).getRelations("", ["skiros:contain", "skiros:hasA"], "-1")
         return str(self.wmi.get_element(relation["src"]).label)
 
@@ -121,35 +120,35 @@ class SkillBench:
         return self
 
     def import_libraries(self, *packages: str) -> SkillBench:
-        """Python packages that skills are taken from when they are first asked for, by type, as in a manager."""
+        """Imports Python packages; their skills are loaded by type when first needed, as in a manager."""
         self.library.import_libraries(packages)
         return self
 
     def stand_in(self, description: Any, outcomes: Any = "S", label: str = "", **hooks: Any) -> Any:
-        """Loads a skill whose ticks end as a script says, and returns its class; see `stand_in`."""
-        made = stand_in(description, outcomes, label, **hooks)
-        self.load(made)
-        return made
+        """Loads a scripted skill and returns its class; see `stand_in`."""
+        cls = stand_in(description, outcomes, label, **hooks)
+        self.load(cls)
+        return cls
 
     # -- failures ----------------------------------------------------------------------------------------------
 
     def inject(self, skill: type, hook: str, **fault: Any) -> None:
-        """A hook of a skill fails, until the bench is closed; see `inject`."""
+        """Makes a hook of a skill fail until the bench is closed; see `inject`."""
         self._exit.enter_context(inject(skill, hook, **fault))
 
     def refuse(self, reason: str, *, changes: bool = True, reads: bool = False) -> None:
-        """The world model refuses what it is asked for, until the bench is closed; see `refusing`."""
+        """Makes the world model refuse requests until the bench is closed; see `refusing`."""
         self._exit.enter_context(refusing(self.wmi, reason, changes=changes, reads=reads))
 
     # -- tasks -------------------------------------------------------------------------------------------------
 
     def node(self, skill: str, label: str = "", remap: Mapping[str, str] | None = None, **specify: Any) -> SkillWrapper:
-        """A node for a tree.
+        """Creates a node for a tree.
 
-        :param skill: the label of an implementation that is loaded, or a type: `Type`, `:Type`, `skiros:Type`.
-        :param label: of the implementation, where `skill` is a type; "": any.
-        :param remap: key of the skill -> key above.
-        :param specify: fixed parameters.
+        :param skill: the label of a loaded implementation, or a type: `Type`, `:Type`, `skiros:Type`.
+        :param label: of the implementation, if `skill` is a type; "": any.
+        :param remap: key of the skill -> key of the parent.
+        :param specify: specified parameters.
         """
         labelled = [i for i in self.library.implementations() if i.label == skill]
         if labelled and not label:
@@ -162,7 +161,10 @@ class SkillBench:
         return node
 
     def task(self, *nodes: Any, **blackboard: Any) -> BenchTask:
-        """A task of these nodes, which has not been ticked; `blackboard` holds values by key."""
+        """Creates a task of nodes, not ticked yet.
+
+        :param blackboard: values by key.
+        """
         task = BenchTask(self.wmi, self.clock, self.period)
         task.root.params.addParam("Robot", self.robot, ParamTypes.Inferred)
         for key, value in blackboard.items():
@@ -171,11 +173,14 @@ class SkillBench:
         return task
 
     def run(self, *nodes: Any, ticks: int = 1000, **blackboard: Any) -> BenchTask:
-        """A task of these nodes, ticked until it ends, at most so often."""
+        """Creates a task of nodes and ticks it until it ends.
+
+        :param ticks: maximum number of ticks.
+        """
         return self.task(*nodes, **blackboard).run(ticks)
 
     def command(self, skill: str, label: str = "", **params: Any) -> BenchTask:
-        """A task of one skill, checked as a manager checks what it is told to start; it has not been ticked.
+        """Creates a task of one skill, checked as by a manager, not ticked yet.
 
         :param skill: its type.
         :param label: of the implementation; "": any.
@@ -184,17 +189,17 @@ class SkillBench:
         return self.commands((skill, label, params))
 
     def commands(self, *skills: tuple[str, str, Mapping[str, Any]]) -> BenchTask:
-        """Likewise, of several skills, each a type, a label and parameters, one after the other."""
+        """Same as `command`, for a sequence of skills, each given by type, label and parameters."""
         requests = [
             SkillRequest(stype, label, {k: Param(k, "", v, ParamTypes.Required) for k, v in params.items()})
             for stype, label, params in skills
         ]
         return self.task(*make_nodes(requests, self.library, self.wmi))
 
-    # -- inside ------------------------------------------------------------------------------------------------
+    # -- internal ----------------------------------------------------------------------------------------------
 
     def _world_model(self, scene: str | Path) -> Any:
-        # Here, because Debian's own Python has no rdflib.
+        # Imported here, because Debian's Python has no rdflib.
         from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
         from skiros2_world_model.core.world_model import WorldModel
 

@@ -1,4 +1,4 @@
-"""A task that a test ticks."""
+"""A task that is ticked by a test."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from skiros2_common.core.errors import UnknownName, WrongValue
 from skiros2_skill.core.runtime.task import Task
 from skiros2_skill.core.tree.skill_node import SkillWrapper
 from skiros2_skill.testing.fake_clock import FakeClock
-from skiros2_skill.testing.trace import Seen, Trace
+from skiros2_skill.testing.trace import Trace, TracedNode
 
-#: What the threads of skills get between two ticks when the clock is a fake (s of the machine's time).
-_MOMENT = 0.001
+#: Real time for the threads of skills between two ticks with a fake clock (s).
+_THREAD_TIME = 0.001
 
 
 class BenchTask(Task):
-    """A task as a manager has it, ticked by `tick` or `run`, with a trace of all it does.
+    """A task that is ticked by `tick` or `run` and records a trace.
 
-    :param clock: a period of it passes with each tick.
+    :param clock: advances by one period per tick.
     :param period: of the ticks (s).
     """
 
@@ -34,35 +34,35 @@ class BenchTask(Task):
         self.trace = Trace()
 
     def tick(self, times: int = 1) -> State:
-        """One tick, or some; none after the end. Returns Running, or how the task has ended."""
+        """Ticks the task, unless it has ended. Returns its state."""
         state = self.state
         for _ in range(times):
             if self.ended.is_set():
                 break
             self._woken.clear()
             state = super().tick()
-            self.trace.add(_seen(self.root))
+            self.trace.add(_traced(self.root))
             if self._clock is not None:
                 self._clock.advance(self._period)
         return state
 
     def run(self, ticks: int = 1000) -> BenchTask:
-        """Ticks until the task ends, at most so often; between two ticks threads that were started get some time."""
+        """Ticks until the task ends, at most `ticks` times. Threads of skills run between ticks."""
         while ticks and self.tick() is State.Running:
             ticks -= 1
             if ticks and threading.active_count() > self._threads_before:
-                self._woken.wait(self._period if self._clock is None else _MOMENT)
+                self._woken.wait(self._period if self._clock is None else _THREAD_TIME)
         return self
 
-    # -- looking at it -----------------------------------------------------------------------------------------
+    # -- inspection --------------------------------------------------------------------------------------------
 
     @property
     def skill(self) -> Any:
-        """The node of the first skill."""
+        """The first child of the root."""
         return self.root.children[0]
 
     def node(self, name: str) -> Any:
-        """The node with that label or type, or what its processor prints.
+        """The node with a label, type or processor symbol.
 
         :raises UnknownName: there is none.
         :raises WrongValue: there are several.
@@ -76,22 +76,22 @@ class BenchTask(Task):
 
     @property
     def blackboard(self) -> dict[str, Any]:
-        """The values on the blackboard, by key; None for one that is not set."""
+        """The values on the blackboard, by key; None for unset parameters."""
         return {key: param.value for key, param in self.root.params.items()}
 
     @property
     def why(self) -> str:
-        """Why nodes of the task failed, for people: the message of a failed assertion."""
+        """Why nodes failed, for people; use it as the message of an assertion."""
         return "\n".join([self.root.progress_msg, *map(str, self.explanations()), str(self.trace)])
 
 
-def _seen(root: Any) -> Iterator[Seen]:
-    """The nodes of a tree, each before its children; it may be deeper than Python's stack."""
-    waiting: list[tuple[Any, tuple[int, ...]]] = [(root, ())]
-    while waiting:
-        node, place = waiting.pop()
-        yield Seen(place, _name(node), node.state, node.progress_code)
-        waiting += [(child, (*place, index)) for index, child in enumerate(node.children)][::-1]
+def _traced(root: Any) -> Iterator[TracedNode]:
+    """The nodes of a tree, parents before children. Not recursive, because trees may be deeper than Python's stack."""
+    pending: list[tuple[Any, tuple[int, ...]]] = [(root, ())]
+    while pending:
+        node, indices = pending.pop()
+        yield TracedNode(indices, _name(node), node.state, node.progress_code)
+        pending += [(child, (*indices, index)) for index, child in enumerate(node.children)][::-1]
 
 
 def _name(node: Any) -> str:

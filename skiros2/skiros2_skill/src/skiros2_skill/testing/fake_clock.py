@@ -1,4 +1,4 @@
-"""Time that passes when a test says so."""
+"""A clock that a test advances."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from skiros2_skill.testing.replace import replaced
 
 
 class FakeClock:
-    """A clock that stands still until it is told to go on.
+    """A clock that only moves when it is advanced.
 
-    While it is entered (`with FakeClock() as clock:`) it is what `time.time`, `time.monotonic`, `time.sleep` and, when
-    rospy is imported already, `rospy.Time.now` and `rospy.get_time` go by; not for code that has said
-    `from time import ...`. `sleep` lets the time pass in the thread that entered the clock; other threads sleep until
-    the clock has come so far. `time.monotonic` is a nanosecond later at each look: no two looks are at the same time.
+    Inside `with FakeClock() as clock:` it replaces `time.time`, `time.monotonic`, `time.sleep` and, if rospy is
+    imported, `rospy.Time.now` and `rospy.get_time`, except in code with `from time import ...`. `sleep` advances the
+    clock in the thread that entered it; in other threads it waits until the clock is advanced far enough.
+    `time.monotonic` increases by a nanosecond at each call: no two results are equal.
 
-    :param now: where it starts (s).
+    :param now: the initial time (s).
     """
 
     def __init__(self, now: float = 1000.0) -> None:
         self._now = now
-        self._looks = itertools.count()
+        self._calls = itertools.count()
         self._change = threading.Condition()
         self._owner = threading.current_thread()
         self._replaced = ExitStack()
@@ -33,13 +33,13 @@ class FakeClock:
 
     @property
     def now(self) -> float:
-        """s."""
+        """The time (s)."""
         return self._now
 
     def advance(self, seconds: float) -> None:
-        """Lets time pass.
+        """Advances the clock.
 
-        :raises ValueError: it would go back.
+        :raises ValueError: `seconds` is negative.
         """
         if seconds < 0:
             raise ValueError(f"time does not go back, got {seconds} s")
@@ -48,21 +48,21 @@ class FakeClock:
             self._change.notify_all()
 
     def sleep(self, seconds: float) -> None:
-        """What `time.sleep` does meanwhile."""
+        """Replaces `time.sleep`."""
         if threading.current_thread() is self._owner:
             self.advance(seconds)
             return
         with self._change:
-            end = self._now + seconds
-            self._change.wait_for(lambda: self._now >= end or not self._running)
+            deadline = self._now + seconds
+            self._change.wait_for(lambda: self._now >= deadline or not self._running)
 
     def __enter__(self) -> FakeClock:
         self._owner = threading.current_thread()
         self._running = True
-        for name, fake in (("time", lambda: self._now), ("monotonic", self._look), ("sleep", self.sleep)):
+        for name, fake in (("time", lambda: self._now), ("monotonic", self._monotonic), ("sleep", self.sleep)):
             self._replaced.enter_context(replaced(time, name, fake))
         if (rospy := sys.modules.get("rospy")) is not None:
-            # Without a node it has no time at all; with wall time, which it has then, it asks `time.time`.
+            # Without a node rospy has no time; with wall time it calls `time.time`.
             self._replaced.callback(rospy.rostime.set_rostime_initialized, rospy.rostime.is_rostime_initialized())
             rospy.rostime.set_rostime_initialized(True)
         return self
@@ -73,5 +73,5 @@ class FakeClock:
             self._running = False
             self._change.notify_all()
 
-    def _look(self) -> float:
-        return self._now + 1e-9 * next(self._looks)
+    def _monotonic(self) -> float:
+        return self._now + 1e-9 * next(self._calls)

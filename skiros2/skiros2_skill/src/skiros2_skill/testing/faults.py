@@ -1,4 +1,4 @@
-"""Failures that a test wants: in the hooks of skills, and of the world model."""
+"""Injects failures into hooks of skills and into the world model."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from skiros2_skill.testing.replace import replaced
 from skiros2_world_model.core.world_model_abstract_interface import refusal
 
-#: The methods through which all adapters of the world model change it, and read it.
+#: The methods that all adapters of the world model use for changes and for reading.
 _CHANGES = ("_transact", "_modify", "load")
 _READS = ("find_element", "_matching", "_branch", "_related", "_holds", "_query", "_template")
 
-_AS_EVER = object()
+_GENUINE = object()
 
 
 @contextmanager
@@ -24,18 +24,18 @@ def inject(
     hook: str,
     *,
     raises: Exception | None = None,
-    returns: Any = _AS_EVER,
+    returns: Any = _GENUINE,
     late: float = 0.0,
     at: int = 0,
 ) -> Iterator[None]:
-    """A hook of a skill fails while this is entered.
+    """Makes a hook of a skill fail inside the `with` block.
 
     :param skill: the class of the implementation.
     :param hook: `onInit`, `onStart`, `execute`, `onPreempt`, `onEnd`, or any other method, such as `run` or `onDone`.
-    :param raises: what it raises.
-    :param returns: what it answers, instead of what the skill's own code does; that does not run.
-    :param late: how long it takes more (s); by the fake clock where there is one.
-    :param at: only at that call, counted from 1; 0: at each.
+    :param raises: the exception to raise.
+    :param returns: the value to return instead of calling the skill's code.
+    :param late: additional duration (s); of the fake clock, if there is one.
+    :param at: the call that fails, counted from 1; 0: every call.
     :raises AttributeError: the skill has no such hook.
     """
     genuine = getattr(skill, hook)
@@ -48,7 +48,7 @@ def inject(
             time.sleep(late)
         if raises is not None:
             raise raises
-        return genuine(self, *args, **kwargs) if returns is _AS_EVER else returns
+        return genuine(self, *args, **kwargs) if returns is _GENUINE else returns
 
     with replaced(skill, hook, faulty):
         yield
@@ -56,10 +56,10 @@ def inject(
 
 @contextmanager
 def refusing(wmi: Any, reason: str, *, changes: bool = True, reads: bool = False) -> Iterator[None]:
-    """A world model refuses all that it is asked for while this is entered, with a `WmException`.
+    """Makes a world model refuse requests with a `WmException` inside the `with` block.
 
-    :param wmi: of a task, or of a bench.
-    :param changes, reads: what it refuses.
+    :param wmi: of a task or a bench.
+    :param changes, reads: the refused requests.
     """
 
     def refuse(*args: Any, **kwargs: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Attributes that are others for a while."""
+"""Replaces attributes temporarily."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @contextmanager
 def replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """An attribute of a module, class or object is another one; what it inherits is inherited again after."""
+    """Replaces an attribute of a module, class or object inside the `with` block. Inherited attributes are restored."""
     own = vars(owner)
     had, before = name in own, own.get(name)
     setattr(owner, name, value)

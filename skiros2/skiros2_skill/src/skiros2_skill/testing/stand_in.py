@@ -1,4 +1,4 @@
-"""Skills that stand in for others: each tick ends as a script says."""
+"""Stand-ins: skills that follow a script."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def describe(
     hold: Sequence[Callable[[Any], Any]] = (),
     post: Sequence[Callable[[Any], Any]] = (),
 ) -> type[SkillDescription]:
-    """A description class.
+    """Creates a description class.
 
-    :param params: the arguments of `addParam` for each.
-    :param pre, hold, post: functions of the description, which give the conditions:
+    :param params: the arguments of `addParam` for each parameter.
+    :param pre, hold, post: functions of the description that return a condition:
         `lambda d: d.getRelationCond("At", "skiros:at", "Robot", "Place", True)`.
     """
 
@@ -49,12 +49,12 @@ def describe(
 
 
 class Script:
-    """How the ticks of a stand-in end, from start to start.
+    """The outcomes of the ticks of a stand-in.
 
-    :param starts: for each start, how its ticks end; the last is for all further ones. Of each, the last outcome is
-        for all further ticks. An outcome is `R` (running), `S` (success), `F` (failure, code -1), `X` (raises), an
-        exception that is raised, a function of the skill, or what `execute` answers.
-    :raises WrongValue: nothing is said, or a letter stands for nothing.
+    :param starts: for each start, the outcomes of its ticks; the last start and the last outcome repeat. An outcome is
+        `R` (running), `S` (success), `F` (failure, code -1), `X` (raises), an exception to raise, a function of the
+        skill, or a return value of `execute`.
+    :raises WrongValue: there are no outcomes, or a letter is unknown.
     """
 
     def __init__(self, *starts: Sequence[Any]) -> None:
@@ -66,7 +66,7 @@ class Script:
         self._starts = starts
 
     def play(self, skill: Any, start: int, tick: int) -> Any:
-        """Does what is due, and returns what `execute` answers.
+        """Produces an outcome. Returns the return value of `execute`.
 
         :param start, tick: counted from 0.
         """
@@ -82,14 +82,14 @@ class Script:
 def stand_in(
     description: type[SkillDescription] | str, outcomes: Script | Sequence[Any] = "S", label: str = "", **hooks: Any
 ) -> Any:
-    """A primitive class whose ticks end as a script says.
+    """Creates a primitive class that follows a script.
 
-    Its attribute `calls` names the hooks that were called since it was loaded, in order, over all its instances.
+    Its attribute `calls` lists the called hooks of all instances, in order.
 
-    :param description: what it implements; a text makes a description of that name, without parameters.
+    :param description: a class, or the name of a new description without parameters.
     :param outcomes: `"RRS"`: runs for two ticks, then succeeds; `Script("F", "S")`: fails at the first start only.
-    :param label: the implementation's; "": the description's name in lower case.
-    :param hooks: other hooks, or methods: a function of the skill, or an answer. `execute` takes the script's place.
+    :param label: of the implementation; "": the description's name in lower case.
+    :param hooks: other hooks or methods, each a function of the skill or a return value. `execute` replaces the script.
     """
     described = describe(description) if isinstance(description, str) else description
     script = outcomes if isinstance(outcomes, Script) else Script(outcomes)
@@ -97,18 +97,18 @@ def stand_in(
     calls: list[str] = []
     starts = itertools.count()
 
-    def noted(hook: str, answer: Any) -> Callable[[Any], Any]:
+    def recorded(hook: str, answer: Any) -> Callable[[Any], Any]:
         def call(self: Any) -> Any:
             if hook != "onInit":
                 calls.append(hook)
             if hook == "onStart":
-                self._script_place = (next(starts), itertools.count())
+                self._script_position = (next(starts), itertools.count())
             return answer(self) if callable(answer) else answer
 
         return call
 
     def execute(self: Any) -> Any:
-        start, ticks = self._script_place
+        start, ticks = self._script_position
         return script.play(self, start, next(ticks))
 
     def create(self: Any) -> None:
@@ -116,7 +116,7 @@ def stand_in(
 
     body = {hook: getattr(PrimitiveBase, hook) for hook in _HOOKS}
     body.update({"execute": execute, **hooks})
-    methods = {hook: noted(hook, answer) for hook, answer in body.items()}
+    methods = {hook: recorded(hook, answer) for hook, answer in body.items()}
     return type(name, (PrimitiveBase,), {"createDescription": create, "calls": calls, **methods})
 
 

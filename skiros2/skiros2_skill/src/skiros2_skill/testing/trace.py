@@ -1,4 +1,4 @@
-"""What a tree did: the state and progress code of every node after every tick."""
+"""Traces: the state and progress code of every node after every tick."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ _LETTERS = {
 }
 _STATES = {"S": State.Success, "F": State.Failure, "R": State.Running, ".": State.Idle}
 
-#: A node that was not there at a tick.
-_NOT_THERE = "-"
+#: A node that did not exist at a tick.
+_ABSENT = "-"
 
 
 @dataclass(frozen=True)
-class Seen:
+class TracedNode:
     """A node after a tick.
 
-    :param place: which child of which child of the root it is; () is the root.
-    :param name: "root"; of others their label; where there is none, what its processor prints, or its type.
+    :param child_indices: the path from the root; () for the root.
+    :param name: "root", or the label; without a label, the processor symbol or the type.
     """
 
-    place: tuple[int, ...]
+    child_indices: tuple[int, ...]
     name: str
     state: State
     code: int
@@ -44,14 +44,14 @@ class Trace:
             first   R1 S2 S2
             second  .  R1 S2
 
-    Two blanks at least come after a name. A cell is the state (`R`unning, `S`uccess, `F`ailure, `.` idle) and the
-    progress code where it is not 0; `-`: the node was not there. Traces are equal when their tables are.
+    At least two spaces follow a name. A cell is the state (`R`unning, `S`uccess, `F`ailure, `.` idle) and the
+    progress code if it is not 0; `-`: the node did not exist. Traces are equal if their tables are.
     """
 
-    def __init__(self, ticks: Sequence[Sequence[Seen]] = ()) -> None:
-        self.ticks: list[list[Seen]] = [list(nodes) for nodes in ticks]
+    def __init__(self, ticks: Sequence[Sequence[TracedNode]] = ()) -> None:
+        self.ticks: list[list[TracedNode]] = [list(nodes) for nodes in ticks]
 
-    def add(self, nodes: Iterable[Seen]) -> None:
+    def add(self, nodes: Iterable[TracedNode]) -> None:
         """Adds a tick."""
         self.ticks.append(list(nodes))
 
@@ -63,9 +63,9 @@ class Trace:
 
     @classmethod
     def parse(cls, table: str) -> Trace:
-        """The trace that a table stands for. What is indented further is below.
+        """Parses a table. Indentation defines the parents.
 
-        :raises WrongValue: a cell is none, or rows are of different length.
+        :raises WrongValue: a cell is invalid, or rows have different lengths.
         """
         rows: list[tuple[tuple[int, ...], str, list[str]]] = []
         indents: list[int] = []
@@ -77,30 +77,31 @@ class Trace:
                 indents.pop()
             depth = len(indents)
             indents.append(indent)
-            above = rows[-1][0][: depth - 1] if depth else ()
+            parent = rows[-1][0][: depth - 1] if depth else ()
             if depth:
-                index = children.get(above, 0)
-                children[above] = index + 1
-                place: tuple[int, ...] = (*above, index)
+                index = children.get(parent, 0)
+                children[parent] = index + 1
+                indices: tuple[int, ...] = (*parent, index)
             else:
-                place = ()
-            rows.append((place, name, cells))
+                indices = ()
+            rows.append((indices, name, cells))
         lengths = {len(cells) for _, _, cells in rows}
         if len(lengths) > 1:
             raise WrongValue(f"rows of {sorted(lengths)} ticks in one trace:\n{table}")
         ticks = [
-            [_seen(place, name, cells[i]) for place, name, cells in rows if cells[i] != _NOT_THERE]
+            [_traced(indices, name, cells[i]) for indices, name, cells in rows if cells[i] != _ABSENT]
             for i in range(lengths.pop() if lengths else 0)
         ]
         return cls(ticks)
 
     def __str__(self) -> str:
-        names = {node.place: "  " * len(node.place) + node.name for nodes in self.ticks for node in nodes}
-        places = sorted(names)
-        cells = [{node.place: _cell(node) for node in nodes} for nodes in self.ticks]
+        nodes = [node for tick in self.ticks for node in tick]
+        names = {node.child_indices: "  " * len(node.child_indices) + node.name for node in nodes}
+        paths = sorted(names)
+        cells = [{node.child_indices: _cell(node) for node in tick} for tick in self.ticks]
         columns = [
-            [names[place] + " " for place in places],
-            *([tick.get(place, _NOT_THERE) for place in places] for tick in cells),
+            [names[path] + " " for path in paths],
+            *([tick.get(path, _ABSENT) for path in paths] for tick in cells),
         ]
         padded = [[f"{text:<{max(map(len, column))}}" for text in column] for column in columns if column]
         return "\n".join(" ".join(row).rstrip() for row in zip(*padded, strict=True))
@@ -113,7 +114,7 @@ class Trace:
     __hash__ = None  # type: ignore[assignment]
 
 
-def _cell(node: Seen) -> str:
+def _cell(node: TracedNode) -> str:
     return _LETTERS[node.state] + (str(node.code) if node.code else "")
 
 
@@ -123,8 +124,8 @@ def _split(line: str) -> tuple[str, list[str]]:
     return name, cells.split()
 
 
-def _seen(place: tuple[int, ...], name: str, cell: str) -> Seen:
+def _traced(child_indices: tuple[int, ...], name: str, cell: str) -> TracedNode:
     state, code = _STATES.get(cell[0]), cell[1:]
     if state is None or (code and not code.lstrip("-").isdigit()):
-        raise WrongValue(f"{name}: {cell!r} is no state with a code, such as R1 or F-2")
-    return Seen(place, name, state, int(code or 0))
+        raise WrongValue(f"{name}: {cell!r} is not a state with a code, such as R1 or F-2")
+    return TracedNode(child_indices, name, state, int(code or 0))

@@ -1,4 +1,4 @@
-"""The commands that tell what was, and what is other: history and diff."""
+"""The commands `history` and `diff`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skiros2_world_model.core.formatting import format_time
 from skiros2_world_model.core.history_entry import HistoryEntry, Point, changed_lines, difference
 from skiros2_world_model.core.world_model_abstract_interface import WmException, WorldModelPort
 
-#: So many changes of one request are shown, unless all are wanted.
+#: The maximum number of changes shown for one request, without `--all`.
 _SHOWN = 20
 
 
@@ -81,9 +81,9 @@ def _at(wm: WithHistory, arguments: argparse.Namespace, at: Point, screen: Scree
 
 
 def diff(wm: WithHistory | None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What is other in one scene than in another; each is a file, a time of the history (`@10m`), or what is now.
+    """Compares two scenes; each is a file, a time in the history (`@10m`), or the current scene.
 
-    :param wm: may be missing when both are files.
+    :param wm: None when both are files.
     """
     now = time.time()
     context = arguments.context
@@ -109,5 +109,5 @@ def _elements(wm: WithHistory | None, side: str, now: float, context: str) -> Se
 
 
 def needs_world_model(arguments: argparse.Namespace) -> bool:
-    """Whether a comparison is not of two files."""
+    """Whether a comparison needs a running world model."""
     return not arguments.new or arguments.old.startswith("@") or arguments.new.startswith("@")

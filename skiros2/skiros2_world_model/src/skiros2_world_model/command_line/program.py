@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_world_model`: what they take from the command line, and how they end."""
+"""The commands of `rosrun skiros2_world_model`: their arguments and exit statuses."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Command = Callable[[Any, argparse.Namespace, Screen], CommandResult]
 
 _TIMES = "A TIME is 14:05, '2026-11-21 14:05', 10m (ago; s, m, h, d), or #NUMBER of a change."
 _VALUES = (
-    "Values are of the type that the ontologies declare; where they declare none, numbers, true and false are such, "
-    'and "7" in its quotes is text. Values that begin with - stand after --.'
+    "Values have the type that the ontologies declare. Without a declaration, numbers, true and false are parsed, "
+    'and "7" in quotes is text. Put values that begin with - after --.'
 )
 
 
 def _run(name: str, given: Sequence[str]) -> int:
     command, parser = _parser(name)
-    parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may stand anywhere
+    parse = parser.parse_intermixed_args if name == "set" else parser.parse_args  # --remove may be anywhere
     arguments = parse(given)
 
     def work() -> CommandResult:
@@ -74,7 +74,7 @@ def _statuses(name: str) -> str:
 
 
 def _view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", nargs="?", default="", help="show this element and what is under it")
+    parser.add_argument("id", nargs="?", default="", help="show only this element and its descendants")
     parser.add_argument("--all", action="store_true", help="all properties, relations and elements")
 
 
@@ -87,14 +87,14 @@ def _set(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", help="the element")
     parser.add_argument("name", help="a property, a relation, `label` or `type`")
     parser.add_argument("values", nargs="*", metavar="VALUE", help="its values, or the ids of its objects")
-    parser.add_argument("--remove", action="store_true", help="take these values or relations away; without any, all")
+    parser.add_argument("--remove", action="store_true", help="remove these values or relations; without any, all")
     _author(parser)
 
 
 def _query(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("sparql", nargs="?", help="the query; prefixes need not be declared")
-    what.add_argument("-f", "--file", help="a file that has it")
+    what.add_argument("-f", "--file", help="a file with the query")
 
 
 def _load(parser: argparse.ArgumentParser) -> None:
@@ -103,7 +103,7 @@ def _load(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         default="",
         metavar="FILE",
-        help="in the workspace of the world model; without one: the context's own file anew",
+        help="in the workspace of the world model (default: the context's own file)",
     )
     _author(parser)
 
@@ -113,43 +113,43 @@ def _save(parser: argparse.ArgumentParser) -> None:
 
 
 def _author(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--author", default=user(), metavar="NAME", help="who changes it (default: %(default)s)")
+    parser.add_argument("--author", default=user(), metavar="NAME", help="author of the change (default: %(default)s)")
 
 
 def _history(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", nargs="?", default="", help="only changes of this element")
-    parser.add_argument("--at", metavar="TIME", help="the scene, or the element, as it was")
-    parser.add_argument("--since", metavar="TIME", help="only changes after that")
-    parser.add_argument("--until", metavar="TIME", help="only changes up to that")
-    parser.add_argument("--author", default="", help="only changes that this author made")
+    parser.add_argument("--at", metavar="TIME", help="show the scene or element at that time")
+    parser.add_argument("--since", metavar="TIME", help="only changes after that time")
+    parser.add_argument("--until", metavar="TIME", help="only changes up to that time")
+    parser.add_argument("--author", default="", help="only changes by this author")
     parser.add_argument("--limit", type=int, default=20, metavar="N", help="the last N requests (default: 20; 0: all)")
     parser.add_argument("--all", action="store_true", help="all changes of large requests; with --at, all of the scene")
 
 
 def _diff(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("old", metavar="OLD", help="a scene file, or @TIME")
-    parser.add_argument("new", nargs="?", default="", metavar="NEW", help="likewise (default: the scene as it is)")
+    parser.add_argument("new", nargs="?", default="", metavar="NEW", help="same as OLD (default: the current scene)")
 
 
 def _validate_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a scene")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="a scene file")
     parser.add_argument(
         "--workspace",
         type=Path,
         metavar="DIR",
-        help="has your ontologies and shapes (default: the file's folder, when it has such)",
+        help="the folder of your ontologies and shapes (default: the file's folder, if it has any)",
     )
-    parser.add_argument("--ontologies", type=Path, metavar="DIR", help="the package's (default: those of skiros2)")
-    parser.add_argument("--strict", action="store_true", help="unknown names are violations, as with ~strict")
+    parser.add_argument("--ontologies", type=Path, metavar="DIR", help="base ontologies (default: those of skiros2)")
+    parser.add_argument("--strict", action="store_true", help="report unknown names as violations, as with ~strict")
 
 
-#: Commands that read files, whose refusals are trouble with those.
+#: Commands that read files; their refusals are usage errors.
 _OF_FILES = ("diff", "validate_scene")
 
-#: What the first two exit statuses mean, where it is not the usual.
+#: The meaning of the exit statuses 0 and 1, where it is not the usual one.
 _RESULTS = {"diff": "0 no difference, 1 differences", "validate": "0 no violations, 1 violations or refused"}
 
-#: What each does, what it takes, and what is told at the end of its help.
+#: For each command: its function, its arguments, and the epilog of its help.
 _COMMANDS: dict[str, tuple[Any, ...]] = {
     "view": (reading.view, _view),
     "get": (reading.get, _get),

@@ -1,4 +1,4 @@
-"""The commands that read the scene: view, get and query."""
+"""The commands `view`, `get` and `query`."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ CONTAINS = "skiros:contain"
 
 
 def view(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The scene as a tree along what contains what."""
+    """Shows the scene as a tree of containment."""
     elements = wm.resolve_elements(Element(""), arguments.context)
     return scene_tree(elements, predicates_of(wm, arguments.all), screen, arguments.id, arguments.all)
 
 
 def predicates_of(wm: WorldModelPort, whole: bool) -> set[str]:
-    """The relations that lead down the tree of a scene: those of space, or all."""
+    """The relations that form the tree of a scene: spatial ones, or all."""
     relation = "skiros:sceneProperty" if whole else "skiros:spatiallyRelated"
     return {relation, *wm.get_sub_properties(relation)}
 
@@ -35,12 +35,12 @@ def predicates_of(wm: WorldModelPort, whole: bool) -> set[str]:
 def scene_tree(
     elements: Sequence[Element], predicates: Iterable[str], screen: Screen, root: str = "", whole: bool = False
 ) -> CommandResult:
-    """Elements as a tree.
+    """Formats elements as a tree.
 
-    :param predicates: the relations that lead downwards.
-    :param root: only this element and what is under it; "" all.
-    :param whole: every property and relation, and the elements that are under none.
-    :raises WmException: there is no element `root`.
+    :param predicates: the relations from parent to child.
+    :param root: only this element and its descendants; "": all.
+    :param whole: shows all properties and relations, and elements without parent and children.
+    :raises WmException: the element `root` does not exist.
     """
     forest = _Forest(elements, frozenset(predicates), whole)
     if root and root not in forest.elements:
@@ -56,7 +56,7 @@ def scene_tree(
 
 
 class _Forest:
-    """Trees of elements. Each element is shown once, where it comes first."""
+    """Trees of elements. Each element is shown once, at its first position."""
 
     def __init__(self, elements: Iterable[Element], predicates: frozenset[str], whole: bool) -> None:
         self.elements = {element.id: element for element in elements}
@@ -66,7 +66,7 @@ class _Forest:
         self._children: dict[str, list[tuple[str, str]]] = {}
 
     def roots(self) -> list[str]:
-        """The elements that are under none; of a circle of elements, the first."""
+        """The elements without a parent, and the first element of each cycle."""
         under = {child for eid in self.elements for _, child in self.children(eid)}
         roots = [eid for eid in self.elements if eid not in under]
         reached: set[str] = set()
@@ -82,7 +82,7 @@ class _Forest:
         return roots
 
     def children(self, eid: str) -> list[tuple[str, str]]:
-        """What is directly under an element: relations and ids."""
+        """The children of an element: relations and ids."""
         known = self._children.get(eid)
         if known is not None:
             return known
@@ -96,7 +96,7 @@ class _Forest:
         return found
 
     def branch(self, root: str) -> Branch:
-        """An element with what is under it."""
+        """The tree of an element and its descendants."""
         top = Branch([root])
         waiting = [(root, "", top)]
         while waiting:
@@ -118,7 +118,7 @@ class _Forest:
         return top
 
     def _details(self, element: Element) -> list[str]:
-        """All properties, and the relations that do not lead down the tree."""
+        """All properties, and the relations that are not part of the tree."""
         lines = [f"{key} = {format_values(p.values)}" for key, p in sorted(element._props.items())]
         below = set(self.children(element.id))
         relations = [(r["type"], r["dst"]) for r in element._rels if r["src"] == "-1"]
@@ -131,7 +131,7 @@ def _by_number(eid: str) -> tuple[str, int, str]:
 
 
 def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """An element, or one property or relation of it."""
+    """Shows an element, or one property or relation of it."""
     element = wm.get_element(arguments.id, arguments.context)
     if arguments.property:
         return _one_property(element, arguments.property)
@@ -139,7 +139,7 @@ def get(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> Co
 
 
 def element_answer(element: Element, screen: Screen) -> CommandResult:
-    """An element with its properties and relations."""
+    """Formats an element with its properties and relations."""
     lines = [screen.fitted(f"{element.id}  {element.type}  {element.label}".rstrip()), ""]
     properties = sorted(element._props.items())
     lines += table(screen, [(key, p.dataType().__name__, format_values(p.values)) for key, p in properties])
@@ -150,7 +150,7 @@ def element_answer(element: Element, screen: Screen) -> CommandResult:
 
 
 def _one_property(element: Element, name: str) -> CommandResult:
-    """The values of a property, the objects of a relation, or the label or type: one on a line."""
+    """The values of a property, the objects of a relation, or the label or type: one per line."""
     values: list[Any]
     if name in ("label", "rdfs:label"):
         values = [element.label]
@@ -167,7 +167,7 @@ def _one_property(element: Element, name: str) -> CommandResult:
 
 
 def query(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """The rows of a SPARQL query."""
+    """Shows the rows of a SPARQL query."""
     if arguments.file:
         try:
             text = Path(arguments.file).read_text()

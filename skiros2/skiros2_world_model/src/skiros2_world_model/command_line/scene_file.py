@@ -1,4 +1,4 @@
-"""Scene files, read without a world model."""
+"""Reads and validates scene files without a world model."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from skiros2_world_model.core.validation import scene_file_triples, validate
 
 
 def read_scene_file(path: Path) -> list[Element]:
-    """The elements of a scene file, each with its outgoing relations. What the ontologies do not know is kept.
+    """Reads the elements of a scene file, each with its outgoing relations. Unknown names are kept.
 
-    :raises WrongValue: the file is not there, or does not parse.
+    :raises WrongValue: the file is missing or does not parse.
     """
     triples = read_triples(path)
     core = logging.getLogger("skiros2_world_model.core")
     level = core.level
-    core.setLevel(logging.ERROR)  # who compares does not check
+    core.setLevel(logging.ERROR)  # no warnings in a comparison
     try:
         knowledge_base = KnowledgeBase(_ontologies())
         checks = CollectingChecks(knowledge_base, str(path), False)
@@ -44,10 +44,10 @@ def read_scene_file(path: Path) -> list[Element]:
 def validate_scene_file(
     path: Path, ontologies: Path | None, workspace: Path | None, context: str, strict: bool
 ) -> Report:
-    """The report on a scene file.
+    """Validates a scene file.
 
-    :param ontologies: the folder; None: the package's own.
-    :param workspace: likewise; None: that of the file, when it has ontologies or shapes, else none.
+    :param ontologies: the folder of the base ontologies; None: the package's own.
+    :param workspace: the folder of the user's ontologies; None: the file's folder, if it has ontologies or shapes.
     :raises SkirosError: a file cannot be read.
     """
     triples = scene_file_triples(path)

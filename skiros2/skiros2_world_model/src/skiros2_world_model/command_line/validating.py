@@ -1,4 +1,4 @@
-"""The commands that tell what is not as the ontologies and shapes want it: validate and validate_scene."""
+"""The commands `validate` and `validate_scene`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class WithValidation(Protocol):
 
 
 def validate(wm: WithValidation, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """What is not as the ontologies and the shapes want it in the scene as it is now."""
+    """Validates the current scene against the ontologies and the shapes."""
     report = wm.validate(arguments.context)
     return CommandResult(_lines(report, screen), _json(report), _status(report))
 
 
 def validate_scene(_wm: None, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Validates scene files, without a world model: all that loading would refuse or warn of, and what shapes find."""
+    """Validates scene files without a world model: everything that loading would refuse or warn of, and the shapes."""
     from skiros2_world_model.command_line.scene_file import validate_scene_file  # takes time, and an RDF library
 
     folders = arguments.ontologies, arguments.workspace
@@ -38,8 +38,8 @@ def _status(report: Report) -> int:
 
 def _lines(report: Report, screen: Screen) -> list[str]:
     rows = [(f.severity, f.element, f.property, f.text) for f in report.findings]
-    told = table(screen, rows, ("severity", "element", "property", "what")) if rows else []
-    return [screen.fitted(f"{report.origin}: {report.summary}"), *told]
+    lines = table(screen, rows, ("severity", "element", "property", "what")) if rows else []
+    return [screen.fitted(f"{report.origin}: {report.summary}"), *lines]
 
 
 def _json(report: Report) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the world model holds as JSON, and points of its history as users write them."""
+"""Converts elements and history entries to JSON, and parses points of the history."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TIME_FORMATS = ("%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y
 
 
 def element_json(element: Element) -> dict[str, Any]:
-    """An element: what it has, and its relations by both ids."""
+    """Converts an element to JSON; its relations have both ids."""
     return {
         "id": element.id,
         "type": element.type,
@@ -26,15 +26,15 @@ def element_json(element: Element) -> dict[str, Any]:
 
 
 def relation_json(relation: RelationDict, eid: str = "-1") -> dict[str, str]:
-    """A relation by both ids.
+    """Converts a relation to JSON with both ids.
 
-    :param eid: what "-1" stands for.
+    :param eid: replaces "-1".
     """
     return {part: eid if relation[part] == "-1" else relation[part] for part in ("src", "type", "dst")}
 
 
 def entry_json(entry: HistoryEntry) -> dict[str, Any]:
-    """An entry of the history."""
+    """Converts an entry of the history to JSON."""
     return {
         "number": entry.number,
         "stamp": entry.stamp,
@@ -50,13 +50,13 @@ def entry_json(entry: HistoryEntry) -> dict[str, Any]:
 
 
 def point(text: str, now: float) -> Point:
-    """A point of the history, as users write it.
+    """Parses a point of the history.
 
-    A time of today (`14:05`, `14:05:30`), a date and time (`2026-11-21 14:05`), some time ago (`90s`, `10m`, `2h`,
-    `3d`), s since the epoch with a decimal point, or the number of a change (`#1795243845958443`).
+    Formats: a time of today (`14:05`, `14:05:30`), a date and time (`2026-11-21 14:05`), a time ago (`90s`, `10m`,
+    `2h`, `3d`), s since the epoch with a decimal point, or the number of a change (`#1795243845958443`).
 
-    :param now: the present time (s since the epoch).
-    :raises WrongValue: it is none of these.
+    :param now: the current time (s since the epoch).
+    :raises WrongValue: the text has another format.
     """
     text = text.strip()
     if match := re.fullmatch(r"#?(\d{1,18})", text):
@@ -72,4 +72,4 @@ def point(text: str, now: float) -> Point:
                 return time.mktime(time.strptime(candidate, pattern))
             except (ValueError, OverflowError):
                 continue
-    raise WrongValue(f"{text!r} is no time: expected 14:05, 2026-11-21 14:05, 10m (ago; s, m, h, d) or #NUMBER")
+    raise WrongValue(f"{text!r} is not a time: expected 14:05, 2026-11-21 14:05, 10m (ago; s, m, h, d) or #NUMBER")

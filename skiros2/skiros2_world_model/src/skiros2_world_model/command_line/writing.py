@@ -1,4 +1,4 @@
-"""The commands that change the scene, and those that load and save it."""
+"""The commands `set`, `load` and `save`."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from skiros2_world_model.core.world_model_abstract_interface import WmException,
 
 
 def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Sets or removes a property, relations, the label or the type of an element, in one change."""
+    """Sets or removes a property, relations, the label or the type of an element in one request."""
     context = arguments.context
     element = wm.get_element(arguments.id, context)
     before = element.copy()
     name, values = full_name(arguments.name), arguments.values
     if not values and not arguments.remove:
-        raise WmException(f"{element.id} {name}: the value is missing (--remove takes the property away)")
+        raise WmException(f"{element.id} {name}: the value is missing (--remove removes the property)")
     if arguments.name in ("label", "rdfs:label"):
         element.label = "" if arguments.remove else " ".join(values)
     elif arguments.name in ("type", "rdf:type"):
@@ -42,9 +42,9 @@ def set_values(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen
 
 
 def _is_relation(wm: WorldModelPort, element: Element, name: str, values: list[str], context: str) -> bool:
-    """Whether a name is that of a relation.
+    """Whether a name denotes a relation.
 
-    The ontologies say it; for a name that they do not know, what the element has, or that all values are elements.
+    An undeclared name is a property if the element has such a property, and a relation if all values are elements.
     """
     declared = wm.get_type(name)
     if "owl:ObjectProperty" in declared:
@@ -83,12 +83,12 @@ def _remove_property(element: Element, name: str, values: list[str]) -> None:
 
 
 def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
-    """The value that a text writes, of the type that the property has.
+    """Parses a value of a property.
 
-    For a new one: what the ontologies declare, as which the server reads the text; where they say nothing, the number,
-    bool or quoted text that JSON reads, or the text as it is.
+    The type is that of the existing property. For a new property with a declared datatype, the server parses the text;
+    without one, numbers, bools and quoted texts are parsed as JSON.
 
-    :raises WrongValue: the text is no such value.
+    :raises WrongValue: the text is not a value of that type.
     """
     prop = element._props.get(name)
     if prop is not None and prop.dataType() not in (list, dict):
@@ -106,7 +106,7 @@ def _typed(wm: WorldModelPort, element: Element, name: str, text: str) -> Any:
 
 
 def load(wm: WorldModelPort, arguments: argparse.Namespace, screen: Screen) -> CommandResult:
-    """Replaces a context with what a file says."""
+    """Replaces a context with the content of a file."""
     wm.load(arguments.file, arguments.context)
     file = arguments.file or "its file"
     return CommandResult([f"loaded {file} into context {arguments.context}"], _said(arguments))

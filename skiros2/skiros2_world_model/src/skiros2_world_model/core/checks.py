@@ -1,4 +1,4 @@
-"""Checks of what a request or a file brings: names, values, references."""
+"""Checks of the names, values and references in a request or file."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from skiros2_world_model.core.scene import ElementRecord
 
 log = logging.getLogger(__name__)
 
-#: Names that RDF can always hold. Others are tried.
+#: Names that are always valid in RDF. Other names are validated one by one.
 _PLAIN_NAME = re.compile(r"([a-z]([a-z0-9_.-]*[a-z0-9_-])?)?:?\w[\w.-]*", re.ASCII)
-#: How deep lists and dicts in a value may be nested: far more than anybody needs, far less than JSON can take.
-_MOST_NESTED = 50
-#: How long a whole number may be; Python itself writes none of much more than 10 000 bits.
-_MOST_BITS = 4096
-#: So many unknown names are remembered as told.
-_TOLD_AT_MOST = 10_000
+#: The maximum nesting of lists and dicts in a value, well below the limit of JSON parsers.
+_MAX_NESTING = 50
+#: The maximum size of an integer; Python cannot format integers of much more than 10 000 bits.
+_MAX_BITS = 4096
+#: The maximum number of remembered warnings about unknown names.
+_MAX_WARNED = 10_000
 
 
-#: The kind of a note on a relation between wrong classes; other kinds are those of unknown names.
+#: The kind of a note about a relation between wrong classes; other kinds are of unknown names.
 MISFIT = "misfit"
 
 
 class Checks:
     """The checks of one request.
 
-    Names that the ontologies do not know, and relations between classes that they do not allow, are noted, and warned
-    of at the end; with `strict` they are refused.
+    Unknown names, and relations between classes that the ontologies do not allow, are collected and logged at the end;
+    with `strict` they are refused.
 
-    :param origin: who or what brings the names: an author, or a file.
-    :param told: what was warned of before (origin, kind, name) and is not repeated; None: everything is told.
+    :param origin: the author or file, for messages.
+    :param warned: earlier warnings (origin, kind, name), which are not repeated; None: none.
     """
 
     def __init__(
@@ -49,20 +49,20 @@ class Checks:
         prefixes: Prefixes,
         origin: str,
         strict: bool = False,
-        told: set[tuple[str, str, str]] | None = None,
+        warned: set[tuple[str, str, str]] | None = None,
     ) -> None:
         self._ontology = ontology
         self._prefixes = prefixes
         self._origin = origin
         self._strict = strict
-        self._warned = told
-        self._known: dict[str, str] = {}  # properties in full, by their names as given
+        self._warned = warned
+        self._known: dict[str, str] = {}  # full names of known properties, by given name
         self._unknown: dict[tuple[str, str], list[str]] = {}
 
     def class_name(self, name: str, who: str) -> str:
-        """The class in full.
+        """The full name of a class.
 
-        :raises WrongValue: it cannot be a name.
+        :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "class", who)
         if not self._ontology.has_class(name):
@@ -70,9 +70,9 @@ class Checks:
         return name
 
     def relation_name(self, name: str, who: str) -> str:
-        """The relation in full.
+        """The full name of a relation.
 
-        :raises WrongValue: it cannot be a name.
+        :raises WrongValue: the name is invalid.
         """
         name = self.name(name, "relation", who)
         if not self._ontology.has_relation(name):
@@ -80,17 +80,17 @@ class Checks:
         return name
 
     def relation_ends(self, subject: ElementRecord, relation: str, obj: ElementRecord | None, who: str) -> None:
-        """Notes a relation whose ends are not of the classes of its `rdfs:domain` and `rdfs:range`.
+        """Reports a relation whose ends are not of the classes of its `rdfs:domain` and `rdfs:range`.
 
-        :param obj: None when it is no element of the scene.
+        :param obj: None when it is not an element of the scene.
         """
         for text in self._ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
             self._note(MISFIT, text, who)
 
     def property_name(self, name: str, who: str) -> str:
-        """The property in full.
+        """The full name of a property.
 
-        :raises WrongValue: it cannot be a name, or is kept elsewhere.
+        :raises WrongValue: the name is invalid, or stands for the class or label.
         """
         known = self._known.get(name)
         if known is not None:
@@ -105,10 +105,10 @@ class Checks:
         return name
 
     def individual(self, name: str, who: str) -> str:
-        """The name in full of something that is no element: a template, say.
+        """The full name of an individual that is not an element, such as a template.
 
-        :raises WrongValue: it cannot be a name.
-        :raises UnknownName: it looks like the id of an element.
+        :raises WrongValue: the name is invalid.
+        :raises UnknownName: the name has the form of an element id.
         """
         name = self.name(name, "element", who)
         if re.search(r"-\d+$", name):
@@ -118,9 +118,9 @@ class Checks:
         return name
 
     def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
-        """A property of its own for an element of a class, of the datatype that the ontologies tell.
+        """A copy of a property, converted to the datatype that the ontologies declare for a class.
 
-        :raises WrongType: a value is of another type.
+        :raises WrongType: a value has another type.
         :raises WrongValue: there are more values than allowed.
         """
         key = self.property_name(key, who)
@@ -133,9 +133,9 @@ class Checks:
         return checked
 
     def label(self, text: str, who: str) -> str:
-        """A label.
+        """Checks a label and returns it.
 
-        :raises WrongValue: it is no text that can be written.
+        :raises WrongValue: the text cannot be encoded.
         """
         try:
             _check_plain(str(text), "label")
@@ -144,17 +144,17 @@ class Checks:
         return text
 
     def refuse(self, who: str, what: str, error: SkirosError, done: str = "") -> None:
-        """Something in a file is refused, and so is the file; checks that go on note it.
+        """Refuses a part of a file, and thereby the file. `CollectingChecks` records it instead.
 
-        :param who: the element, "" for the file as a whole.
-        :param what: its property or relation, "" for the element as a whole.
-        :param done: what is done about it when the checks go on.
+        :param who: the element; "": the file as a whole.
+        :param what: its property or relation; "": the element as a whole.
+        :param done: how loading handles it, if the file is not refused.
         :raises SkirosError: the error.
         """
         raise error
 
     def finish(self) -> None:
-        """Warns of the unknown names, once for each, if they were not told before.
+        """Logs each unknown name and each wrong relation once, unless it was logged before.
 
         :raises UnknownName, WrongValue: there are some, and the checks are strict.
         """
@@ -169,14 +169,14 @@ class Checks:
             if self._warned is None or what not in self._warned:
                 log.warning("%s", line)
         if self._warned is not None:
-            if len(self._warned) > _TOLD_AT_MOST:
+            if len(self._warned) > _MAX_WARNED:
                 self._warned.clear()
             self._warned.update(lines)
 
     def name(self, name: Any, kind: str, who: str) -> str:
-        """A name in full, known or not.
+        """The full name, known or not.
 
-        :raises WrongValue: it cannot be a name.
+        :raises WrongValue: the name is invalid.
         """
         if isinstance(name, str):
             if _PLAIN_NAME.fullmatch(name):
@@ -186,11 +186,11 @@ class Checks:
                 if not name.endswith((":", "#")):
                     return self._prefixes.name(node.value)
             except ValueError:
-                pass  # said below
+                pass  # raised below
         raise WrongValue(f"{self._origin}: {who}: {name!r} cannot be the name of a {kind}")
 
     def full(self, name: str) -> str:
-        """A name with its prefix, from an IRI too."""
+        """The name with its prefix, for a name or an IRI."""
         return self._prefixes.name(name) if is_iri(name) else full_name(name)
 
     def _note(self, kind: str, name: str, who: str) -> None:
@@ -207,17 +207,17 @@ def noted(kind: str, name: str) -> str:
 def made_property(
     key: str, values: Iterable[Any], limits: tuple[str, int | None] = ("", None), empty_type: type = str
 ) -> Property:
-    """A property with those values.
+    """Creates a property, converting its values to the datatype.
 
-    :param limits: the datatype ("": any), and the highest number of values (None: any).
-    :param empty_type: its type when there is no value and the datatype tells none.
-    :raises WrongType: a value is not of the datatype.
+    :param limits: the datatype ("": any), and the maximum number of values (None: any).
+    :param empty_type: the type of a property without values and datatype.
+    :raises WrongType: a value cannot be converted to the datatype.
     :raises WrongValue: there are too many values.
     """
     datatype, most = limits
     given = list(values)
     if PYTHON_TYPES.get(datatype, str) is not str:
-        given = [v for v in given if v != ""]  # how scenes in the field write a number that is not known
+        given = [v for v in given if v != ""]  # existing scenes write an unknown number as ""
     if most is not None and len(given) > most:
         raise WrongValue(f"{key} has {len(given)} values {format_value(given)}, allowed are {most}")
     if datatype in PYTHON_TYPES:
@@ -240,7 +240,7 @@ def made_property(
 
 
 def _as_python(value: Any) -> Any:
-    """Numbers and bools of other libraries as Python's; other values as they are."""
+    """Converts numbers and bools of other libraries to Python's; returns other values unchanged."""
     if isinstance(value, (str, bool, int, float, list, dict)):
         return value
     for kind in (bool, int, float):
@@ -252,7 +252,7 @@ def _as_python(value: Any) -> Any:
 
 
 def _check_plain(value: Any, key: str, depth: int = 0) -> None:
-    """Raises when a value cannot be written, as RDF and in messages."""
+    """Raises an error for a value that RDF or messages cannot hold."""
     if type(value) is float:
         return
     if isinstance(value, str):
@@ -262,12 +262,12 @@ def _check_plain(value: Any, key: str, depth: int = 0) -> None:
             except UnicodeEncodeError as error:
                 raise WrongValue(f"{key}: {format_value(value)} is no text: {error.reason}") from None
     elif isinstance(value, (list, tuple, dict)):
-        if depth == _MOST_NESTED:
-            raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MOST_NESTED} levels")
+        if depth == _MAX_NESTING:
+            raise WrongValue(f"{key}: lists and dicts are nested deeper than {_MAX_NESTING} levels")
         for item in value.values() if isinstance(value, dict) else value:
             _check_plain(item, key, depth + 1)
-    elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
-        raise WrongValue(f"{key}: a number of more than {_MOST_BITS} bits")
+    elif isinstance(value, int) and value.bit_length() > _MAX_BITS:
+        raise WrongValue(f"{key}: a number of more than {_MAX_BITS} bits")
     elif not isinstance(value, (int, float)) and (value is not None or not depth):
         raise WrongType(
             f"{key}: expected text, numbers, bools, lists or dicts, got {type(value).__name__} {format_value(value)}"

@@ -1,4 +1,4 @@
-"""The elements that several parameters may have together."""
+"""Combinations of elements for several parameters."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from skiros2_common.core.world_element import Element, RelationDict
 if TYPE_CHECKING:
     from skiros2_world_model.core.world_model_client import WorldModelAbstractInterface
 
-#: Whether a row of elements, by key, fits a relation.
+#: Whether a row of elements, by key, satisfies a relation.
 _Test = Callable[[dict[str, Element]], bool]
 
 
 def combinations(wm: WorldModelAbstractInterface, keys: Sequence[str], params: Any) -> Any:
-    """The combinations of elements of the scene that fit the abstract elements of some parameters and their relations.
+    """The combinations of elements that match the abstract elements of parameters and their relations.
 
     :param params: a `ParamHandler`.
-    :returns: an array of objects; a row for each combination, a column for each key.
+    :returns: an array of objects with a row for each combination and a column for each key.
     """
-    import numpy  # as a client that never asks need not load it
+    import numpy  # only clients that call this need it
 
     links = [link for key in keys for link in _links(wm, key, keys, params)]
     rows: list[dict[str, Element]] = [{}]
@@ -38,7 +38,7 @@ def combinations(wm: WorldModelAbstractInterface, keys: Sequence[str], params: A
 
 
 def _choices(wm: WorldModelAbstractInterface, key: str, params: Any) -> list[Element]:
-    """The elements that one parameter may have."""
+    """The candidates for one parameter."""
     value = _element(key, params)
     if value is None:
         return []
@@ -48,7 +48,7 @@ def _choices(wm: WorldModelAbstractInterface, key: str, params: Any) -> list[Ele
 def _links(
     wm: WorldModelAbstractInterface, key: str, keys: Sequence[str], params: Any
 ) -> Iterator[tuple[frozenset[str], _Test]]:
-    """For each relation noted on an abstract element, the keys that it is about and its test."""
+    """For each relation of an abstract element, the keys that it refers to and its test."""
     value = _element(key, params)
     if value is None or not value.isAbstract():
         return
@@ -59,9 +59,9 @@ def _links(
 
 
 def _test(wm: WorldModelAbstractInterface, key: str, other: str, relation: RelationDict, far: Element | None) -> _Test:
-    """Whether a row fits a relation.
+    """Creates the test of a relation on a row.
 
-    :param far: the relation's other end where the row does not have it.
+    :param far: the other end of the relation, if the row does not have it.
     """
 
     def holds(row: dict[str, Element]) -> bool:

@@ -1,4 +1,4 @@
-"""Datatypes of RDF and the Python values in them. Also for clients on Debian's Python, which has no RDF store."""
+"""RDF datatypes and their Python values. Must not import an RDF library: clients on Debian's Python have none."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _INTEGERS = (
 )
 _TEXTS = ("string", "normalizedString", "token", "anyURI")
 
-#: The Python type of the values of a datatype, by the datatype's name. Other datatypes hold text.
+#: The Python types of datatypes, by name. Values of other datatypes are texts.
 PYTHON_TYPES: dict[str, type] = {
     **{f"xsd:{name}": float for name in _FLOATS},
     **{f"xsd:{name}": int for name in _INTEGERS},
@@ -40,10 +40,10 @@ _OWN_DATATYPES: dict[type, str] = {float: "double", int: "integer", bool: "boole
 
 
 def as_datatype(value: Any, datatype: str) -> Any:
-    """A value as one of a datatype: texts of numbers and bools, which scenes in the field hold, become such.
+    """Converts a value to a datatype, including texts of numbers and bools, which existing scenes contain.
 
-    :param datatype: a name such as `xsd:float`; one that is not known takes anything.
-    :raises WrongType: it is another kind of value.
+    :param datatype: a name such as `xsd:float`; an unknown one accepts any value.
+    :raises WrongType: the value cannot be converted.
     """
     kind = PYTHON_TYPES.get(datatype)
     if kind is None:
@@ -61,7 +61,7 @@ def as_datatype(value: Any, datatype: str) -> Any:
 def literal_parts(value: Any, datatype: str = "") -> tuple[str, str]:
     """The text of a value's literal, and the IRI of its datatype.
 
-    :param datatype: the datatype it should have, such as `xsd:float`; the value's own when it does not fit.
+    :param datatype: the desired datatype, such as `xsd:float`; ignored when the value does not fit it.
     """
     if isinstance(value, (list, dict, tuple)) or value is None:
         return json.dumps(value, sort_keys=True, default=str), RDF + "JSON"

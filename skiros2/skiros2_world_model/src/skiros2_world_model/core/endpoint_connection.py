@@ -17,20 +17,19 @@ from skiros2_common.core.errors import Refused, SkirosError, TimedOut, WrongValu
 _ANSWERS = "application/sparql-results+json, application/n-triples;q=0.9, text/turtle;q=0.8"
 _FORM = "application/x-www-form-urlencoded"
 _UPDATE = "application/sparql-update; charset=UTF-8"
-#: An answer that is larger is given up.
+#: The maximum size of an answer.
 _MOST_BYTES = 1 << 28
-#: So much of what a server says about a mistake is told.
-_TOLD_AT_MOST = 500
+#: The maximum length of a quoted error message of the server (bytes).
+_MAX_QUOTE = 500
 
 
 class EndpointConnection(SPARQLUpdateStore):
-    """rdflib's store over an endpoint, with a time limit, and with the server's own words when it refuses something.
+    """rdflib's store for an endpoint, extended by a timeout and the server's error messages.
 
-    rdflib alone waits for ever, and drops what the server says. Safe to use from all threads through `query` and
-    `update`, as each call is a request of its own.
+    `query` and `update` are thread-safe, as each call is a separate HTTP request.
 
     :param query_url, update_url: the endpoint; `http://user:password@host/...` logs in.
-    :param seconds: how long an answer may take.
+    :param seconds: the timeout of an answer (s).
     """
 
     def __init__(self, query_url: str, update_url: str, seconds: float) -> None:
@@ -39,11 +38,11 @@ class EndpointConnection(SPARQLUpdateStore):
         self._seconds = seconds
 
     def send(self, update: str) -> None:
-        """Sends an update, now and whole.
+        """Sends an update immediately, in one request.
 
-        :raises WrongValue: the server does not understand it.
+        :raises WrongValue: the server cannot parse it.
         :raises Refused: the server cannot be reached, or refuses it.
-        :raises TimedOut: it does not answer in time.
+        :raises TimedOut: the server does not answer in time.
         """
         self._post(self._update_url, update, _UPDATE)
 
@@ -52,15 +51,15 @@ class EndpointConnection(SPARQLUpdateStore):
         content, kind = self._post(self._query_url, urllib.parse.urlencode(fields), _FORM)
         try:
             return Result.parse(BytesIO(content), content_type=kind)
-        except Exception as error:  # whatever the parsers of rdflib raise on what is no answer
+        except Exception as error:  # rdflib's parsers raise various exceptions
             url = without_password(self._query_url)
-            raise Refused(f"SPARQL endpoint {url} answered what is no result of a query ({kind}): {error}") from None
+            raise Refused(f"SPARQL endpoint {url} did not answer with a query result ({kind}): {error}") from None
 
     def _update(self, update: str) -> None:
         self.send(update)
 
     def _post(self, url: str, text: str, kind: str) -> tuple[bytes, str]:
-        """The answer to a request, and its media type."""
+        """Sends a POST request. Returns the answer and its media type."""
         plain, login = _parted(url)
         headers = {"Content-Type": kind, "Accept": _ANSWERS, **login}
         where = f"SPARQL endpoint {without_password(url)}"
@@ -85,19 +84,19 @@ class EndpointConnection(SPARQLUpdateStore):
 
 
 def without_password(url: str) -> str:
-    """A URL without the password that may be in it."""
+    """A URL without user and password."""
     return _parted(url)[0]
 
 
 def _refusal(where: str, error: urllib.error.HTTPError) -> SkirosError:
     with error:
-        said = error.read(_TOLD_AT_MOST).decode(errors="replace").strip()
-    text = f"{where} answered {error.code} {error.reason}: {said}"
+        message = error.read(_MAX_QUOTE).decode(errors="replace").strip()
+        text = f"{where} answered {error.code} {error.reason}: {message}"
     return WrongValue(text) if error.code == http.client.BAD_REQUEST else Refused(text)
 
 
 def _parted(url: str) -> tuple[str, dict[str, str]]:
-    """A URL without user and password, and the header that has them."""
+    """A URL without user and password, and the HTTP header with them."""
     parts = urllib.parse.urlsplit(url)
     user, at, host = parts.netloc.rpartition("@")
     login = base64.b64encode(urllib.parse.unquote(user).encode()).decode()

@@ -1,4 +1,4 @@
-"""The contexts of a world model in a SPARQL 1.1 endpoint, beside what the endpoint has already."""
+"""A triple store in a SPARQL 1.1 endpoint, which may hold other graphs, too."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from skiros2_world_model.core.triple_store import (
     graph_of,
 )
 
-#: So many triples go into one request.
+#: The maximum number of triples in one request.
 _CHUNK = 5_000
 
-#: Requests are put together until they have so many letters.
+#: Requests are joined up to this length (characters).
 _LARGE = 1_000_000
 
-#: Blank nodes have no name that a later request could use, so they are stored as IRIs that begin like this.
+#: The prefix of IRIs that replace blank nodes, as later requests cannot refer to blank nodes.
 _BLANK = "urn:skiros:blank:"
 
-#: Whose graphs these are, and which there are: `<session> rdf:value "name"`, `<session> rdfs:member <graph>`.
+#: The graph with the owner and the list of our graphs: `<session> rdf:value "name"; rdfs:member <graph>`.
 _SESSION = "<urn:skiros:session>"
 
 _VALUE, _MEMBER, _TYPE = f"<{RDF}value>", f"<{RDFS}member>", f"<{RDF}type>"
 
-#: What the index over the ontologies can read of the endpoint's own: names, as blank nodes cannot be asked for.
+#: Selects declarations from the endpoint's own graphs, without blank nodes, to which no later query can refer.
 _KNOWLEDGE = f"""PREFIX owl: <{OWL}> PREFIX rdfs: <{RDFS}> PREFIX rdf: <{RDF}>
 SELECT DISTINCT ?s ?p ?o {{
   {{ VALUES ?o {{ owl:Ontology owl:Class rdfs:Class owl:ObjectProperty owl:DatatypeProperty rdf:Property }}
@@ -53,16 +53,16 @@ SELECT DISTINCT ?s ?p ?o {{
 class EndpointStore:
     """The contexts as named graphs `urn:skiros:context:<name>` of an endpoint. See `TripleStore`.
 
-    What the endpoint holds besides is left alone and can be queried. Changes wait until somebody asks, and then go to
-    the endpoint in large requests. While it is down questions are refused; when it is back, or another one is in its
-    place, it is given all anew. The ontologies are kept in memory too, where they alone are asked for.
+    Other graphs of the endpoint stay unchanged and can be queried. Changes are queued and sent in large requests before
+    the next query. While the endpoint is down, queries are refused; when it is back, or was replaced, all contexts are
+    written again. The ontologies are also kept in memory, for queries of `ontology` only.
 
-    One world model uses an endpoint: two that do would take each other's graphs.
+    Only one world model may use an endpoint at a time.
 
-    :param query_url, update_url: the endpoint; "" as the second: one URL takes both.
-    :param seconds: how long it may take to answer.
-    :param rows: a query that has more is refused.
-    :raises ConfigurationError: it cannot be used.
+    :param query_url, update_url: the endpoint; "" as the second: the first URL takes updates, too.
+    :param seconds: the timeout of an answer (s).
+    :param rows: the maximum number of rows of a query.
+    :raises ConfigurationError: the endpoint cannot be used.
     """
 
     def __init__(
@@ -74,10 +74,10 @@ class EndpointStore:
         self._ontologies = OxigraphStore(seconds, rows)
         self._name = str(uuid.uuid4())
         self._sending = threading.Lock()  # held while the endpoint is written to
-        self._lock = threading.RLock()  # of what follows; never held while somebody waits for the endpoint
-        self._requests: list[str] = []  # that the endpoint has not had yet
-        self._lost = True  # whether it may not have what it was given
-        self._marked = False  # whether it was marked as ours since
+        self._lock = threading.RLock()  # guards the fields below; never held while waiting for the endpoint
+        self._requests: list[str] = []  # not sent yet
+        self._lost = True  # whether the endpoint may have lost our graphs
+        self._claimed = False  # whether our session graph has been written
         self.generation = 0
         try:
             self.prepare()
@@ -88,13 +88,13 @@ class EndpointStore:
             raise ConfigurationError(str(error)) from None
 
     def prepare(self) -> None:
-        """Sees to it that the endpoint is there, and that it will have what it was given."""
+        """Checks that the endpoint answers and still has our graphs; otherwise starts again."""
         with self._sending:
             found = self._ask(f"SELECT ?name {{ GRAPH {_SESSION} {{ {_SESSION} {_VALUE} ?name }} }}")
             names = {str(row[0]) for row in found}
             if self.generation and names - {self._name}:
                 raise Refused(f"SPARQL endpoint {without_password(self._url)} is used by another world model now")
-            if self._lost or (self._marked and not names):
+            if self._lost or (self._claimed and not names):
                 self._restart()
 
     def knowledge(self) -> list[ox.Triple]:
@@ -150,10 +150,10 @@ class EndpointStore:
         return [tuple(map(_read, row)) for row in self._ask(query, graph, namespaces)]
 
     def _restart(self) -> None:
-        """Whatever the endpoint has of a world model goes; the contexts are to be given to it again."""
+        """Drops all graphs of world models; the contexts must be written again."""
         graphs = self._ask(f"SELECT ?graph {{ GRAPH {_SESSION} {{ {_SESSION} {_MEMBER} ?graph }} }}")
         with self._lock:
-            self._lost = self._marked = False
+            self._lost = self._claimed = False
             self.generation += 1
             self._requests = [f"DROP SILENT GRAPH <{row[0]}>" for row in graphs]
             self._enqueue(f"DROP SILENT GRAPH {_SESSION}")
@@ -166,22 +166,22 @@ class EndpointStore:
 
     def _enqueue(self, request: str) -> None:
         with self._lock:
-            if not self._lost:  # else it will be given all anew
+            if not self._lost:  # else everything will be written again
                 self._requests.append(request)
 
     def _send(self) -> None:
-        """Sends what waits, in its order.
+        """Sends the queued requests in order.
 
-        :raises SkirosError: that is not possible; the endpoint is to be given all anew.
+        :raises SkirosError: sending failed; all contexts must be written again.
         """
         with self._sending:
             while True:
                 with self._lock:
                     if self._lost:
-                        raise Refused(f"SPARQL endpoint {without_password(self._url)} was lost a moment ago; ask again")
+                        raise Refused(f"SPARQL endpoint {without_password(self._url)} has just been lost; try again")
                     count = _fitting(self._requests)
                     batch, self._requests = self._requests[:count], self._requests[count:]
-                    self._marked = self._marked or not batch
+                    self._claimed = self._claimed or not batch
                 if not batch:
                     return
                 try:
@@ -194,9 +194,9 @@ class EndpointStore:
     def _ask(
         self, query: str, graph: URIRef | None = None, namespaces: Mapping[str, str] | None = None
     ) -> list[tuple[Any, ...]]:
-        """The rows of a query, in the terms of rdflib.
+        """Runs a query. Returns its rows in the terms of rdflib.
 
-        :param graph: the one to ask; None asks all.
+        :param graph: the graph to query; None: all.
         """
         result = self._connection.query(query, initNs=namespaces, queryGraph=graph)
         if result.type == "ASK":
@@ -206,7 +206,7 @@ class EndpointStore:
         return rows
 
     def _check_graphs(self) -> None:
-        """Whether the endpoint knows graphs as we need them.
+        """Checks that the endpoint supports graphs as required.
 
         :raises Refused: it does not.
         """
@@ -228,7 +228,7 @@ def _chunks(texts: Iterable[str]) -> Iterator[list[str]]:
 
 
 def _fitting(requests: Sequence[str]) -> int:
-    """How many of the requests make one that is not too large; one at least."""
+    """The number of requests to join into the next one; at least one."""
     size = count = 0
     for request in requests:
         size += len(request)
@@ -247,7 +247,7 @@ def _written(triple: ox.Triple) -> str:
 
 
 def _read(term: Any) -> Any:
-    """A term of rdflib as the store's; what was a blank node is one again."""
+    """Converts a term of rdflib to the store's, and restores blank nodes."""
     found = store_term(term)
     if isinstance(found, ox.NamedNode) and found.value.startswith(_BLANK):
         return ox.BlankNode(found.value.removeprefix(_BLANK))

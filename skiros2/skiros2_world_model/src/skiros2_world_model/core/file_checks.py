@@ -1,4 +1,4 @@
-"""Checks of a file: everything that is wrong in it at once, with its line and what was done about it."""
+"""Checks of a file that collect all flaws, with their lines and how loading handles them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ LEFT_OUT = "left out"
 
 @dataclass(frozen=True)
 class Flaw:
-    """Something in a file that is not as it should be, and what loading it does about that."""
+    """A flaw in a file, and how loading handles it."""
 
     finding: Finding
     done: str
 
 
 class CollectingChecks(Checks):
-    """Checks that note what is wrong and go on."""
+    """Checks that collect flaws instead of raising errors."""
 
     def __init__(self, knowledge_base: KnowledgeBase, origin: str, strict: bool) -> None:
         super().__init__(knowledge_base.index, knowledge_base.prefixes, origin, strict)
@@ -40,7 +40,7 @@ class CollectingChecks(Checks):
 
     def refuse(self, who: str, what: str, error: SkirosError, done: str = LEFT_OUT) -> None:
         text = str(error).removeprefix(f"{self._origin}: ")
-        if text.startswith((f"{who}: ", f"{who} {what} ")):  # the element, or the relation, which is told beside it
+        if text.startswith((f"{who}: ", f"{who} {what} ")):  # the finding names them itself
             text = text.partition(": ")[2]
         text = text.removeprefix(f"{what}: ")
         self.flaws.append(Flaw(Finding(VIOLATION, self._origin, who, what, text), done))
@@ -48,46 +48,46 @@ class CollectingChecks(Checks):
     def finish(self) -> None:
         severity = VIOLATION if self._strict else WARNING
         for (kind, name), users in self._unknown.items():
-            element, *place = users[0].split(" ")  # an element, or a relation
-            prop = place[0] if place else name if kind in ("property", "relation") else ""
+            element, *predicate = users[0].split(" ")  # an element, or a relation
+            prop = predicate[0] if predicate else name if kind in ("property", "relation") else ""
             others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
             finding = Finding(severity, self._origin, element, prop, f"{noted(kind, name)}{others}")
             self.flaws.append(Flaw(finding, KEPT))
 
 
 class FileChecks(CollectingChecks):
-    """Checks of a file that is loaded: flaws are one warning; with `strict` they refuse the file."""
+    """Checks of a loaded file: all flaws are logged in one warning; with `strict` they refuse the file."""
 
     def __init__(self, knowledge_base: KnowledgeBase, path: Path, strict: bool) -> None:
         super().__init__(knowledge_base, str(path), strict)
         self._path = path
 
     def finish(self) -> None:
-        """Warns of all flaws at once.
+        """Logs all flaws in one warning.
 
-        :raises WrongValue: there are some, and the checks are strict; the text has all of them.
+        :raises WrongValue: there are flaws, and the checks are strict; the text lists all of them.
         """
         super().finish()
         if not self.flaws:
             return
         lines = SourceLines(self._path)
-        told = "\n    ".join(self._told_of(flaw, lines) for flaw in self.flaws)
+        text = "\n    ".join(self._format(flaw, lines) for flaw in self.flaws)
         count = f"{len(self.flaws)} flaw{'s' if len(self.flaws) > 1 else ''}"
         if self._strict:
-            raise WrongValue(f"{self._path}: refused with {count}:\n    {told}")
-        log.warning("%s: loaded with %s:\n    %s", self._path, count, told)
+            raise WrongValue(f"{self._path}: refused with {count}:\n    {text}")
+        log.warning("%s: loaded with %s:\n    %s", self._path, count, text)
 
-    def _told_of(self, flaw: Flaw, lines: SourceLines) -> str:
+    def _format(self, flaw: Flaw, lines: SourceLines) -> str:
         found = flaw.finding
         line = lines.find(found.element, found.property)
-        place = f"{self._path}, line {line}" if line else str(self._path)
+        location = f"{self._path}, line {line}" if line else str(self._path)
         what = " ".join(part for part in (found.element, found.property) if part)
         done = "" if self._strict else f"; {flaw.done}"
-        return ": ".join(part for part in (place, what, found.text) if part) + done
+        return ": ".join(part for part in (location, what, found.text) if part) + done
 
 
 class SourceLines:
-    """The lines of a Turtle or RDF/XML file on which names stand."""
+    """Finds the lines of names in a Turtle or RDF/XML file."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -96,7 +96,7 @@ class SourceLines:
             self._lines = []
 
     def find(self, element: str, prop: str = "") -> int | None:
-        """The line, from 1, where an element is described, or its property there; None when none is found."""
+        """The line number (from 1) of an element's description, or of its property there; None when it is not found."""
         if not element:
             return None
         name = _token(element)

@@ -1,8 +1,8 @@
 """Names and IRIs: `skiros:Robot` stands for `http://rvmi.aau.dk/ontologies/skiros.owl#Robot`.
 
-In memory and on the wire everything has a name, `prefix:Local`; IRIs exist only where RDF is read, written or queried.
-The prefix of an ontology is the last segment of its IRI, in lower case and without extension; its namespace is the IRI
-with `#`. Prefix declarations inside files are the files' own business and never change these.
+In memory and in messages everything has a name, `prefix:Local`; IRIs are used only to read, write and query RDF. The
+prefix of an ontology is the last segment of its IRI, in lower case and without extension; its namespace is the IRI
+followed by `#`. Prefix declarations in files have no effect outside the file.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 OWL = "http://www.w3.org/2002/07/owl#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 
-#: The vocabularies that RDF and OWL themselves are written in.
+#: The standard vocabularies of RDF and OWL.
 STANDARD = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD}
 
-#: Where a prefix that no ontology has gets its namespace, so that the rule above leads back to the prefix.
+#: The namespace of an undeclared prefix, chosen so that the rule above maps it back to the prefix.
 _UNKNOWN = "http://rvmi.aau.dk/ontologies/{}.owl#"
 
-#: What Turtle and SPARQL take as a prefix (PN_PREFIX of their grammars).
+#: A prefix in Turtle and SPARQL (PN_PREFIX in their grammars).
 _LETTERS = (
     "A-Za-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f\u2c00-\u2fef"
     "\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
@@ -39,10 +39,10 @@ def prefix_of(ontology_iri: str) -> str:
 
 
 class Prefixes:
-    """The namespaces that are known, and names from IRIs and back.
+    """The known namespaces and their prefixes; converts between names and IRIs.
 
-    The first namespace to claim a prefix has it. Names in a namespace without a prefix stay whole IRIs, which work as
-    names everywhere. Reading is safe in all threads; adding happens under the lock of the world model.
+    The first namespace to claim a prefix gets it. Names in a namespace without a prefix stay IRIs, which are valid
+    names everywhere. Reading is thread-safe; adding requires the lock of the world model.
     """
 
     def __init__(self) -> None:
@@ -50,21 +50,18 @@ class Prefixes:
         self._prefixes: dict[str, str] = {namespace: prefix for prefix, namespace in STANDARD.items()}
 
     def namespaces(self) -> dict[str, str]:
-        """Namespace by prefix, with the empty prefix for the default one."""
+        """The namespaces by prefix, with the empty prefix for the default namespace."""
         known = dict(self._namespaces)
         if DEFAULT_PREFIX in known:
             known[""] = known[DEFAULT_PREFIX]
         return known
 
     def add_ontology(self, iri: str) -> str:
-        """Gives an ontology its prefix, unless another namespace has it, and returns its prefix or namespace."""
+        """Assigns an ontology its prefix, unless it is taken. Returns its prefix, or else its namespace."""
         return self.add_namespace(iri.rstrip("#") + "#")
 
     def add_namespace(self, namespace: str) -> str:
-        """Gives a namespace the prefix that the rule says; returns it, or the namespace when it cannot have it.
-
-        Another namespace may have it, or what the rule says is no prefix for RDF.
-        """
+        """Assigns a namespace its prefix. Returns the prefix, or the namespace when the prefix is taken or invalid."""
         known = self._prefixes.get(namespace)
         if known is not None:
             return known
@@ -76,17 +73,17 @@ class Prefixes:
         return prefix
 
     def remove(self, prefix: str) -> None:
-        """Forgets a prefix; nothing happens when it is not known."""
+        """Removes a prefix; no effect when it is unknown."""
         namespace = self._namespaces.pop(prefix, None)
         if namespace is not None:
             self._prefixes.pop(namespace, None)
 
     def has(self, prefix: str) -> bool:
-        """Whether a namespace has that prefix."""
+        """Whether a prefix is assigned."""
         return prefix in self._namespaces
 
     def name(self, iri: str) -> str:
-        """The name of an IRI. A `#` namespace that is seen for the first time gets its prefix now."""
+        """The name of an IRI. Assigns a prefix to an unknown `#` namespace."""
         namespace, mark, local = iri.rpartition("#")
         if not mark or not local:
             return iri
@@ -98,7 +95,7 @@ class Prefixes:
         return f"{prefix}:{local}"
 
     def iri(self, name: str) -> str:
-        """The IRI of a name, or of an IRI itself. An unknown prefix gets a namespace now."""
+        """The IRI of a name or IRI. Assigns a namespace to an unknown prefix."""
         prefix, colon, local = name.partition(":")
         namespace = self._namespaces.get(prefix) if colon else None
         if namespace is not None:
@@ -112,5 +109,5 @@ class Prefixes:
 
 
 def is_iri(text: str) -> bool:
-    """Whether a text is a whole IRI, not `prefix:Name`."""
+    """Whether a text is an IRI, not `prefix:Name`."""
     return "://" in text or text.startswith("urn:")

@@ -126,7 +126,7 @@ class PreviewCopy(WorldModelAbstractInterface):
     def _transact(self, operations: Sequence[Operation], context: str) -> Outcome:
         with self._lock:
             # Prefixes matter only for names that are IRIs; a scene has none.
-            checks = Checks(self._ontology, Prefixes(), self.author, told=self._warned)
+            checks = Checks(self._ontology, Prefixes(), self.author, warned=self._warned)
             transaction = Transaction(self._scene, self._ontology, checks, self.author)
             self._scene.begin()
             try:

@@ -1,4 +1,4 @@
-"""What can be asked of a scene together with the ontologies: the same on the server, in process and in a replica."""
+"""Queries on a scene and the ontologies, shared by the server, the in-process adapter and replicas."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from skiros2_world_model.core.changes import relation_dict
 from skiros2_world_model.core.ontology import Ontology
 from skiros2_world_model.core.scene import Scene
 
-#: So many elements are looked at one by one, before an index over a property's values is made for them.
+#: Up to this number of candidates are filtered one by one, without an index of property values.
 _FEW = 100
 
 
 def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]:
-    """The ids of the elements of the class or under it, with that label (if given) and those property values.
+    """The ids of the elements that match an abstract element by class, label and property values.
 
-    A value that is "" or None matches any.
+    An empty label, and a value "" or None, matches any.
     """
     any_type = wanted.type in ANY_TYPE
     types = frozenset[str]() if any_type else ontology.subclasses(full_name(wanted.type))
@@ -40,9 +40,9 @@ def matching_ids(scene: Scene, ontology: Ontology, wanted: Element) -> list[str]
 
 
 def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = "") -> list[str]:
-    """An element and what is under it along a relation and those under it, nearest first.
+    """An element and its descendants along a relation and its subproperties, nearest first.
 
-    :param type_filter: only elements of this class or under it; "" takes all.
+    :param type_filter: returns only elements of this class or its subclasses; "": all.
     """
     predicates = ontology.subproperties(full_name(relation_filter)) if relation_filter else None
     found = {root: None}
@@ -61,7 +61,7 @@ def branch_ids(scene: Scene, ontology: Ontology, root: str, relation_filter: str
 def cascade_ids(
     scene: Scene, ontology: Ontology, root: str, relation_filter: str, type_filter: str = ""
 ) -> list[str]:
-    """An element and what is under it, without what something else holds too: what goes when it is removed.
+    """The elements to remove with an element: its descendants that no other element holds.
 
     :param relation_filter, type_filter: as for `branch_ids`.
     """
@@ -78,13 +78,13 @@ def cascade_ids(
 
 
 def relations_between(scene: Scene, ontology: Ontology, src: str, pred: str, dst: str) -> Iterator[RelationDict]:
-    """The relations whose predicate is that one or under it; an empty part matches any."""
+    """The relations along a predicate and its subproperties; an empty part matches any."""
     for found in scene.relations(src, _predicates(ontology, pred), dst):
         yield relation_dict(*found)
 
 
 def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst: Element) -> bool:
-    """Whether the relation, or one under it, holds; a side without id stands for any element like it."""
+    """Whether a relation or one of its subproperties holds; a side without id stands for any matching element."""
     predicates = ontology.subproperties(pred)
     if src.id and dst.id:
         return scene.related(src.id, pred, dst.id) or any(scene.related(src.id, p, dst.id) for p in predicates)
@@ -102,13 +102,13 @@ def holds_between(scene: Scene, ontology: Ontology, src: Element, pred: str, dst
 
 
 def is_like(scene: Scene, ontology: Ontology, eid: str, wanted: Element) -> bool:
-    """Whether an element is of the class, has the label and the property values of an abstract one."""
+    """Whether an element matches an abstract element."""
     record = scene.record(eid)
     return record is not None and describes(ontology, wanted, record.type, record.label, record.properties)
 
 
 def describes(ontology: Ontology, wanted: Element, etype: str, label: str, properties: Mapping[str, Property]) -> bool:
-    """Whether an abstract element describes something of that class, label and properties."""
+    """Whether an abstract element matches a class, label and properties."""
     return (
         (wanted.type in ANY_TYPE or ontology.is_subclass(etype, full_name(wanted.type)))
         and wanted.label in ("", label)
@@ -119,7 +119,7 @@ def describes(ontology: Ontology, wanted: Element, etype: str, label: str, prope
 def _fewest(
     scene: Scene, groups: Sequence[Collection[str]], values: list[tuple[str, list[Any]]]
 ) -> Sequence[Collection[str]]:
-    """Groups of ids in which are all elements that have some values: the given ones, or those of a rarer value."""
+    """Groups of candidate ids: the given groups, or smaller ones from an index of a value."""
     count = sum(map(len, groups))
     for key, asked in values:
         for value in asked:
@@ -132,7 +132,7 @@ def _fewest(
 
 
 def _values(wanted: Element) -> list[tuple[str, list[Any]]]:
-    """The values that an abstract element asks for, by property."""
+    """The values that an abstract element requires, by property."""
     asked = ((full_name(key), [v for v in prop.values if v not in ("", None)]) for key, prop in wanted._props.items())
     return [(key, values) for key, values in asked if values]
 
@@ -155,10 +155,10 @@ def _predicates(ontology: Ontology, pred: str) -> frozenset[str] | None:
 
 
 def containment_cycle(scene: Scene, predicates: Collection[str], below: Iterable[str]) -> list[str]:
-    """Elements each of which is in the next, the first named again at the end; [] when none is in itself.
+    """A containment cycle: ids of elements, each contained in the next, ending with the first; [] when there is none.
 
     :param predicates: the relations that place their object in their subject.
-    :param below: looks at these elements and at what they are in; each is looked at once.
+    :param below: the elements from which to search upwards.
     """
     done: set[str] = set()
     for start in below:
@@ -179,6 +179,6 @@ def containment_cycle(scene: Scene, predicates: Collection[str], below: Iterable
 
 
 def format_cycle(cycle: Sequence[str]) -> str:
-    """A cycle as a text; of a long one the ends."""
+    """Formats a cycle; a long one is abbreviated."""
     ids = cycle if len(cycle) <= 8 else [*cycle[:4], "...", *cycle[-3:]]
     return " in ".join(ids)

@@ -1,4 +1,4 @@
-"""The answer to a SPARQL query as a table of names and Python values."""
+"""Converts the answer to a SPARQL query to a table of names and Python values."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from skiros2_common.core.property import from_text
 from skiros2_world_model.core.datatypes import PYTHON_TYPES
 from skiros2_world_model.core.prefixes import Prefixes
 
-#: Terms as N3 writes them, or nothing.
+#: A term in N3, or nothing.
 _TERM = re.compile(r'<[^>]*>|"(?:[^"\\]|\\.)*"(?:\^\^<[^>]*>|@[\w-]+)?|[^\s<"]\S*|')
 _LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"(?:\^\^<([^>]*)>|@[\w-]+)?', re.DOTALL)
 _ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
 
 
 class Asked(Protocol):
-    """What answers queries: a world model, or the ontologies alone."""
+    """A client that answers queries."""
 
     def query_ontology(self, query: str, cut_prefix: bool = True, context: str = "") -> list[str]: ...
 
 
 def query_table(wm: Asked, sparql: str, context: str = "") -> tuple[list[str], list[list[Any]]]:
-    """What a query gives: the names of the columns (none when the query does not list them), and the rows.
+    """Runs a query. Returns the names of the columns and the rows.
 
-    A cell is a name, a Python value, or None where nothing is bound.
+    A cell is a name, a Python value, or None where nothing is bound. The names are [] if the query does not list them.
 
-    :param context: the one to ask; "" asks all.
-    :raises WmException: the query cannot be answered, or there is no such context.
+    :param context: the context to query; "": all.
+    :raises WmException: the query cannot be answered, or the context does not exist.
     """
     prefixes = Prefixes()
     rows = [[_value(term, prefixes) for term in _terms(row)] for row in wm.query_ontology(sparql, False, context)]
@@ -37,7 +37,7 @@ def query_table(wm: Asked, sparql: str, context: str = "") -> tuple[list[str], l
 
 
 def _variables(sparql: str) -> list[str]:
-    """The names of a query's columns; none when they are not listed."""
+    """The names of a query's columns; [] when it does not list them."""
     text = re.sub(r"#[^\n]*(?=\n)|<[^>\s]*>", " ", sparql)
     match = re.search(r"\bSELECT\b\s*(?:DISTINCT\b|REDUCED\b)?(.*?)(?:\bFROM\b|\bWHERE\b|\{)", text, re.S | re.I)
     if match is None:
@@ -47,20 +47,20 @@ def _variables(sparql: str) -> list[str]:
 
 
 def _terms(row: str) -> list[str]:
-    """The terms of a row, "" for what is not bound."""
+    """The terms of a row; "" where nothing is bound."""
     terms = []
     at = 0
     while True:
         match = _TERM.match(row, at)
         assert match is not None
         terms.append(match[0])
-        at = match.end() + 1  # each value of several is followed by a space, a single one is not
+        at = match.end() + 1  # skip the space after each value
         if at >= len(row):
             return terms
 
 
 def _value(term: str, prefixes: Prefixes) -> Any:
-    """A term in N3 as a name or a Python value; None for nothing."""
+    """Converts a term in N3 to a name or a Python value; None for ""."""
     if not term:
         return None
     if term.startswith("<"):

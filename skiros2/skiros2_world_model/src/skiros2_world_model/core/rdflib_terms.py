@@ -1,4 +1,4 @@
-"""RDF terms of the store as those of rdflib and back, for the libraries that work on rdflib."""
+"""Converts RDF terms between pyoxigraph and rdflib."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import pyoxigraph as ox
 from rdflib import BNode, Literal, URIRef
 
-#: rdflib writes these floats as Python does, not as XML Schema has them.
+#: rdflib uses Python's texts of these floats instead of those of XML Schema.
 _OF_PYTHON = {"nan": "NaN", "inf": "INF", "-inf": "-INF"}
 
 
 def rdflib_triples(triples: Iterable[ox.Triple]) -> Iterator[tuple[Any, Any, Any]]:
-    """The same triples in the terms of rdflib; equal terms are one object."""
+    """Converts triples to terms of rdflib; equal terms become one object."""
     made: dict[Any, Any] = {}
     for triple in triples:
         terms = []
@@ -26,7 +26,7 @@ def rdflib_triples(triples: Iterable[ox.Triple]) -> Iterator[tuple[Any, Any, Any
 
 
 def rdflib_term(term: Any) -> Any:
-    """A term of the store as rdflib's."""
+    """Converts a term of pyoxigraph to rdflib."""
     if isinstance(term, ox.NamedNode):
         return URIRef(term.value)
     if isinstance(term, ox.BlankNode):
@@ -37,7 +37,7 @@ def rdflib_term(term: Any) -> Any:
 
 
 def store_term(term: Any) -> Any:
-    """A term of rdflib as the store's; None stays None."""
+    """Converts a term of rdflib to pyoxigraph; None stays None."""
     if isinstance(term, URIRef):
         return ox.NamedNode(str(term))
     if isinstance(term, BNode):

@@ -1,4 +1,4 @@
-"""The world model as the reasoners of a server see it."""
+"""The world model interface for the reasoners of a server."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _Closure = Callable[[str], frozenset[str]]
 
 _READER = "reasoner"
 
-#: How long a reasoner waits for the scene before it uses it together with a reasoner that is in `parse` (s).
+#: How long a reasoner waits for the lock before it joins a transaction whose reasoners are in `parse` (s).
 _LOCK_TIMEOUT = 0.2
 
 
 class _ParsingModel:
-    """The world model for reasoners while a change is offered: with the change, to which their own changes are added.
+    """The world model during `parse`: reads include the uncommitted request, and writes become part of it.
 
     Used under `Reasoning.parse_lock`.
     """
@@ -38,9 +38,9 @@ class _ParsingModel:
         return getattr(self._model, name)
 
     def transact(self, operations: Iterable[Operation], author: str, context: str = SCENE) -> Outcome:
-        """Adds operations to the request that is offered.
+        """Adds operations to the current request.
 
-        :raises Refused: it is being undone.
+        :raises Refused: the request is being undone.
         """
         transaction = self._model.reasoning.transaction
         if transaction is None:
@@ -49,9 +49,9 @@ class _ParsingModel:
 
 
 class ReasonerWorldModel:
-    """What a reasoner's `init` gets: reads and writes of the scene. Safe to use from all threads.
+    """The argument of a reasoner's `init`: reads and writes of the scene. Thread-safe.
 
-    Each write names its author, for which a reasoner gives its own name. Every call may raise `WmException`.
+    Each write names its author; a reasoner passes its own name. Every call may raise `WmException`.
     """
 
     def __init__(self, model: WorldModel) -> None:
@@ -61,30 +61,30 @@ class ReasonerWorldModel:
 
     @property
     def guard(self) -> threading.RLock:
-        """Held while the scene changes; a thread that holds it sees one state of the scene."""
+        """The lock of the world model; a thread that holds it sees one state of the scene."""
         return self._model.lock
 
     # -- reading -----------------------------------------------------------------------------------------------
 
     def get_element(self, eid: str) -> Element:
-        """The element as it is now.
+        """Returns the current state of an element.
 
-        :raises WmException: there is none of that id.
+        :raises WmException: it does not exist.
         """
         with self._as(_READER) as wm:
             return wm.get_element(eid)
 
     def find_element(self, eid: str) -> Element | None:
-        """The element as it is now, or None."""
+        """Returns the current state of an element, or None."""
         with self._as(_READER) as wm:
             return wm.find_element(eid)
 
     def get_recursive(self, eid: str, rel_filter: str = "", type_filter: str = "") -> dict[str, Element]:
-        """An element and what is under it, by id: the element itself first, then the nearest.
+        """Returns an element and its descendants by id, nearest first.
 
-        :param rel_filter: follows this relation and its subrelations; "" follows all.
-        :param type_filter: what is under the element is of this class or a subclass; "" takes all.
-        :raises WmException: there is no element of that id.
+        :param rel_filter: follows this relation and its subproperties; "": all.
+        :param type_filter: returns only descendants of this class or its subclasses; "": all.
+        :raises WmException: the element does not exist.
         """
         found = {eid: self.get_element(eid)}
         with self._as(_READER) as wm:
@@ -93,71 +93,71 @@ class ReasonerWorldModel:
         return found
 
     def resolve_elements(self, description: Element) -> list[Element]:
-        """All elements of the description's class or a subclass that have its label and property values."""
+        """Returns the elements of the description's class or a subclass that have its label and property values."""
         with self._as(_READER) as wm:
             return wm.resolve_elements(description)
 
     def get_relations(self, relation: Mapping[str, Any]) -> list[RelationDict]:
-        """The relations like a dict with `src`, `type` and `dst`; a missing part, "" and "-1" match any."""
+        """Returns the relations that match a dict of `src`, `type` and `dst`; a missing part, "" and "-1" match any."""
         src, pred, dst = _parts(relation)
         with self._as(_READER) as wm:
             return wm.get_relations(src, pred, dst)
 
     def get_sub_classes(self, name: str) -> list[str]:
-        """The class itself and all its subclasses."""
+        """The class, followed by all its subclasses."""
         return _itself_first(name, self._model.ontology.subclasses)
 
     def get_sub_properties(self, name: str) -> list[str]:
-        """The property itself and all its subproperties."""
+        """The property, followed by all its subproperties."""
         return _itself_first(name, self._model.ontology.subproperties)
 
     def get_sub_relations(self, name: str) -> list[str]:
-        """The relation itself and all its subrelations."""
+        """The relation, followed by all its subproperties."""
         return _itself_first(name, self._model.ontology.subproperties)
 
     def get_reasoner(self, name: str) -> DiscreteReasoner:
-        """The reasoner that has that class name, or that owns that code, property or relation.
+        """Returns the reasoner with a class name, or the one that owns a code, property or relation.
 
-        :raises UnknownName: there is none.
+        :raises UnknownName: it does not exist.
         """
         return reasoners.get(name)
 
     def query(self, query: str) -> list[str]:
-        """The rows that a SPARQL query gives, as texts."""
+        """Answers a SPARQL query with a text for each row."""
         with self._as(_READER) as wm:
             return wm.query_ontology(query)
 
     # -- writing -----------------------------------------------------------------------------------------------
 
     def add_element(self, e: Element, author: str) -> Element:
-        """Adds an element, which gets its id; returns the new element."""
+        """Adds an element, sets its id, and returns the new element."""
         with self._as(author) as wm:
             return wm.add_element(e)
 
     def update_element(self, e: Element, author: str) -> None:
-        """Writes an element, as `WorldModelInterface.update_element`."""
+        """Writes an element; see `WorldModelInterface.update_element`."""
         with self._as(author) as wm:
             wm.update_element(e)
 
     def update_elements(self, es: Sequence[Element], author: str) -> None:
-        """Writes some elements, all or none, in one change."""
+        """Writes elements in one request, all or none."""
         with self._as(author) as wm:
             wm.update_elements(es)
 
     def update_properties(
         self, e: Element, author: str, reasoner: DiscreteReasoner | None = None, publish: bool = True
     ) -> None:
-        """Writes the properties of an element, and leaves its relations.
+        """Writes the properties of an element, but not its relations.
 
         :param reasoner: writes only the properties that this reasoner owns.
-        :param publish: has no effect: every change is published.
+        :param publish: no effect: every change is published.
         """
         keys = frozenset(map(full_name, data_of(reasoner))) if reasoner is not None else None
         with self._as(author) as wm:
             wm._write_properties(e, keys, SCENE)
 
     def remove_element(self, e: Element | str, author: str) -> None:
-        """Removes an element alone.
+        """Removes an element without its descendants.
 
         :param e: the element or its id.
         """
@@ -167,7 +167,7 @@ class ReasonerWorldModel:
     def remove_recursive(
         self, e: Element | str, author: str, rel_filter: str = "skiros:sceneProperty", type_filter: str = ""
     ) -> None:
-        """Removes an element, and what is under it along a relation and is held by nothing else.
+        """Removes an element and its descendants along a relation that no other element holds.
 
         :param e: the element or its id.
         """
@@ -177,7 +177,7 @@ class ReasonerWorldModel:
     def add_relation(self, relation: Mapping[str, Any], author: str, is_relation: bool = True) -> None:
         """Adds a relation, given as a dict with `src`, `type` and `dst`.
 
-        :param is_relation: False: `type` is a property of the element `src`, and `dst` a further value of it.
+        :param is_relation: False: `type` is a property of the element `src`, and `dst` is added to its values.
         """
         src, pred, dst = _parts(relation)
         if is_relation:
@@ -189,7 +189,7 @@ class ReasonerWorldModel:
             self.update_properties(element, author)
 
     def remove_relation(self, relation: Mapping[str, Any], author: str, is_relation: bool = True) -> None:
-        """Removes a relation; the dict and `is_relation` are those of `add_relation`. A missing part matches any."""
+        """Removes relations; arguments as for `add_relation`. A missing part matches any."""
         src, pred, dst = _parts(relation)
         if is_relation:
             with self._as(_READER) as wm:
@@ -205,16 +205,16 @@ class ReasonerWorldModel:
     # -- changes -----------------------------------------------------------------------------------------------
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
-        """`listener` is called after each change, in its order and under `guard`."""
+        """Calls `listener` after each change, in order and under `guard`."""
         self._model.add_listener(listener)
 
     def remove_listener(self, listener: Callable[[Change], None]) -> None:
-        """The listener is called no more."""
+        """Removes a listener."""
         self._model.remove_listener(listener)
 
     @contextmanager
     def _as(self, author: str) -> Iterator[LocalWorldModel]:
-        """The world model for a call of an author."""
+        """The world model for one call of an author: during `parse`, the one that includes the current request."""
         if author not in self._authors:
             parse_lock = LocalWorldModel(author, self._parsing)  # type: ignore[arg-type]
             self._authors[author] = LocalWorldModel(author, self._model), parse_lock

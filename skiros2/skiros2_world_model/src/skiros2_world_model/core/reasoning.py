@@ -1,4 +1,4 @@
-"""The reasoners of a world model, and how each change is offered to them before it is applied."""
+"""Runs the reasoners of a world model and passes each change to them before it is committed."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from skiros2_world_model.core.transaction import Transaction
 
 log = logging.getLogger(__name__)
 
-#: How long a scene that is about to be loaded waits for reasoners to stop (s).
+#: How long loading a scene waits for each reasoner to stop (s).
 _STOP_TIMEOUT = 2.0
 
 
 class Reasoning:
     """The loaded reasoners. Used under the world model's lock, except `execute`, `stop` and `stopped`.
 
-    Every reasoner is offered every change, whether the element names the reasoner or not. An exception in a reasoner is
+    Every reasoner parses every change, whether the element names the reasoner or not. Exceptions in reasoners are
     logged and ignored.
     """
 
     def __init__(self) -> None:
         self._reasoners: dict[str, DiscreteReasoner] = {}
-        #: The request that is offered now: what reasoners write meanwhile becomes part of it.
+        #: The request that reasoners currently parse; their writes become part of it.
         self.transaction: Transaction | None = None
         #: Held by the thread that runs `offer`, but released during `parse`, while `is_parsing` is true: otherwise two
         #: threads of a reasoner that share a lock could deadlock.
         self.parse_lock = threading.RLock()
         self.is_parsing = False
         self._stopping = threading.RLock()
-        self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # in the request that is offered now
+        self._offered: list[tuple[DiscreteReasoner, str, Element]] = []  # the calls of `parse` in the current request
 
     def add(self, reasoner: DiscreteReasoner) -> None:
-        """Adds a reasoner, known by its class name."""
+        """Adds a reasoner under its class name."""
         self._reasoners[_name(reasoner)] = reasoner
 
     def all(self) -> list[DiscreteReasoner]:
@@ -51,7 +51,7 @@ class Reasoning:
     def keys_of(self, name: str) -> frozenset[str]:
         """The properties that a reasoner owns.
 
-        :raises UnknownName: it is not loaded.
+        :raises UnknownName: the reasoner is not loaded.
         """
         reasoner = self._reasoners.get(name)
         if reasoner is None:
@@ -70,9 +70,9 @@ class Reasoning:
                 log.exception("reasoner %s cannot be started", _name(reasoner))
 
     def stop(self, timeout: float = _STOP_TIMEOUT) -> None:
-        """Asks all reasoners to stop, and waits for them. Not to be called under the lock: they may need it.
+        """Stops all reasoners and waits for them. Must not be called under the lock, which they may need.
 
-        :param timeout: how long to wait for each (s).
+        :param timeout: in s, for each reasoner.
         """
         for reasoner in self.all():
             try:
@@ -81,11 +81,11 @@ class Reasoning:
                 log.exception("reasoner %s cannot be stopped", _name(reasoner))
         for reasoner in self.all():
             if not reasoner.wait_stopped(timeout):
-                log.warning("reasoner %s still runs %g s after it was asked to stop", _name(reasoner), timeout)
+                log.warning("reasoner %s is still running %g s after the request to stop", _name(reasoner), timeout)
 
     @contextmanager
     def stopped(self) -> Iterator[None]:
-        """Stops all reasoners, and starts them again in the end. Not to be entered under the lock."""
+        """Stops all reasoners and restarts them at the end. Must not be entered under the lock."""
         with self._stopping:
             self.stop()
             try:
@@ -96,9 +96,9 @@ class Reasoning:
     # -- changes -----------------------------------------------------------------------------------------------
 
     def offer(self, scene: Scene, transaction: Transaction) -> None:
-        """Offers every element that a transaction adds, updates or removes to every reasoner.
+        """Has every reasoner parse each element that a transaction adds, updates or removes.
 
-        The reasoners' own changes of the elements become part of the transaction. Then call `commit` or `undo`.
+        The changes that reasoners make to elements become part of the transaction. Call `commit` or `undo` afterwards.
 
         :raises Refused: a reasoner rejects a change.
         """
@@ -109,7 +109,7 @@ class Reasoning:
             self.transaction = transaction
             try:
                 savepoint = -1
-                while scene.savepoint() != savepoint:  # reasoners have changed further elements
+                while scene.savepoint() != savepoint:  # reasoners have changed more elements
                     savepoint = scene.savepoint()
                     for element in transaction.removed:
                         if element.id not in asked and element.id not in scene:
@@ -123,11 +123,11 @@ class Reasoning:
                 self.transaction = None
 
     def commit(self) -> None:
-        """Keeps what was offered."""
+        """Ends the request after its commit."""
         self._offered = []
 
     def undo(self, scene: Scene) -> None:
-        """After a roll-back: tells the reasoners about each change that they were offered, that it is undone."""
+        """Ends the request after a roll-back: has the reasoners parse the inverse of each change."""
         offered, self._offered = self._offered, []
         with self.parse_lock:
             for reasoner, action, element in reversed(offered):
@@ -138,9 +138,9 @@ class Reasoning:
                     self._parse(reasoner, before, ADD if action == REMOVE else UPDATE)
 
     def complete(self, scene: Scene, only: Iterable[DiscreteReasoner] | None = None) -> None:
-        """Adds the default properties of their reasoners to the elements of a scene that was read from a file.
+        """Adds the default properties of reasoners to the elements of a loaded scene that name them.
 
-        :param only: the reasoners to do this for; None: all.
+        :param only: these reasoners; None: all.
         """
         reasoners = {_name(r): r for r in (self.all() if only is None else only)}
         for record in list(scene):
@@ -186,7 +186,7 @@ class Reasoning:
             transaction.complete(element.id, changes)
         except SkirosError as error:
             scene.roll_back_to(savepoint)
-            log.error("what reasoner %s changed in %s is discarded: %s", name, element.id, error)
+            log.error("the changes of reasoner %s to %s are discarded: %s", name, element.id, error)
         stored = scene.element(element.id)
         if stored is not None:
             element.adopt(stored, keep_children=True)
@@ -197,7 +197,7 @@ class Reasoning:
         try:
             return reasoner.parse(element, action)
         except NotImplementedError as error:
-            log.debug("%s", error)  # a reasoner need not define it
+            log.debug("%s", error)  # `parse` is optional
         except FOREIGN_ERRORS:
             log.exception("reasoner %s failed to %s %s", _name(reasoner), action, element.id)
         finally:

@@ -1,7 +1,7 @@
-"""SHACL shapes: the files that hold them, and what pySHACL finds with them in a scene.
+"""SHACL shapes: their files, and the validation of a scene with pySHACL.
 
-pySHACL works on rdflib's graphs, so the scene is copied into one, together with the ontologies, whose classes the
-shapes name. It takes about 0.5 ms for each element; whoever has no time for that asks a `Validator`.
+pySHACL works on rdflib graphs, so the scene is copied into one, together with the ontologies. This takes about 0.5 ms
+per element; `Validator` does it in a subprocess.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ _SEVERITIES = {_SHACL + "Violation": VIOLATION, _SHACL + "Warning": WARNING, _SH
 
 
 def is_shapes_file(name: str) -> bool:
-    """Whether a file of that name holds shapes: neither an ontology nor a scene."""
+    """Whether a file with this name holds shapes."""
     return ".shapes." in name
 
 
 def shape_files(*folders: Path | None) -> list[Path]:
-    """The files with shapes in some folders and below, each once.
+    """The shape files in folders and their subfolders, without duplicates.
 
-    :raises ConfigurationError: one does not parse.
+    :raises ConfigurationError: a file does not parse.
     """
     found: dict[Path, Path] = {}
     for folder in folders:
-        for place, _, names in os.walk(folder) if folder is not None else ():
+        for parent, _, names in os.walk(folder) if folder is not None else ():
             for name in filter(is_shapes_file, names):
-                path = Path(place, name)
+                path = Path(parent, name)
                 found.setdefault(path.resolve(), path)
     files = sorted(found.values())
     for path in files:
@@ -58,13 +58,13 @@ def shacl_findings(
     prefixes: Prefixes,
     origin: str,
 ) -> list[Finding]:
-    """What the shapes of some files find in a scene. Nothing is inferred but that a class counts with those under it.
+    """Validates a scene with shape files. Subclasses are the only inference.
 
-    :param scene: its triples; only what they describe is told of.
+    :param scene: the triples of the scene; findings about other subjects are ignored.
     :param origin: the file or context, for the findings.
-    :raises WrongValue: a file of shapes cannot be read, or its shapes make no sense.
+    :raises WrongValue: a shape file cannot be read, or its shapes are invalid.
     """
-    import pyshacl  # with rdflib it takes long to import, and most world models do not need it
+    import pyshacl  # slow to import, and rarely needed
 
     from skiros2_world_model.core.rdflib_terms import rdflib_term
 
@@ -76,13 +76,13 @@ def shacl_findings(
         _, results, text = pyshacl.validate(data, shacl_graph=shapes, inplace=True)
     except pyshacl.errors.ReportableRuntimeError as error:
         raise WrongValue(f"shapes {', '.join(map(str, files))}: {error}") from None
-    if isinstance(results, Exception):  # what pySHACL gives back instead of a report, when a shape fails
+    if isinstance(results, Exception):  # pySHACL returns an exception when a shape fails
         raise WrongValue(f"shapes {', '.join(map(str, files))}: {text}")
     return [finding for node, finding in _findings(results, prefixes, origin) if node in described]
 
 
 def _findings(results: Any, prefixes: Prefixes, origin: str) -> Iterator[tuple[Any, Finding]]:
-    """The findings in a report of pySHACL, each with the node that it is about."""
+    """The findings in a report of pySHACL, with their focus nodes."""
     from rdflib import RDF, SH, URIRef
 
     def name(node: Any) -> str:

@@ -1,4 +1,4 @@
-"""RDF terms: Python values from literals and back, terms from text and back."""
+"""Converts RDF terms to and from Python values and texts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NAME = re.compile(r"[A-Za-z][\w.-]*|")
 def python_value(literal: ox.Literal) -> Any:
     """The value of a literal: a float, int, bool, list, dict or text.
 
-    :raises WrongValue: the text is none of its datatype.
+    :raises WrongValue: the text is not valid for its datatype.
     """
     text, datatype = literal.value, literal.datatype.value
     kind = _TYPE_BY_IRI.get(datatype, str)
@@ -45,14 +45,14 @@ def python_value(literal: ox.Literal) -> Any:
 def literal(value: Any, datatype: str = "") -> ox.Literal:
     """The literal of a value.
 
-    :param datatype: the datatype it should have, such as `xsd:float`; the value's own when it does not fit.
+    :param datatype: the desired datatype, such as `xsd:float`; ignored when the value does not fit it.
     """
     text, iri = literal_parts(value, datatype)
     return ox.Literal(text, datatype=ox.NamedNode(iri))
 
 
 def term_text(term: Any, prefixes: Prefixes, cut_prefix: bool) -> str:
-    """A term as text: names and plain values when the prefix is cut, else N3. Nothing for None."""
+    """Formats a term: as a name or plain value when the prefix is cut, else as N3; "" for None."""
     if term is None:
         return ""
     if not cut_prefix:
@@ -65,9 +65,9 @@ def term_text(term: Any, prefixes: Prefixes, cut_prefix: bool) -> str:
 
 
 def parse_term(text: str, prefixes: Prefixes) -> ox.NamedNode | ox.BlankNode | ox.Literal:
-    """The term that a text writes: a name, an IRI (bare or in `<>`), a blank node `_:x`, or a literal in N3.
+    """Parses a term: a name, an IRI (bare or in `<>`), a blank node `_:x`, or a literal in N3.
 
-    :raises WrongValue: it writes none.
+    :raises WrongValue: the text is not a term.
     """
     text = text.strip()
     try:

@@ -1,4 +1,4 @@
-"""Work that may take too long, and cannot be ended from outside."""
+"""A timeout for functions that cannot be interrupted."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from skiros2_common.core.errors import Refused, TimedOut
 
 _Result = TypeVar("_Result")
 
-#: So much that was given up may still be running; more would take all the processor's time.
-_MOST_OVERDUE = 2
+#: The maximum number of abandoned calls that may still be running, to limit the processor load.
+_MAX_ABANDONED = 2
 
 
 class TimeLimit:
-    """Runs work in threads of its own, and gives up what takes too long.
+    """Runs functions in background threads and abandons those that take too long.
 
-    Work that was given up goes on until it looks whether it was, or ends by itself. While too much of it does, no other
-    is begun. Safe to use from all threads.
+    An abandoned call runs on until it checks its event, or ends by itself. While too many are running, new calls are
+    refused. Thread-safe.
 
-    :param seconds: how long work may take; 0: as long as it likes.
+    :param seconds: the timeout (s); 0: none.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -31,26 +31,27 @@ class TimeLimit:
         self._lock = threading.Lock()
 
     def run(self, work: Callable[[threading.Event], _Result], what: str) -> _Result:
-        """What the work returns; or it raises what the work raises.
+        """Runs `work` and returns its result, or raises its exception.
 
-        :param work: is given the event that tells it that nobody waits for it any more.
-        :raises TimedOut: it takes too long.
-        :raises Refused: too much that was given up is still running.
+        :param work: gets an event that is set when the call is abandoned.
+        :param what: describes the work in error messages.
+        :raises TimedOut: the work takes too long.
+        :raises Refused: too many abandoned calls are still running.
         """
         with self._lock:
-            if len(self._overdue) >= _MOST_OVERDUE:
+            if len(self._overdue) >= _MAX_ABANDONED:
                 running = "; ".join(self._overdue.values())
-                raise Refused(f"{what}: not begun, as what was given up is still running: {running}")
+                raise Refused(f"{what}: refused while abandoned calls are still running: {running}")
         future: Future[_Result] = Future()
         abandoned = threading.Event()
-        done = threading.Lock()  # held until it is; in a tenth of the time that waiting for the future takes
+        done = threading.Lock()  # released at the end; ten times faster than waiting for the future
         done.acquire()
 
         def serve() -> None:
             try:
                 future.set_result(work(abandoned))
             except Exception as error:
-                # Without the frames, whose variables may have to go in this thread, as answers of Oxigraph do.
+                # Drop the frames: their variables, such as answers of Oxigraph, may have to be freed in this thread.
                 future.set_exception(error.with_traceback(None))
             with self._lock:
                 self._overdue.pop(future, None)
@@ -62,11 +63,11 @@ class TimeLimit:
                 if not future.done():
                     self._overdue[future] = what
                     abandoned.set()
-                    raise TimedOut(f"{what}: given up after {self._seconds:g} s")
+                    raise TimedOut(f"{what}: abandoned after {self._seconds:g} s")
         return future.result()
 
 
-#: Where threads that have nothing to do wait for work. To start one takes longer than most work does.
+#: The inboxes of idle threads, which are reused: starting a thread takes longer than most work.
 _idle: list[SimpleQueue[Callable[[], None]]] = []
 
 

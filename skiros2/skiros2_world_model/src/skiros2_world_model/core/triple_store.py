@@ -1,7 +1,7 @@
-"""The RDF side of the world model: one named graph per context, and SPARQL over them.
+"""Triple stores: one named graph per context, and SPARQL over them.
 
-The scene index is the truth about the scenes, and the ontologies are always in memory; a store is kept in step with
-them and answers queries. `OxigraphStore` is the default, in memory; `EndpointStore` is a SPARQL server elsewhere.
+The scene index is authoritative. A store follows it (`GraphSync`) and answers queries. `OxigraphStore`, in memory, is
+the default; `EndpointStore` uses a SPARQL server.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skiros2_world_model.core.time_limit import TimeLimit
 
 Row = tuple[Any, ...]
 
-#: A query that takes longer is given up (s); so is one that has more rows.
+#: The default limits of a query: time (s) and number of rows.
 QUERY_SECONDS = 10.0
 QUERY_ROWS = 1_000_000
 
@@ -27,29 +27,29 @@ _CONTEXT = "urn:skiros:context:"
 
 
 class TripleStore(Protocol):
-    """Named graphs of triples, which follow the contexts of a world model. Safe to use from all threads.
+    """Named graphs for the contexts of a world model. Thread-safe.
 
-    Changes are made under the world model's lock and must be quick; queries are asked without it.
+    Writes are called under the world model's lock and must return quickly; queries are called without it.
     """
 
     @property
     def generation(self) -> int:
-        """Another number than before: the store has lost the contexts, and is to be given them anew."""
+        """Changes when the store has lost its content; then all contexts must be written again."""
         ...
 
     def prepare(self) -> None:
-        """Called before contexts are brought up to date for a query, without the lock.
+        """Called without the lock before contexts are written for a query.
 
-        :raises Refused: the store cannot be asked now.
+        :raises Refused: the store is not available.
         """
         ...
 
     def knowledge(self) -> list[ox.Triple]:
-        """The classes and properties that the store holds besides the contexts, for the index over the ontologies."""
+        """The classes and properties that the store holds besides the contexts, for the index of the ontologies."""
         ...
 
     def replace(self, context: str, triples: Iterable[ox.Triple]) -> None:
-        """Makes these the triples of a context."""
+        """Replaces the triples of a context."""
         ...
 
     def extend(self, context: str, triples: Iterable[ox.Triple]) -> None:
@@ -57,7 +57,7 @@ class TripleStore(Protocol):
         ...
 
     def update(self, context: str, removed: Collection[ox.Triple], added: Collection[ox.Triple]) -> None:
-        """Removes some triples from a context and adds others."""
+        """Removes triples from a context and adds others."""
         ...
 
     def rewrite(
@@ -67,27 +67,27 @@ class TripleStore(Protocol):
         removed: Collection[ox.Triple],
         added: Collection[ox.Triple],
     ) -> None:
-        """Likewise, after all that is said of some subjects has gone but their relations to what has an IRI."""
+        """As `update`, after removing all triples of the subjects except relations to IRIs."""
         ...
 
     def triples(self, context: str) -> list[ox.Triple]:
-        """The triples of the ontologies, which need no store elsewhere."""
+        """The triples of the ontologies, from memory."""
         ...
 
     def has(self, context: str, triple: ox.Triple) -> bool:
-        """Whether the ontologies have that triple."""
+        """Whether the ontologies have a triple."""
         ...
 
     def query(self, query: str, context: str, namespaces: Mapping[str, str]) -> list[Row]:
-        """The rows that a SPARQL SELECT gives, each a tuple of terms (None: unbound); ASK gives one row of one bool.
+        """Runs a SPARQL query. Returns tuples of terms (None: unbound); for ASK, one tuple of one boolean literal.
 
-        CONSTRUCT and DESCRIBE give triples.
+        CONSTRUCT and DESCRIBE return triples.
 
-        :param context: the one to ask; "" asks all.
-        :param namespaces: by prefix, for prefixes that the query does not declare itself.
-        :raises WrongValue: it does not parse (the text tells line and column), is an update, or has too many rows.
-        :raises TimedOut: it takes too long.
-        :raises Refused: the store cannot be asked now.
+        :param context: the context to query; "": all.
+        :param namespaces: by prefix, for prefixes that the query does not declare.
+        :raises WrongValue: the query does not parse (the text has line and column), is an update, or has too many rows.
+        :raises TimedOut: the query takes too long.
+        :raises Refused: the store is not available.
         """
         ...
 
@@ -95,7 +95,7 @@ class TripleStore(Protocol):
 class OxigraphStore:
     """Named graphs in memory. See `TripleStore`.
 
-    :param seconds, rows: a query that takes longer, or has more, is given up.
+    :param seconds, rows: the limits of a query.
     """
 
     generation = 0
@@ -106,7 +106,7 @@ class OxigraphStore:
         self._rows = rows
 
     def prepare(self) -> None:
-        """It can always be asked."""
+        """No preparation: the store is always available."""
 
     def knowledge(self) -> list[ox.Triple]:
         return []
@@ -152,15 +152,15 @@ class OxigraphStore:
             {"default_graph": graph_of(context)} if context else {"use_default_graph_as_union": True}
         )
 
-        def work(abandoned: Event) -> list[Row]:
+        def run_query(abandoned: Event) -> list[Row]:
             answer = self._store.query(query, prefixes=dict(namespaces), **scope)
             if isinstance(answer, ox.QueryBoolean):
                 return [(ox.Literal(bool(answer)),)]
-            some = takewhile(lambda _: not abandoned.is_set(), answer)
-            return [tuple(row) for row in islice(some, self._rows + 1)]
+            rows = takewhile(lambda _: not abandoned.is_set(), answer)
+            return [tuple(row) for row in islice(rows, self._rows + 1)]
 
         try:
-            rows = self._limit.run(work, f"SPARQL query: {query}")
+            rows = self._limit.run(run_query, f"SPARQL query: {query}")
         except (SyntaxError, ValueError, OSError, RuntimeError) as error:
             if isinstance(error, SkirosError):
                 raise
@@ -176,9 +176,9 @@ def check_count(rows: Collection[Any], most: int, query: str) -> None:
 
 
 def check_query(query: str, namespaces: Mapping[str, str]) -> None:
-    """Whether a text is a SPARQL query.
+    """Checks that a text is a SPARQL query.
 
-    :raises WrongValue: it is not, or it is an update.
+    :raises WrongValue: it does not parse, or is an update.
     """
     try:
         ox.Store().query(query, prefixes=dict(namespaces))

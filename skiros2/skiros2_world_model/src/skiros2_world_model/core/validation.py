@@ -1,4 +1,4 @@
-"""Validation of scenes: what loading one would refuse or warn of, all of it, and what the shapes find."""
+"""Validation of scenes: everything that loading would refuse or warn of, and the findings of the shapes."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _PHYSICAL = "sumo:Object"
 
 
 def scene_file_triples(path: Path) -> list[ox.Triple]:
-    """The triples of a scene file.
+    """Reads the triples of a scene file.
 
-    :raises WrongValue: it is not there, does not parse, or holds shapes.
+    :raises WrongValue: the file is missing, does not parse, or holds shapes.
     """
     if is_shapes_file(path.name):
         raise WrongValue(f"{path}: expected a scene; this file holds shapes")
@@ -41,11 +41,11 @@ def scene_file_triples(path: Path) -> list[ox.Triple]:
 
 
 def keep_refused(path: Path, knowledge_base: KnowledgeBase, strict: bool) -> None:
-    """Renames a file that is about to be overwritten and could not be loaded, so that its content is kept.
+    """Before a file is overwritten: renames it if it cannot be loaded, so that its content is kept.
 
-    :param strict: whether a file with flaws is refused.
+    :param strict: treats a file with violations as one that cannot be loaded.
     """
-    if not os.path.isfile(path):  # unlike Path's, False for an impossible name
+    if not os.path.isfile(path):  # unlike Path.is_file, False for an invalid name
         return
     try:
         triples = scene_file_triples(path)
@@ -56,15 +56,15 @@ def keep_refused(path: Path, knowledge_base: KnowledgeBase, strict: bool) -> Non
         names = (path.with_name(f"{path.name}.broken{number or ''}") for number in count())
         kept = next(name for name in names if not name.exists())
         path.rename(kept)
-        log.warning("%s cannot be loaded and is overwritten now; it is kept as %s", path, kept.name)
+        log.warning("%s cannot be loaded; it is kept as %s before it is overwritten", path, kept.name)
 
 
 def validate_file(path: Path, knowledge_base: KnowledgeBase, context: str = SCENE, strict: bool = False) -> Report:
-    """Validates a scene file, as it would be loaded into a context. It takes about 1 ms for each element.
+    """Validates a scene file for a context. Takes about 1 ms per element.
 
-    :param knowledge_base: the ontologies and the files of shapes.
-    :param strict: names that the ontologies do not know are violations, as for a world model that is strict.
-    :raises WrongValue: the file cannot be read, or a file of shapes makes no sense.
+    :param knowledge_base: the ontologies and the shape files.
+    :param strict: reports undeclared names as violations.
+    :raises WrongValue: the file cannot be read, or a shape file is invalid.
     """
     return validate(scene_file_triples(path), str(path), knowledge_base, context, strict)
 
@@ -72,7 +72,7 @@ def validate_file(path: Path, knowledge_base: KnowledgeBase, context: str = SCEN
 def validate(
     triples: Iterable[ox.Triple], origin: str, knowledge_base: KnowledgeBase, context: str = SCENE, strict: bool = False
 ) -> Report:
-    """Validates what triples say of a scene; see `validate_file`.
+    """Validates the triples of a scene; see `validate_file`.
 
     :param origin: the file or context, for the findings.
     """
@@ -88,16 +88,16 @@ def validate(
 def shape_findings(
     scene: Scene, extras: Iterable[ox.Triple], knowledge_base: KnowledgeBase, origin: str
 ) -> list[Finding]:
-    """What the shapes find in a scene and what is beside it.
+    """The findings of the shapes in a scene and its extra triples.
 
-    :raises WrongValue: a file of shapes makes no sense.
+    :raises WrongValue: a shape file is invalid.
     """
     described = chain(scene_triples(scene, knowledge_base.index, knowledge_base.prefixes), extras)
     return shacl_findings(described, knowledge_base.triples(), knowledge_base.shapes, knowledge_base.prefixes, origin)
 
 
 def misplaced(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding]:
-    """The physical elements that are nowhere, or in several places."""
+    """Findings for physical elements that no element, or more than one, contains."""
     physical, holding = ontology.subclasses(_PHYSICAL), ontology.subproperties(SPATIAL)
     for etype in physical.intersection(scene.types()):
         for eid in scene.of_type(etype):
@@ -105,8 +105,8 @@ def misplaced(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding
             if not holders and eid != ROOT:
                 yield Finding(WARNING, origin, eid, "", "it is nowhere: no element contains it or has it")
             elif len(holders) > 1:
-                told = ", ".join(holders[:3]) + (", ..." if len(holders) > 3 else "")
-                yield Finding(WARNING, origin, eid, "", f"it is in several places: {told}")
+                listed = ", ".join(holders[:3]) + (", ..." if len(holders) > 3 else "")
+                yield Finding(WARNING, origin, eid, "", f"it is in several places: {listed}")
 
 
 _SPATIAL_REASONER = "AauSpatialReasoner"
@@ -115,10 +115,10 @@ _POSE = [f"skiros:Position{axis}" for axis in "XYZ"] + [f"skiros:Orientation{axi
 
 
 def unconnected_frames(scene: Scene, ontology: Ontology, origin: str) -> Iterator[Finding]:
-    """The published elements with a pose in the frame of an element of which no pose is known.
+    """Findings for published elements whose parent frame has no known pose.
 
-    A pose in the frame of an element that has a pose and is not published counts as one in the frame above that. An
-    element without a pose may have a `skiros:FrameId` of its own: that frame is supposed to come from another node.
+    A parent that has a pose but is not published is skipped in favour of its own parent. A parent without a pose but
+    with its own `skiros:FrameId` is assumed to be published by another node.
     """
     holding = ontology.subproperties(SPATIAL)
     for record in scene:
@@ -136,7 +136,7 @@ def unconnected_frames(scene: Scene, ontology: Ontology, origin: str) -> Iterato
 
 
 def _above(scene: Scene, holding: Collection[str], record: ElementRecord) -> ElementRecord | None:
-    """The nearest element above that has a frame."""
+    """The nearest ancestor with a frame."""
     waiting, seen = [record.id], {record.id}
     for eid in waiting:
         for src, _, _ in scene.relations("", holding, eid):

@@ -1,6 +1,6 @@
-"""The program that validates beside a world model: `python3 -m skiros2_world_model.core.validation_process`.
+"""The validation subprocess: `python3 -m skiros2_world_model.core.validation_process`.
 
-It reads a request from its input and writes the report, both JSON; see `Validator`.
+Reads a request from stdin and writes the report to stdout, both as JSON; see `Validator`.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from skiros2_world_model.core.rdf_files import parse_n_triples
 from skiros2_world_model.core.report import Report
 from skiros2_world_model.core.validation import validate, validate_file
 
-#: Whoever runs robots goes first.
+#: A low priority, so that robots are not slowed down.
 _NICENESS = 10
 
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
-    """The answer to a request: the findings, or why there are none."""
+    """Answers a request with the findings or an error."""
     knowledge_base = KnowledgeBase()
     for namespace in request["namespaces"]:
         knowledge_base.prefixes.add_namespace(namespace)
@@ -45,5 +45,5 @@ def _report(request: dict[str, Any], knowledge_base: KnowledgeBase) -> Report:
 
 if __name__ == "__main__":
     os.nice(_NICENESS)
-    logging.disable()  # all there is to say is in the report
+    logging.disable()  # the report has everything
     json.dump(answer(json.load(sys.stdin)), sys.stdout)

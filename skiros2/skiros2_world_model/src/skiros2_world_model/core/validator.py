@@ -1,4 +1,4 @@
-"""Validation beside a world model, which goes on meanwhile."""
+"""Validation in a subprocess, which does not block the world model."""
 
 from __future__ import annotations
 
@@ -24,37 +24,34 @@ _PROGRAM = "skiros2_world_model.core.validation_process"
 
 _ENDED = "the validation has ended"
 
-#: So many findings of a file are logged.
-_TOLD_AT_MOST = 10
+#: The maximum number of logged findings of a file.
+_MAX_LOGGED = 10
 
 
 class Validator:
-    """Validates files and contexts of a world model, one after the other, in a process of its own.
-
-    Safe to use from all threads.
-    """
+    """Validates files and contexts of a world model, one at a time, in a subprocess. Thread-safe."""
 
     def __init__(self, model: WorldModel) -> None:
         self._model = model
         self._pool = ThreadPoolExecutor(1, "validation")
-        self._files: dict[str, Future[Report]] = {}  # by context, of what was loaded last
+        self._files: dict[str, Future[Report]] = {}  # by context, for the last loaded file
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
         self._lock = threading.Lock()
 
     def file_loaded(self, context: str) -> None:
-        """A file was loaded into a context: it is validated, and what is found is logged when it is ready."""
+        """Starts the validation of the file that was loaded into a context. The findings are logged."""
         with self._lock:
             before = self._files.get(context)
             if before is not None:
-                before.cancel()  # when it has not begun
+                before.cancel()  # no effect if it has started
             self._files[context] = self._submit(self._validate_file, context)
 
-    def loaded(self, context: str = SCENE) -> Report:
-        """The report on the file that was last loaded into a context. Waits until it is ready.
+    def file_report(self, context: str = SCENE) -> Report:
+        """Waits for and returns the report on the file that was last loaded into a context.
 
-        :raises UnknownName: none was.
-        :raises Refused: it could not be validated.
+        :raises UnknownName: no file was loaded.
+        :raises Refused: the validation failed.
         """
         if context not in self._model.loaded:
             raise UnknownName(f"no file was loaded into the context {context!r}")
@@ -67,13 +64,13 @@ class Validator:
             try:
                 return future.result()
             except CancelledError:
-                self._check_running()  # else another file was loaded meanwhile
+                self._check_running()  # otherwise another file was loaded meanwhile
 
-    def present(self, context: str = SCENE) -> Report:
-        """The report on a context as it is now. Waits for it.
+    def validate_context(self, context: str = SCENE) -> Report:
+        """Validates the current state of a context and returns the report. Blocks.
 
-        :raises UnknownName: there is no such context.
-        :raises Refused: it could not be validated.
+        :raises UnknownName: the context does not exist.
+        :raises Refused: the validation failed.
         """
         triples = self._model.triples(context)
         with self._lock:
@@ -84,7 +81,7 @@ class Validator:
             raise Refused(_ENDED) from None
 
     def stop(self) -> None:
-        """Ends what is running; from now on everything is refused. Returns at once."""
+        """Kills a running validation and refuses further ones. Does not block."""
         with self._lock:
             self._stopped = True
             if self._process is not None:
@@ -107,9 +104,9 @@ class Validator:
             if not self._stopped:
                 log.warning("%s", error)
             raise
-        told = [f for f in report.findings if f not in self._model.flaws.get(context, ())]
-        if told:
-            lines = Report(report.origin, told).lines(_TOLD_AT_MOST)
+        new = [f for f in report.findings if f not in self._model.flaws.get(context, ())]
+        if new:
+            lines = Report(report.origin, new).lines(_MAX_LOGGED)
             log.warning("\n    ".join([f"{path}: {report.summary}", *lines]))
         return report
 
@@ -130,7 +127,7 @@ class Validator:
         return Report(origin, (Finding(*finding) for finding in answer["findings"]))
 
     def _ask(self, request: bytes) -> bytes:
-        """What the program answers."""
+        """Runs the subprocess with a request and returns its output."""
         with self._lock:
             self._check_running()
             process = self._process = subprocess.Popen(

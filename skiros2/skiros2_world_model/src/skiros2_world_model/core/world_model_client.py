@@ -318,7 +318,8 @@ class WorldModelAbstractInterface(OntologyAbstractInterface, Coordination):
         if operations:
             outcome = self._transact(operations, context_id)
             self._refresh(given, Outcome(outcome.ids[len(before) :], outcome.changes), context_id)
-        unchanged = [element for element in elements if element not in given]
+        changed = set(map(id, given))
+        unchanged = [element for element in elements if id(element) not in changed]
         self._refresh(unchanged, Outcome([self._known(element, context_id) for element in unchanged]), context_id)
         return [element.id for element in elements]
 

@@ -1,4 +1,4 @@
-"""Errors of the world model as answers of services."""
+"""Error answers of the world model's services."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skiros2_common.core.errors import SkirosError
 
 
 def service_handler(handler: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A service handler whose refusals reach the client as text."""
+    """Wraps a service handler so that its `SkirosError`s are answered as error texts."""
 
     @functools.wraps(handler)
     def handle(request: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The history of a world model as a service: what calls it, and what it answers."""
+"""Messages of the service `~history`."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def history_request(
     author: str = "",
     limit: int = 0,
 ) -> Any:
-    """A request of `WmHistory`; None as a point: the beginning of the journal, or now."""
+    """Creates a request of `WmHistory`. None as a point: the beginning of the journal, or now."""
     return _REQUEST(action, context, element, author, *_point2msg(since), *_point2msg(until), limit)
 
 
 def answer_history(history: History, request: Any) -> Any:
-    """The answer to a request of `WmHistory`.
+    """Answers a request of `WmHistory`.
 
-    :raises SkirosError: it cannot be answered.
+    :raises SkirosError: the request is invalid or refused.
     """
     context = request.context or SCENE
     since = msg2point(request.since_number, request.since)
@@ -51,7 +51,7 @@ def answer_history(history: History, request: Any) -> Any:
 
 
 def entry2msg(entry: HistoryEntry) -> Any:
-    """An entry as a `WmHistoryEntry`."""
+    """Converts an entry to a `WmHistoryEntry`."""
     return msgs.WmHistoryEntry(
         entry.number,
         genpy.Time.from_sec(entry.stamp),
@@ -67,7 +67,7 @@ def entry2msg(entry: HistoryEntry) -> Any:
 
 
 def msg2entry(msg: Any) -> HistoryEntry:
-    """An entry from a `WmHistoryEntry`."""
+    """Converts a `WmHistoryEntry` to an entry."""
     return HistoryEntry(
         msg.number,
         msg.stamp.to_sec(),
@@ -83,7 +83,7 @@ def msg2entry(msg: Any) -> HistoryEntry:
 
 
 def msg2point(number: int, time: Any) -> Point | None:
-    """The point that a request names."""
+    """The point of a request; None when neither number nor time is set."""
     return int(number) or time.to_sec() or None
 
 

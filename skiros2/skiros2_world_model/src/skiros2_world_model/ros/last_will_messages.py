@@ -1,4 +1,4 @@
-"""Last wills as messages, and back."""
+"""Messages of the service `~last_will`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skiros2_world_model.core.last_will import CleanupAction, LastWill, NodeProc
 
 
 def last_will_request(actions: Sequence[CleanupAction]) -> Any:
-    """A request of `WmLastWill` for the node of this process."""
+    """Creates a request of `WmLastWill` for the node of this process."""
     left = [
         msgs.WmBequest(b.key, b.value, b.relation, b.below, serializePropertyMap(b.properties)) for b in actions
     ]
@@ -25,9 +25,9 @@ def last_will_request(actions: Sequence[CleanupAction]) -> Any:
 
 
 def msg2last_will(msg: Any) -> LastWill:
-    """The will that a request of `WmLastWill` leaves.
+    """Converts a request of `WmLastWill` to a last will.
 
-    :raises SkirosError: it makes no sense.
+    :raises SkirosError: the request is invalid.
     """
     try:
         parse_http_host_and_port(msg.node_uri)

@@ -1,4 +1,4 @@
-"""`~last_will`: what nodes leave to be done when they are gone, and who notices that."""
+"""The service `~last_will`: stores the last wills of nodes and executes them when the nodes die."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ log = logging.getLogger(__name__)
 
 
 class LastWillService:
-    """The service, and a watch for each node that has left a will: also for those of the journal.
+    """The service, and a `NodeWatch` for each node with a last will, including those from the journal.
 
-    :param wills: what it keeps and carries out.
+    :param wills: stores and executes the last wills.
     """
 
     def __init__(self, wills: LastWillStore) -> None:
@@ -45,15 +45,15 @@ class LastWillService:
         return srvs.WmLastWillResponse()
 
     def _start_watch(self, will: LastWill) -> None:
-        """Watches a node that is there now, unless that life of it is watched already."""
+        """Starts watching the process of a last will, unless it is watched already."""
         process, watch = self._watches.get(will.owner, (None, None))
         if watch is not None and process == will.process and watch.is_alive():
             return
         watch = self._watch(will)
         try:
-            watch.meet()
+            watch.connect()
         except OSError as error:
-            text = "%s cannot be reached at %s (%s): its last will waits for another node of its name to leave one"
+            text = "%s cannot be reached at %s (%s): its last will is kept until a node of this name sets a new one"
             log.warning(text, will.owner, will.process.uri, error)
         else:
             watch.start()

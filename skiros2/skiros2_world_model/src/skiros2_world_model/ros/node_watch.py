@@ -1,4 +1,4 @@
-"""Whether one life of a node goes on, without asking it again and again."""
+"""Detects the death of a node's process without polling."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ import rospy
 
 log = logging.getLogger(__name__)
 
-#: How long a machine may be out of reach before its nodes count as gone (s).
-OUT_OF_REACH = 10.0
-#: How often somebody else, or nobody, may answer where the node was before it counts as gone.
-_NO_ANSWERS = 5
+#: How long a machine may be unreachable before its nodes count as dead (s).
+UNREACHABLE_TIMEOUT = 10.0
+#: The number of connections in a row without an answer after which the node counts as dead.
+_MAX_UNANSWERED = 5
 
 _CONNECT_TIMEOUT = 2.0  # s
-_PAUSES = 0.1, 1.0  # s before it connects again: at first, and where one connection after the other breaks
+_PAUSES = 0.1, 1.0  # the initial and the maximum pause before it reconnects (s)
 
-#: When the kernel looks whether the other machine is there: after s, every s, so often.
+#: TCP keep-alive: idle time (s), interval (s), number of probes.
 _KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 2), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 5))
 
 
 class NodeWatch(threading.Thread):
-    """Waits for the end of one life of a node.
+    """A thread that waits for the death of a node's process.
 
-    It keeps a connection to the node's slave API open, which the kernel closes when the process ends, however it ends.
-    A process that is stopped or busy keeps it open. When it breaks, the node is gone if nobody listens there any more,
-    or another process does.
+    It keeps a connection to the node's slave API open, which the kernel closes when the process ends in any way, but
+    not while the process is stopped or busy. When the connection breaks, the node is dead if its address refuses
+    connections or another process answers there.
 
-    :param uri: where the node listens.
-    :param pid: its process number, as it tells it itself.
-    :param on_gone: called once, in this thread, when the node is gone.
+    :param uri: the node's slave API.
+    :param pid: the node's process id.
+    :param on_gone: called once, in this thread, when the node has died.
     """
 
     def __init__(self, uri: str, pid: int, on_gone: Callable[[], None]) -> None:
@@ -49,19 +49,19 @@ class NodeWatch(threading.Thread):
         self._on_gone = on_gone
         self._ended = threading.Event()
         self._connection: socket.socket | None = None
-        self._is_met = False
-        self._reached: float | None = None  # when it was there last
+        self._is_connected = False  # whether `connect` has opened the connection and no answer was read yet
+        self._reached: float | None = None  # the last time the node was reachable
 
-    def meet(self) -> None:
-        """Connects to a node that is there now. Who listens at its address and is another was never the node.
+    def connect(self) -> None:
+        """Connects to a running node. If another process answers at its address, the node never existed.
 
-        :raises OSError: nobody can be reached there.
+        :raises OSError: the address cannot be reached.
         """
         self._connection = self._connect()
-        self._is_met = True
+        self._is_connected = True
 
     def stop(self) -> None:
-        """Watches no more. Does not wait for the thread."""
+        """Stops watching. Does not wait for the thread."""
         self._ended.set()
         if self._connection is not None:
             _shut(self._connection)
@@ -71,29 +71,29 @@ class NodeWatch(threading.Thread):
             self._on_gone()
 
     def _wait_until_gone(self) -> bool:
-        """Returns when the node is gone, or False when it was never there, or the watch has ended."""
+        """Blocks until the node has died; returns False when it never existed or the watch was stopped."""
         pause, longest = _PAUSES
-        silent = 0  # connections in a row on which nobody has told who he is
+        unanswered = 0  # connections in a row on which the node has not answered
         while not self._ended.is_set():
             began = time.monotonic()
             try:
                 with self._connection or self._connect() as connection:
                     pid = _ask_pid(connection)
                     if pid == self._pid:
-                        silent, self._is_met = 0, False
+                        unanswered, self._is_connected = 0, False
                         _wait_for_end(connection)
-                    elif pid is not None or silent == _NO_ANSWERS:
-                        if self._is_met:
+                    elif pid is not None or unanswered == _MAX_UNANSWERED:
+                        if self._is_connected:
                             log.warning("process %s, not %s, listens at %s:%s", pid, self._pid, *self._address)
-                        return not self._is_met
+                        return not self._is_connected
                     else:
-                        silent += 1
+                        unanswered += 1
                 self._reached = time.monotonic()
             except ConnectionRefusedError:
                 return True
             except OSError as error:
-                if self._reached is not None and time.monotonic() - self._reached > OUT_OF_REACH:
-                    log.warning("%s:%s cannot be reached any more: %s", *self._address, error)
+                if self._reached is not None and time.monotonic() - self._reached > UNREACHABLE_TIMEOUT:
+                    log.warning("%s:%s cannot be reached: %s", *self._address, error)
                     return True
             self._connection = None
             self._ended.wait(pause)
@@ -113,7 +113,7 @@ class NodeWatch(threading.Thread):
 
 
 def _ask_pid(connection: socket.socket) -> int | None:
-    """The process number of who listens there; None when it is no node, or says nothing until the connection breaks."""
+    """The process id of the node at the other end; None when it is not a node, or the connection breaks first."""
     body = xmlrpc.client.dumps((rospy.get_name(),), "getPid").encode()
     head = f"POST / HTTP/1.1\r\nHost: node\r\nContent-Type: text/xml\r\nContent-Length: {len(body)}\r\n\r\n"
     try:
@@ -127,7 +127,7 @@ def _ask_pid(connection: socket.socket) -> int | None:
 
 
 def _wait_for_end(connection: socket.socket) -> None:
-    """Waits until a connection is closed or breaks."""
+    """Blocks until a connection is closed or breaks."""
     try:
         while connection.recv(1024):
             pass
@@ -136,7 +136,7 @@ def _wait_for_end(connection: socket.socket) -> None:
 
 
 def _shut(connection: socket.socket) -> None:
-    """Wakes who reads from a connection."""
+    """Shuts a connection down, which wakes a reading thread."""
     try:
         connection.shutdown(socket.SHUT_RDWR)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The ontologies of a world model, over ROS."""
+"""The adapter of the ontology port over ROS."""
 
 from __future__ import annotations
 
@@ -23,19 +23,17 @@ from skiros2_world_model.ros.service_pool import ServicePool
 
 log = logging.getLogger(__name__)
 
-#: The name of the world model's node, relative to the caller's namespace.
+#: The name of the world model's node, relative to the client's namespace.
 SERVER = "wm"
 
-#: How often a client that waits for the server says so (s).
-_WAITING_MESSAGE_PERIOD = 5.0
 
 
 class OntologyInterface(OntologyAbstractInterface):
-    """The ontologies, and all contexts as RDF, of the world model node `wm` in this node's namespace.
+    """The ontologies, and the RDF view of all contexts, of the node `wm` in this node's namespace.
 
-    Making one waits until the server is there. From then on it goes on with each new server and each new ROS master.
+    The constructor blocks until the server answers. The interface survives restarts of the server and the ROS master.
 
-    :param author_name: who makes the changes.
+    :param author_name: the author of the changes.
     """
 
     #: The name of the server's node.
@@ -52,41 +50,41 @@ class OntologyInterface(OntologyAbstractInterface):
         self._index: Ontology | None = None
         self._index_lock = threading.Lock()
         self._ontology_changes = 0
-        self._last_snapshot_id = ""  # the last change's snapshot id
+        self._last_snapshot_id = ""
         self._wait_for_server()
         self._follow()
 
     def is_connected(self) -> bool:
-        """Whether the server answers now."""
+        """Whether the server answers."""
         return self._query_service.is_there()
 
     def lock(self) -> bool:
-        """Takes the advisory lock of the world model; waits until it is free. Returns True."""
+        """Acquires the advisory lock of the world model; blocks until it is free. Returns True."""
         answer = self._lock_service.call(SetBoolRequest(True))
         if not answer.success:
             raise WmException(f"the world model cannot be locked: {answer.message}")
         return True
 
     def unlock(self) -> bool:
-        """Gives the advisory lock back. Returns False when nobody has it."""
+        """Releases the advisory lock. Returns False when it is not held."""
         return bool(self._lock_service.call(SetBoolRequest(False)).success)
 
     def load(self, filename: str = "", context: str = "scene") -> bool:
-        """Replaces a context with what a file of the server's workspace says. Returns True.
+        """Replaces a context with the content of a file of the server's workspace. Returns True.
 
-        :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
-        :raises WmException: the file is refused; the present content stays.
+        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
+        :raises WmException: the file is refused; the current content stays.
         """
         return self._files(srvs.WoLoadAndSaveRequest.LOAD, filename, context)
 
     def save(self, filename: str = "", context: str = "scene") -> bool:
-        """Writes a context to a file of the server's workspace, as Turtle; `filename` as for `load`. Returns True.
+        """Writes a context to a file of the server's workspace as Turtle; `filename` as for `load`. Returns True.
 
         :raises WmException: the file is refused.
         """
         return self._files(srvs.WoLoadAndSaveRequest.SAVE, filename, context)
 
-    # -- what the shared calls are made of ---------------------------------------------------------------------
+    # -- the primitives of `OntologyAbstractInterface` ---------------------------------------------------------
 
     @property
     def _ontology(self) -> Ontology:
@@ -105,15 +103,15 @@ class OntologyInterface(OntologyAbstractInterface):
 
     def _modify(self, statements: Sequence[Statement], context: str) -> None:
         request = srvs.WoModifyRequest(self._author_name, context, [makeStatementMsg(*s) for s in statements])
-        self._modify_service.call(request, repeatable=True)  # adding or removing twice is as once
+        self._modify_service.call(request, repeatable=True)  # idempotent
         self._invalidate_ontology()
 
     def _follow(self) -> None:
-        """Listens to what the server tells from now on."""
+        """Subscribes to the changes of the server."""
         self._monitor = rospy.Subscriber(f"{self._server}/monitor", msgs.WmMonitor, self._on_monitor)
 
     def _on_monitor(self, message: Any) -> None:
-        """Something has changed in the world model; called in the thread of the subscription."""
+        """Handles a `WmMonitor`; called in the thread of the subscription."""
         # After a missed message, assume that it concerned the ontologies.
         is_next = message.prev_snapshot_id == self._last_snapshot_id
         self._last_snapshot_id = message.snapshot_id

@@ -11,9 +11,9 @@ from skiros2_common.core.errors import ConfigurationError
 
 
 def text_list(name: str) -> list[str]:
-    """A parameter that is a list of texts; a text is read as YAML, as launch files may write it.
+    """Reads a parameter that is a list of texts; a text is parsed as YAML, as launch files may write it.
 
-    :raises ConfigurationError: it is something else.
+    :raises ConfigurationError: the value is not a list of texts.
     """
     value: Any = rospy.get_param(name, [])
     if isinstance(value, str):

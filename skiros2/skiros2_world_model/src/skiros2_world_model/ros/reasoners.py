@@ -1,4 +1,4 @@
-"""The reasoners that a world model node runs."""
+"""Loads and runs the reasoners of a world model node."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ class Reasoners:
         log.info("reasoners: %s", ", ".join(r.__class__.__name__ for r in self._reasoning.all()) or "none")
 
     def stop(self) -> None:
-        """Asks all to stop, and waits for them."""
+        """Stops all reasoners and waits for them."""
         self._reasoning.stop()

@@ -34,19 +34,19 @@ def ontology_folder() -> Path:
 
 
 def workspace_folder() -> Path:
-    """`~workspace_dir`, the folder of the user's ontologies and scenes; the package's own when it is not set."""
+    """`~workspace_dir`, the folder of the user's ontologies and scenes; default: the package's own."""
     text = str(rospy.get_param("~workspace_dir", "")).strip()
     return Path(text).expanduser() if text else ontology_folder()
 
 
 def open_journal(workspace: Path, initial: Sequence[tuple[str, str]]) -> Journal | None:
-    """The journal of this node; None when there is to be none.
+    """Opens the journal of this node; None when it is disabled.
 
-    `~journal` (true, false, or a file; default true: a file for each master and node name), `~journal_recover`,
-    `~journal_days`, `~journal_megabytes`, `~journal_sync`: see docs/world_model.md.
+    Parameters: `~journal` (true, false, or a file; default true: a file for each master and node name),
+    `~journal_recover`, `~journal_days`, `~journal_megabytes`, `~journal_sync`; see docs/world_model.md.
 
-    :param workspace, initial: what the world model starts from, when it does not go on from the journal.
-    :raises ConfigurationError: a parameter is of no use, or the journal is used by another node.
+    :param workspace, initial: the initial files, which identify the origin of the journal.
+    :raises ConfigurationError: a parameter is invalid, or another node uses the journal.
     """
     wanted = str(rospy.get_param("~journal", True)).strip()
     if not _SWITCH.get(wanted.lower(), True):
@@ -63,7 +63,7 @@ def open_journal(workspace: Path, initial: Sequence[tuple[str, str]]) -> Journal
 
 
 def _default_path() -> Path:
-    """The nodes of one name on one master have one after the other; two masters on a machine have two."""
+    """A file for each master and node name."""
     host, port = rosgraph.network.parse_http_host_and_port(rosgraph.get_master_uri())
     return Path(rospkg.get_ros_home()) / "skiros2" / f"{host}_{port}{rospy.get_name()}.journal"
 
@@ -76,16 +76,17 @@ def _number(name: str, default: float) -> float:
 
 
 def triple_store() -> TripleStore:
-    """The store that answers SPARQL for this node: in memory, or the endpoint `~sparql_endpoint`.
+    """Creates the triple store of this node: in memory, or the endpoint `~sparql_endpoint`.
 
-    `~sparql_endpoint`, `~sparql_update_endpoint` (URLs; default: none, and the same), `~query_seconds`, `~query_rows`.
+    Parameters: `~sparql_endpoint`, `~sparql_update_endpoint` (URLs; default: none, and the same), `~query_seconds`,
+    `~query_rows`.
 
-    :raises ConfigurationError: a parameter is of no use, or the endpoint is not there.
+    :raises ConfigurationError: a parameter is invalid, or the endpoint is not available.
     """
     seconds, rows = _positive("~query_seconds", QUERY_SECONDS), int(_positive("~query_rows", QUERY_ROWS))
     query_url, update_url = _text("~sparql_endpoint"), _text("~sparql_update_endpoint")
     if query_url:
-        from skiros2_world_model.core.endpoint_store import EndpointStore  # takes time, as rdflib does
+        from skiros2_world_model.core.endpoint_store import EndpointStore  # slow to import
 
         return EndpointStore(query_url, update_url, seconds, rows)
     if update_url:

@@ -1,4 +1,4 @@
-"""Those who listened before a publisher was there."""
+"""Waits for subscribers of a topic."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ log = logging.getLogger(__name__)
 
 
 def wait_for_subscribers(publisher: rospy.Publisher, timeout: float = 0.5) -> None:
-    """Waits until those who have subscribed to a topic are connected, so that they miss nothing from here on.
+    """Blocks until the registered subscribers of a topic are connected, so that they miss no message.
 
-    A recorder that is started before the system has the whole history, for one.
+    For example, a recorder that was started before the system then records all changes.
 
-    :param timeout: s; nodes that were killed may still be listed as subscribers.
+    :param timeout: in s; the master may still list killed nodes as subscribers.
     """
     waiting_for = _subscribers(publisher.resolved_name)
     deadline = time.monotonic() + timeout
     while publisher.get_num_connections() < len(waiting_for):
         if time.monotonic() > deadline or rospy.is_shutdown():
-            log.info("not all of %s have connected to %s", ", ".join(sorted(waiting_for)), publisher.resolved_name)
+            names = ", ".join(sorted(waiting_for))
+            log.info("not all subscribers (%s) have connected to %s", names, publisher.resolved_name)
             return
         time.sleep(0.005)
 

@@ -1,4 +1,4 @@
-"""`~validation`: what is not as the ontologies and shapes want it."""
+"""The service `~validation`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skiros2_world_model.ros.errors import service_handler
 
 
 class ValidationService:
-    """The service, and the validation of each file that is loaded, unless the parameter `~validate` is false."""
+    """The service, and the validation of each loaded file unless the parameter `~validate` is false."""
 
     def __init__(self, model: WorldModel) -> None:
         self._validator = Validator(model)
@@ -26,12 +26,12 @@ class ValidationService:
             self.file_loaded(context)
 
     def file_loaded(self, context: str) -> None:
-        """A file was loaded into a context."""
+        """Validates the file that was loaded into a context."""
         if self._validates_files:
             self._validator.file_loaded(context)
 
     def _on_validation(self, request: Any) -> Any:
         context = request.context or SCENE
-        report = self._validator.loaded(context) if request.loaded else self._validator.present(context)
+        report = self._validator.file_report(context) if request.loaded else self._validator.validate_context(context)
         findings = [msgs.WmFinding(f.severity, f.element, f.property, f.file, f.text) for f in report.findings]
         return srvs.WmValidationResponse(rospy.Time.from_sec(report.stamp), findings)

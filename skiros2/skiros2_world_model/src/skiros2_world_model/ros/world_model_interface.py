@@ -1,4 +1,4 @@
-"""The world model over ROS, with or without a replica of the scene in this process."""
+"""The adapter of the world model port over ROS, with or without a replica of the scene."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _SCENE = "scene"
 
 
 class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
-    """The world model node `wm` in this node's namespace. Making one waits until the server is there.
+    """The world model node `wm` in this node's namespace. The constructor blocks until the server answers.
 
-    :param author_name: who makes the changes.
-    :param make_cache: keeps a replica of the scene, from which it is read without calls.
+    :param author_name: the author of the changes.
+    :param make_cache: keeps a replica of the scene, so that reads need no service calls.
     """
 
     def __init__(self, author_name: str = "test", make_cache: bool = False) -> None:
@@ -78,16 +78,16 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def catch_up(self) -> None:
         if self._replica is not None:
-            # Nothing has this label: the answer is the name of the server's state alone.
+            # No element has this label: only the snapshot id of the answer is needed.
             nothing = msgs.WmElement(type="skiros:Scene", label="(none)")
             answer = self._get_service.call(srvs.WmGetRequest(srvs.WmGetRequest.RESOLVE, _SCENE, nothing, "", ""))
             self._replica.reach(answer.snapshot_id)
 
     def load(self, filename: str = "", context: str = _SCENE) -> bool:
-        """Replaces a context with what a file of the server's workspace says; it can be read then. Returns True.
+        """Replaces a context with the content of a file of the server's workspace. Returns True when it can be read.
 
-        :param filename: relative to the workspace; "" is the file that it was loaded from or saved to last.
-        :raises WmException: the file is refused; the present content stays.
+        :param filename: relative to the workspace; "": the file that the context was last loaded from or saved to.
+        :raises WmException: the file is refused; the current content stays.
         """
         loaded = super().load(filename, context)
         self.catch_up()
@@ -97,7 +97,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         return str(rospy.get_param(f"{self._server}/init_scene", ""))
 
     def set_monitor_cb(self, cb: Callable[[Any], None] | None) -> None:
-        """`cb(message)` is called with each `WmMonitor`, in the thread of the subscription; None ends that."""
+        """Calls `cb(message)` with each `WmMonitor`, in the thread of the subscription. None removes the callback."""
         self._monitor_cb = cb
 
     def add_listener(self, callback: Callable[[Change], None]) -> None:
@@ -128,14 +128,14 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         try:
             entries = self.history(eid, limit=1, context_id=context_id)
         except WmException:
-            return None  # no journal, or never such an element
+            return None  # no journal, or the element never existed
         gone = [entry for entry in entries if entry.before and not entry.after]
         return Provenance(gone[0].number, gone[0].stamp, gone[0].author) if gone else None
 
     def set_last_will(self, actions: Sequence[CleanupAction]) -> None:
         self._last_will_service.call(last_will_request(actions))
 
-    # -- the past ----------------------------------------------------------------------------------------------
+    # -- history -----------------------------------------------------------------------------------------------
 
     def history(
         self,
@@ -146,30 +146,30 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         limit: int = 0,
         context_id: str = _SCENE,
     ) -> list[HistoryEntry]:
-        """What the journal tells of the changes after a point and up to another one: an entry for each request.
+        """The changes after one point and up to another: an entry for each request, oldest first.
 
-        :param eid: only changes of this element; "" of all.
-        :param since: a change's number (int) or a time (float, s since the epoch); None: the journal's beginning.
-        :param until: likewise; None: now.
-        :param author: only changes that this author made.
-        :param limit: so many entries at most, the last ones; 0: all.
-        :param context_id: the context; `ontology` for the statements of the ontologies.
-        :raises WmException: there is no journal, no such element or context, or a point is before its beginning.
+        :param eid: only changes of this element; "": all.
+        :param since: the number of a change (int) or a time (float, s since the epoch); None: the beginning.
+        :param until: the end, in the same format; None: now.
+        :param author: only changes by this author; "": all.
+        :param limit: at most this number of entries, the latest ones; 0: all.
+        :param context_id: the context; `ontology`: the statements of the ontologies.
+        :raises WmException: no journal, an unknown element or context, or a point outside the journal.
         """
         request = history_request("changes", context_id, since, until, eid, author, limit)
         return [msg2entry(m) for m in self._history_service.call(request).entries]
 
     def scene_at(self, at: Point, context_id: str = _SCENE) -> HistoryEntry:
-        """A context as it was: `after` has its elements, each with its outgoing relations.
+        """A past state of a context: `after` has its elements, each with its outgoing relations.
 
-        :param at: as for `history`. The entry tells which change led to that state.
+        :param at: as `since` in `history`. The other fields of the entry describe the change that led to this state.
         :raises WmException: as for `history`.
         """
         request = history_request("scene", context_id, until=at)
         return msg2entry(self._history_service.call(request).entries[0])
 
     def difference(self, since: Point, until: Point | None = None, context_id: str = _SCENE) -> HistoryEntry:
-        """What is other in a context at one point than it was at another: one entry, which is false when nothing is.
+        """The difference of a context between two points: one entry, which is false when there is none.
 
         :param since, until: as for `history`.
         :raises WmException: as for `history`.
@@ -180,15 +180,15 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     # -- validation --------------------------------------------------------------------------------------------
 
     def validate(self, context_id: str = _SCENE) -> Report:
-        """What is not as the ontologies and shapes want it in a context as it is now. Takes a second or more.
+        """Validates the current state of a context against the ontologies and shapes. Takes a second or more.
 
-        :raises WmException: there is no such context, or a file of shapes makes no sense.
+        :raises WmException: the context does not exist, or a shape file is invalid.
         """
         answer = self._validation_service.call(srvs.WmValidationRequest(context_id, False))
         findings = [Finding(m.severity, m.file, m.element, m.property, m.text) for m in answer.findings]
         return Report(f"context {context_id}", findings, answer.stamp.to_sec())
 
-    # -- what the shared calls are made of ---------------------------------------------------------------------
+    # -- the primitives of `WorldModelAbstractInterface` -------------------------------------------------------
 
     def _scene_now(self) -> tuple[list[Element], str]:
         reader = self._local(_SCENE)
@@ -247,7 +247,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
         try:
             response = self._transaction_service.call(request, repeatable=False)
         except WmConflict:
-            self.catch_up()  # who reads again and tries again needs the change that came first
+            self.catch_up()  # a retry must read the conflicting change
             raise
         outcome = Outcome(list(response.ids), [msg2change(m, context) for m in response.changes])
         if self._replica is not None:
@@ -278,7 +278,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
     # -- reading -----------------------------------------------------------------------------------------------
 
     def _local(self, context: str) -> SceneReader | None:
-        """What reads the replica, for contexts that it has; brought up to date."""
+        """The reader of the replica, after a refresh; None for contexts without a replica."""
         if self._replica is None or context != _SCENE:
             return None
         self._replica.refresh()
@@ -290,7 +290,7 @@ class WorldModelInterface(OntologyInterface, WorldModelAbstractInterface):
 
     def _fetch_scene(self) -> Snapshot:
         answer = self._snapshot_service.call(srvs.WmSnapshotRequest(_SCENE))
-        self._invalidate_ontology()  # that of this scene may be newer
+        self._invalidate_ontology()  # the scene may use newer ontologies
         number = snapshot_number(answer.snapshot_id)
         return Snapshot(answer.snapshot_id, number, [msg2shared_element(m, number) for m in answer.elements])
 
@@ -308,6 +308,6 @@ def _given(answer: Any) -> list[Element]:
 
 
 def load_reasoners(server: str) -> None:
-    """Makes the reasoners that the server uses known in this process, where they are installed."""
+    """Loads the server's reasoners in this process, if they are installed."""
     for reasoner in available_reasoners(text_list(f"{server}/reasoners_pkgs"), reasoners.names()):
         reasoners.add(reasoner)

@@ -24,8 +24,9 @@ from typing import Any
 import pytest
 
 from skiros2_bags.core.tolerance import NARROW, Tolerance
-from skiros2_bags.testing.replay import KINDS, RERUN, Settings, replay
+from skiros2_bags.testing.replay import KINDS, RERUN, replay
 from skiros2_bags.testing.replay_program import WHILE_STDIN
+from skiros2_bags.testing.replay_settings import Settings
 
 #: Exit status of the replay program after a divergence.
 _DIVERGED = 1
@@ -160,5 +161,5 @@ def _settings(request: pytest.FixtureRequest, given: dict[str, Any]) -> Settings
 
 
 def _file(request: pytest.FixtureRequest, name: str | Path) -> Path:
-    beside = request.path.parent / name
-    return beside if beside.exists() else Path(name).resolve()
+    candidate = request.path.parent / name
+    return candidate if candidate.exists() else Path(name).resolve()

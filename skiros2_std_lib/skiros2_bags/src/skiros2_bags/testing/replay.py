@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skiros2_bags.core.tolerance import NARROW, Tolerance
+from skiros2_bags.testing.replay_settings import Settings
 
 if TYPE_CHECKING:
     from skiros2_bags.testing.divergence import Divergence
@@ -21,25 +21,6 @@ KINDS = {
     SKILL_MANAGER: "each skill manager alone, with actions that answer as recorded",
     TASK_MANAGER: "the task manager alone, with the recorded goals and scenes",
 }
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of a replay.
-
-    :param workspace: folder of additional ontologies for the scene; None for the recorded parameter `workspace_dir` of
-        the world model.
-    :param played: labels of primitives that a re-run replaces by their recorded progress. Primitives that call
-        services are always replaced, since bags do not contain answers of services.
-    :param tolerance: of measured numbers.
-    :param launch: for `trace`, what to start besides the platform: package, launch file, arguments. Empty: action
-        servers answer as recorded.
-    """
-
-    workspace: Path | None = None
-    played: frozenset[str] = frozenset()
-    tolerance: Tolerance = NARROW
-    launch: tuple[str, ...] = ()
 
 
 def replay(bag: Path, kind: str, settings: Settings) -> Divergence | None:

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from skiros2_bags.core.tolerance import NARROW, Tolerance
 from skiros2_bags.testing.divergence import Divergence
-from skiros2_bags.testing.replay import KINDS, Settings, replay
+from skiros2_bags.testing.replay import KINDS, replay
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.termination import exit_status
 

@@ -30,7 +30,7 @@ from skiros2_bags.testing.fake_action_clients import RecordedActions
 from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks, task_changes, tick_times
 from skiros2_bags.testing.recorded_world import add_reasoners, input_operations, scene_before, world_model_with
 from skiros2_bags.testing.recording import ActionMessage, ClockTick, Event, Recording, TaskProgress, WorldChange
-from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.rerun_manager import RerunManager
 from skiros2_bags.testing.rerun_task import RerunTask
 from skiros2_common.ros.action_server_watch import ServerWatch

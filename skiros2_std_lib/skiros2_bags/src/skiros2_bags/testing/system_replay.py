@@ -13,7 +13,7 @@ from skiros2_bags.testing.live_replay import Player, RunObserver, WorldModelWrit
 from skiros2_bags.testing.recorded_task import RecordedTask, recorded_tasks
 from skiros2_bags.testing.recorded_world import PACKAGES, scene_before
 from skiros2_bags.testing.recording import ActionMessage, Recording, WorldChange
-from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_skill_manager, start_task_manager, start_world_model
 from skiros2_bags.testing.run_comparison import compare_runs, compare_scenes
 from skiros2_common.core.errors import TimedOut

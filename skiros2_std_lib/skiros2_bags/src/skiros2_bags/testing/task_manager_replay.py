@@ -14,7 +14,7 @@ from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.live_replay import WorldModelWriter
 from skiros2_bags.testing.recorded_world import group_requests, scene_before, world_model_with
 from skiros2_bags.testing.recording import ActionMessage, Recording
-from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_task_manager, start_world_model
 from skiros2_common.core.errors import TimedOut, WrongValue
 from skiros2_common.core.names import same_node

@@ -9,7 +9,7 @@ from skiros2_bags.core.tolerance import Tolerance, diff_changes, diff_elements, 
 from skiros2_bags.testing.divergence import Divergence
 from skiros2_bags.testing.recorded_world import change_operations, group_requests, scene_before
 from skiros2_bags.testing.recording import Recording, WorldChange
-from skiros2_bags.testing.replay import Settings
+from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_world_model
 from skiros2_msgs import srv as srvs
 from skiros2_world_model.core.apply_change import apply_change

@@ -1,4 +1,4 @@
-"""How things look."""
+"""Rotations between boxes, up to their symmetry."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from skiros2_std_reasoners.core.geometry import IDENTITY, Pose, Vector, angle_be
 
 
 def turn_between(a: Pose, b: Pose, size: Vector) -> float:
-    """The least angle between two boxes of this size (m) that look the same (rad)."""
+    """The least angle (rad) between two boxes of this size (m), up to their symmetry."""
     between = multiplied(conjugated(a.orientation), b.orientation)
     return angle_between(IDENTITY.orientation, least_turned(between, size))

@@ -1,4 +1,4 @@
-"""A window in a process of its own, offscreen, that prints what its status line and its banners say, as it changes.
+"""A window in a separate process, offscreen, that prints changes of its status line and its banners.
 
 For tests of what a test's own process cannot be in: a window on another master, or without one.
 """

@@ -1,4 +1,4 @@
-"""A library of skills for robots that work together: `libraries_list:=[support.crew_skills]`.
+"""A library of skills for robots that work together: `libraries_list:=[support.team_skills]`.
 
 Products are carried to a bench, washed and labelled there, and carried on. Each skill takes its time, and what it does
 is in the world model at its end, or not at all.

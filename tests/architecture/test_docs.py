@@ -1,0 +1,42 @@
+"""The docs name files and each other correctly."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+from support.ros import ROOT
+
+DOCS = ROOT / "docs"
+
+#: A path in backticks: a file with a suffix, or a folder with a slash at its end.
+_PATH = re.compile(r"`([\w./-]+(?:\.(?:py|md|svg|launch|msg|srv|action|toml)|/))`")
+_LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
+
+
+def _repository_paths() -> set[str]:
+    files = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout.splitlines()  # fmt: skip
+    existing = [Path(file) for file in files if (ROOT / file).exists()]
+    return {f"/{path}" for path in existing} | {f"/{folder}/" for path in existing for folder in path.parents}
+
+
+def test_every_path_in_the_architecture_page_exists() -> None:
+    known = _repository_paths()
+    named = _PATH.findall((DOCS / "architecture.md").read_text())
+    assert named
+    assert not [name for name in named if not any(path.endswith(f"/{name}") for path in known)]
+
+
+def test_every_relative_link_of_the_docs_exists() -> None:
+    pages = [*DOCS.glob("*.md"), *ROOT.glob("*.md")]
+    links = [(page, link) for page in pages for link in _LINK.findall(page.read_text())]
+    assert not [f"{page.name}: {link}" for page, link in links if not (page.parent / link).exists()]
+
+
+def test_the_index_links_every_page() -> None:
+    links = set(_LINK.findall((DOCS / "README.md").read_text()))
+    assert {page.name for page in DOCS.glob("*.md")} - {"README.md"} <= links

@@ -64,7 +64,7 @@ def test_causal_links_name_producers() -> None:
 
 
 def test_order_is_transitively_reduced() -> None:
-    """The robot and its gripper order pick before place, too; through the drive that is said already."""
+    """The order of pick and place follows from the drive between them."""
     assert (0, 2) not in deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before
 
 

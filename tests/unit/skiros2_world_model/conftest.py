@@ -1,4 +1,4 @@
-"""World models in this process, each with a workspace of its own."""
+"""World models in this process, each with its own workspace."""
 
 from pathlib import Path
 

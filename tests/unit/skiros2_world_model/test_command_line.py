@@ -95,7 +95,7 @@ def test_view_all_shows_every_element_property_and_relation(run) -> None:
     assert out[-2:] == ['skiros:Part-90 "stray"', "└── skiros:at skiros:Scene-0"]
 
 
-def test_view_of_an_element_shows_what_is_under_it(run) -> None:
+def test_view_of_an_element_shows_its_descendants(run) -> None:
     shown = run("view", "skiros:LargeBox-80", "--json").json
     assert [element["id"] for element in shown] == ["skiros:LargeBox-80", "skiros:Starter-81", "skiros:Part-82"]
     assert shown[0]["relations"] == [
@@ -106,7 +106,7 @@ def test_view_of_an_element_shows_what_is_under_it(run) -> None:
     assert run("view", "skiros:Part-7") == (1, "", "view: there is no element 'skiros:Part-7'\n")
 
 
-def test_an_element_in_two_places_is_shown_whole_in_the_first(run) -> None:
+def test_element_in_two_places_is_expanded_at_the_first(run) -> None:
     run("set", "skiros:Scene-0", "skiros:contain", "skiros:Starter-81")
     assert run("view").out.count("Starter-81 (see above)") == 1
     assert run("view").out.count("Weight=0.5") == 1
@@ -140,7 +140,7 @@ def test_get_of_one_property_gives_its_values_alone(run, name: str, out: str) ->
     assert run("get", "skiros:LargeBox-80", name, "--json").status == 0
 
 
-def test_what_is_not_there_is_named(run) -> None:
+def test_unknown_element_or_property_is_named(run) -> None:
     assert run("get", "skiros:Part-7") == (1, "", "get: there is no element 'skiros:Part-7' in context 'scene'\n")
     missing = run("get", "skiros:Part-90", "Weight")
     assert missing == (1, "", "get: skiros:Part-90 has no skiros:Weight; it has: none\n")
@@ -161,7 +161,7 @@ def test_set_gives_values_the_types_of_the_ontology(run, model: WorldModel) -> N
     assert model.history.changes("skiros:Part-90")[-1].author == program.user()
 
 
-def test_where_the_ontology_declares_no_type_the_text_tells_it(run) -> None:
+def test_type_of_an_undeclared_property_follows_from_the_text(run) -> None:
     texts = {"7": 7, "0.5": 0.5, "true": True, '"7"': "7", "007": "007", "[1]": "[1]", "a b": "a b"}
     for text, value in texts.items():
         run("set", "skiros:Part-90", "Odd", "--remove")
@@ -241,7 +241,7 @@ def test_query_of_a_file_without_names_of_columns(run, tmp_path: Path) -> None:
     assert run("query", "SELECT ?x { ?x a skiros:Robot7 }").out == "no rows\n"
 
 
-def test_query_that_cannot_be_answered_is_told_in_one_line(run) -> None:
+def test_refused_query_prints_one_line(run) -> None:
     refused = run("query", "SELECT ?x WHERE {\n nothing }")
     assert (refused.status, refused.out, refused.err.count("\n")) == (1, "", 1)
     assert run("query", "-f", "/no/such.rq").err == "query: /no/such.rq: cannot be read: No such file or directory\n"
@@ -262,7 +262,7 @@ def test_save_and_load(run, workspace: Path) -> None:
 # -- history, diff -------------------------------------------------------------------------------------------------
 
 
-def test_history_tells_who_changed_what(run) -> None:
+def test_history_shows_authors_and_changes(run) -> None:
     run("set", "skiros:Part-90", "Weight", "1", "--author", "mary")
     run("set", "skiros:Part-90", "Weight", "2", "--author", "paul")
     out = run("history", "skiros:Part-90").out.splitlines()
@@ -294,7 +294,7 @@ def test_history_of_large_requests_is_cut(run, model: WorldModel) -> None:
     assert "11 more" not in run("history", "--limit", "1", "--all").out
 
 
-def test_history_names_what_it_does_not_know(run) -> None:
+def test_history_names_unknown_elements_and_contexts(run) -> None:
     for arguments in (["skiros:Part-7"], ["--since", "#5"], ["--at", "sometime"], ["--at", "1m", "skiros:Part-7"]):
         refused = run("history", *arguments)
         assert (refused.status, refused.out, refused.err.count("\n")) == (1, "", 1), arguments
@@ -353,7 +353,7 @@ def test_diff_has_a_status_of_its_own_for_trouble(run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "arguments", [("get",), ("view", "a", "b"), ("query",), ("query", "a", "-f", "b"), ("view", "--odd"), ("save",)]
 )
-def test_wrong_usage_is_told_in_one_line(run, arguments: tuple[str, ...]) -> None:
+def test_wrong_usage_prints_one_line(run, arguments: tuple[str, ...]) -> None:
     wrong = run(*arguments)
     assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
     assert wrong.err.startswith(f"{arguments[0]}: ") and f"see {arguments[0]} --help" in wrong.err
@@ -375,7 +375,7 @@ def test_numbers_that_json_has_not_are_texts(run) -> None:
     assert run("get", "skiros:Part-90", "Weight", "--json").out == '[\n  "nan"\n]\n'
 
 
-def test_without_a_master_it_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_master_is_reported_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")
     with pytest.raises(Unavailable, match=r"no ROS master answers at http://localhost:1 .*refused"):
         connect("wm", "tester")

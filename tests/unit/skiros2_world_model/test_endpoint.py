@@ -1,4 +1,4 @@
-"""A world model whose RDF side is a SPARQL endpoint over HTTP."""
+"""A world model whose triple store is a SPARQL endpoint over HTTP."""
 
 import contextlib
 import threading
@@ -63,7 +63,7 @@ def test_queries_see_every_change(connect, endpoint):
     assert not any(first.partition(":")[2] in triple for triple in endpoint.graph("scene"))
 
 
-def test_only_what_has_changed_is_sent(connect, endpoint):
+def test_only_changes_are_sent(connect, endpoint):
     wm = connect()
     for _ in range(50):
         add_box(wm)
@@ -79,7 +79,7 @@ def test_only_what_has_changed_is_sent(connect, endpoint):
 
 @given(requests=st.lists(st.lists(OPERATIONS, max_size=4), max_size=6), asked=st.lists(st.booleans(), min_size=6))
 @settings(max_examples=10, deadline=None)
-def test_the_endpoint_sees_what_a_fresh_reader_of_the_file_sees(tmp_path_factory, requests, asked):
+def test_endpoint_graph_equals_the_saved_file(tmp_path_factory, requests, asked):
     folder = tmp_path_factory.mktemp("ws")
     with SparqlEndpoint() as endpoint:
         model = WorldModel(source_ontologies(), folder, store=EndpointStore(endpoint.url))
@@ -118,7 +118,7 @@ def test_restrictions_can_be_asked_for(connect):
 # -- what the endpoint holds besides ------------------------------------------------------------------------------
 
 
-def test_what_it_holds_is_kept_and_queried_with_the_scene(connect, endpoint):
+def test_other_graphs_of_the_endpoint_are_kept_and_queried(connect, endpoint):
     endpoint.store.update(OWN)
     before = set(endpoint.store)
     wm = connect()
@@ -143,7 +143,7 @@ def test_its_classes_and_properties_are_known(connect, endpoint, caplog):
     assert connect("").model.ontology.is_subclass("parts:Crate", "skiros:Container")
 
 
-def test_what_an_earlier_world_model_left_goes(connect, endpoint):
+def test_graphs_of_an_earlier_world_model_are_dropped(connect, endpoint):
     first = connect()
     first.add_element(Element("skiros:Part", "left"), "memory")
     first.model.query("ASK {}")
@@ -163,7 +163,7 @@ def test_an_endpoint_that_is_not_there_at_the_start_is_named(connect):
 
 
 @pytest.mark.parametrize("url", ["nonsense", "ftp://localhost/x", "http://", "http://no host/", ""])
-def test_what_is_no_url_is_named(url):
+def test_invalid_url_is_named(url):
     with pytest.raises(ConfigurationError, match="SPARQL endpoint"):
         EndpointStore(url)
 
@@ -192,7 +192,7 @@ def test_user_and_password_are_sent_and_not_shown(endpoint):
     assert "cret" not in str(error.value)
 
 
-def test_while_it_is_down_queries_are_refused_and_the_scene_goes_on(connect, endpoint):
+def test_queries_are_refused_and_writes_accepted_while_the_endpoint_is_down(connect, endpoint):
     wm = connect()
     first = add_box(wm)
     assert first in wm.model.query(BOXES)

@@ -1,4 +1,4 @@
-"""Scenes that were written elsewhere load, with what they hold that is new to us."""
+"""Scenes written by other tools load, including content that the ontologies do not declare."""
 
 import logging
 
@@ -41,7 +41,7 @@ def test_one_number_under_two_types_loads(load):
     assert wm.get_element("skiros:LargeBox-7").id != wm.get_element("skiros:Starter-7").id
 
 
-def test_unknown_names_are_kept_and_named_with_file_and_element(load, caplog):
+def test_unknown_names_are_kept_and_logged_with_file_and_element(load, caplog):
     with caplog.at_level(logging.WARNING):
         wm = load("default1:Pump-4 a default1:Pump ; default1:flow 2.5 ; default1:feeds default1:Scene-0 .")
     pump = wm.get_element("skiros:Pump-4")
@@ -59,7 +59,7 @@ def test_a_position_with_x_alone_loads_and_the_rest_is_missing(load):
     assert box.value_of("skiros:PositionZ") is None
 
 
-def test_numbers_and_bools_written_as_text_are_what_their_property_holds(load):
+def test_numbers_and_bools_written_as_text_are_converted(load):
     wm = load('default1:LargeBox-1 a default1:LargeBox ; default1:PositionX "1.5" ; default1:PublishTf "True" ; '
               'default1:SizeX "0.5" .')  # fmt: skip
     box = wm.get_element("skiros:LargeBox-1")
@@ -68,7 +68,7 @@ def test_numbers_and_bools_written_as_text_are_what_their_property_holds(load):
     assert box.hasProperty("skiros:SizeX", 0.5)  # no declared type: the text stays, and compares equal
 
 
-def test_an_element_whose_class_is_missing_has_the_one_that_its_id_says(load):
+def test_missing_class_is_derived_from_the_id(load):
     wm = load('default1:LargeBox-1 rdfs:label "tray" .')
     assert wm.get_element("skiros:LargeBox-1").type == "skiros:LargeBox"
 
@@ -98,7 +98,7 @@ def test_relations_to_templates_are_kept(load):
         ("this is no Turtle", "scene.ttl, line 8"),
     ],
 )
-def test_a_scene_that_is_refused_leaves_the_present_one(load, wm, text, message):
+def test_refused_scene_keeps_the_current_one(load, wm, text, message):
     load('default1:LargeBox-1 a default1:LargeBox ; rdfs:label "present" .')
     number = wm.version
     with pytest.raises(WmException, match=message):
@@ -107,7 +107,7 @@ def test_a_scene_that_is_refused_leaves_the_present_one(load, wm, text, message)
     assert wm.version == number
 
 
-def test_what_was_saved_loads_as_the_same_and_is_saved_as_the_same(load, workspace):
+def test_saved_scene_loads_and_saves_unchanged(load, workspace):
     wm = load('default1:LargeBox-1 a default1:LargeBox ; rdfs:label "tray" ; default1:SizeX 0.5, 1 ; '
               "default1:contain default1:Starter-2 . default1:Starter-2 a default1:Starter .")  # fmt: skip
     wm.save("one.ttl")
@@ -135,7 +135,7 @@ ONTOLOGY = """@prefix : <http://x.org/Factory.owl#> .
 """
 
 
-def test_every_file_of_the_workspace_and_below_whose_name_contains_owl_is_an_ontology(workspace):
+def test_workspace_files_whose_names_contain_owl_are_ontologies(workspace):
     (workspace / "below").mkdir()
     (workspace / "below" / "factory.owl.ttl").write_text(ONTOLOGY)
     (workspace / "scene.ttl").write_text("this is a scene, and broken; nobody reads it")

@@ -46,7 +46,7 @@ OPERATIONS = st.one_of(
 
 @given(st.lists(st.lists(OPERATIONS, max_size=4), max_size=8), st.data())
 @settings(max_examples=60, deadline=None)
-def test_sparql_sees_what_a_fresh_reader_of_the_file_sees(tmp_path_factory, requests, data):
+def test_synced_graph_equals_the_saved_file(tmp_path_factory, requests, data):
     folder = tmp_path_factory.mktemp("ws")
     model = WorldModel(source_ontologies(), folder)
     for request in requests:

@@ -1,4 +1,4 @@
-"""The history: what was, what was changed, when and by whom."""
+"""The history: past states and changes, with their times and authors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_request_is_one_entry_with_all_that_it_changed(mary: LocalWorldModel) 
     assert [(r["src"], r["type"]) for r in entry.related] == [(parent.id, "skiros:contain")]
 
 
-def test_a_load_is_told_with_its_file_and_what_is_other(mary: LocalWorldModel) -> None:
+def test_entry_of_a_load_has_its_file_and_the_difference(mary: LocalWorldModel) -> None:
     kept, removed = box(mary, Weight=1.0), box(mary)
     mary.save("cell.ttl")
     mary.remove_element(removed.id)
@@ -129,7 +129,7 @@ def test_the_difference_of_two_points_has_no_steps_between(mary: LocalWorldModel
     assert not mary.difference(number)
 
 
-def test_what_is_not_known_is_named(mary: LocalWorldModel, tmp_path: Path) -> None:
+def test_unknown_elements_and_points_are_named(mary: LocalWorldModel, tmp_path: Path) -> None:
     history = mary.model.history
     with pytest.raises(UnknownName, match="no element 'skiros:Box-1' in context 'scene'"):
         history.changes("skiros:Box-1")

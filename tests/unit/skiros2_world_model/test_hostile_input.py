@@ -51,7 +51,7 @@ def stored_everywhere(wm: LocalWorldModel, name: str) -> bool:
 
 
 @pytest.mark.parametrize("name", NO_NAMES)
-def test_what_rdf_cannot_name_is_refused_wherever_it_stands(wm, model, name):
+def test_names_invalid_in_rdf_are_refused_in_every_position(wm, model, name):
     before = model.snapshot_id
     keyed = part()
     keyed._props[name] = Property(name, 1)
@@ -129,7 +129,7 @@ def test_ids_with_long_numbers_do_no_harm(wm, digits):
     ids=lambda value: str(type(value)),
 )
 @pytest.mark.parametrize("key", ["SizeX", "ContainerState", "anything"])
-def test_a_value_that_cannot_be_kept_and_told_is_refused_or_kept(wm, model, key, value):
+def test_any_value_is_either_refused_or_stored_and_published(wm, model, key, value):
     before = model.snapshot_id
     try:
         wm.add_element(part(**{key: value}))
@@ -216,7 +216,7 @@ def same(model, replica):
     return scenes[0] == scenes[1]
 
 
-def test_of_a_relation_that_comes_and_goes_in_one_request_the_end_is_told(wm, model, told):
+def test_only_the_final_state_of_a_relation_is_published(wm, model, told):
     one, two = part(), part()
     wm.add_elements([one, two])
     there = Relate(one.id, "skiros:at", two.id)
@@ -229,7 +229,7 @@ def test_of_a_relation_that_comes_and_goes_in_one_request_the_end_is_told(wm, mo
     assert model.scene().related(one.id, "skiros:at", two.id)
 
 
-def test_a_relation_to_an_element_that_is_made_anew_in_the_same_request_is_gone(wm, model, told):
+def test_relation_to_an_element_added_again_in_the_same_request_is_removed(wm, model, told):
     one, two = part(), part()
     wm.add_elements([one, two])
     model.transact([Relate(one.id, "skiros:at", two.id), Remove(two.id), Add(part(eid=two.id))], "tester")
@@ -237,13 +237,13 @@ def test_a_relation_to_an_element_that_is_made_anew_in_the_same_request_is_gone(
     assert same(model, told.replica)
 
 
-def test_an_element_that_comes_and_goes_in_one_request_is_not_told(wm, model, told):
+def test_element_added_and_removed_in_one_request_is_not_published(wm, model, told):
     model.transact([Add(part(eid="skiros:Part-7")), Remove("skiros:Part-7")], "tester")
     assert [e.id for change in told.changes for e in change.elements] == []
     assert same(model, told.replica)
 
 
-def test_relations_between_others_that_come_with_an_element_are_told(wm, model, told):
+def test_relations_between_other_elements_are_published(wm, model, told):
     one, two = part(), part()
     wm.add_elements([one, two])
     third = part()

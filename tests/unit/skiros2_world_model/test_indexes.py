@@ -1,4 +1,4 @@
-"""The parts of the scene's index, each beside the simplest thing that does the same."""
+"""The building blocks of the scene, each compared with a simple implementation."""
 
 import math
 
@@ -12,7 +12,7 @@ STEPS = st.lists(st.tuples(st.booleans(), st.sampled_from("kl"), st.sampled_from
 
 
 @given(STEPS)
-def test_an_id_index_holds_what_was_added_and_not_discarded_since(steps):
+def test_id_index_holds_added_ids_until_they_are_discarded(steps):
     index, model = IdIndex(), set()
     for add, key, eid in steps:
         if add:
@@ -95,7 +95,7 @@ def test_a_pool_gives_an_equal_property_for_each(values):
         assert same_property(pool.shared(prop), prop)
 
 
-def test_a_pool_tells_zero_from_minus_zero_and_no_value_from_an_empty_one():
+def test_pool_distinguishes_zero_from_minus_zero_and_no_value_from_an_empty_one():
     pool = PropertyPool()
     for value in (0.0, -0.0, 0, False, "", "''", "0", float, str):
         pool.shared(Property("a:p", value))

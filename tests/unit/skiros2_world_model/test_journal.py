@@ -1,4 +1,4 @@
-"""The journal: a world model that was killed goes on from it with exactly the scene that it had."""
+"""The journal: a killed world model recovers exactly the scene that it had."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_after_a_clean_end_the_next_one_starts_from_its_files_with_higher_number
         ({"recover": ALWAYS, "origin": "another workspace"}, False, True),
     ],
 )
-def test_when_it_goes_on(lives: Lives, options: dict[str, Any], clean: bool, goes_on: bool) -> None:
+def test_recovery_follows_the_parameter(lives: Lives, options: dict[str, Any], clean: bool, goes_on: bool) -> None:
     lives.start().add_element(box())
     lives.end() if clean else lives.kill()
     wm = lives.start(**options)
@@ -191,7 +191,7 @@ def test_when_it_goes_on(lives: Lives, options: dict[str, Any], clean: bool, goe
     assert wm.is_scene_element("skiros:LargeBox-1") == goes_on
 
 
-def test_an_initial_file_that_is_refused_leaves_what_was_to_go_on_from(lives: Lives) -> None:
+def test_refused_initial_file_keeps_the_journal(lives: Lives) -> None:
     lives.start(origin="a").add_element(box())
     lives.kill()
     with pytest.raises(ConfigurationError, match=r"missing\.ttl"):
@@ -200,7 +200,7 @@ def test_an_initial_file_that_is_refused_leaves_what_was_to_go_on_from(lives: Li
     assert lives.start(origin="a").is_scene_element("skiros:LargeBox-1")
 
 
-def test_without_a_journal_numbers_grow_from_one_life_to_the_next(lives: Lives) -> None:
+def test_without_a_journal_numbers_increase_over_restarts(lives: Lives) -> None:
     wm = LocalWorldModel("tester", WorldModel(None, lives.workspace))
     wm.add_element(box())
     assert WorldModel(None, lives.workspace).number > wm.model.number
@@ -254,7 +254,7 @@ def odd_content(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [cut, no_database, other_database, garbled, odd_content])
-def test_a_damaged_journal_is_moved_aside_and_said_so(
+def test_damaged_journal_is_moved_aside_and_logged(
     lives: Lives, damage: Callable[[Path], None], caplog: pytest.LogCaptureFixture
 ) -> None:
     wm = lives.start(initial=[("scene", "cell.ttl")])

@@ -154,7 +154,7 @@ def replayed(entries: list[HistoryEntry]) -> dict[str, Any]:
 @pytest.mark.filterwarnings("ignore")
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(sequence=st.lists(requests, min_size=1, max_size=12))
-def test_the_journal_has_what_the_world_model_has(sequence: list[tuple[str, Any, Any]]) -> None:
+def test_recovered_state_equals_the_state_of_the_world_model(sequence: list[tuple[str, Any, Any]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "cell.ttl").write_text(CELL)
         path = Path(folder) / "wm.journal"

@@ -1,4 +1,4 @@
-"""Requests and scenes of 100 000 elements: each takes no more than its share, whatever its shape."""
+"""Requests and scenes of 100 000 elements take time proportional to their size, whatever their shape."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Last wills: what they change, when they are carried out, and what of them a killed world model still knows."""
+"""Last wills: the changes they make, when they are executed, and their recovery from the journal."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_properties_are_written_and_taken_away_and_the_rest_stays(
     assert state(wmi, foreign) == ("Busy", "/another")
 
 
-def test_what_an_element_has_along_a_relation_goes_with_all_below(
+def test_objects_of_the_relation_are_removed_with_their_descendants(
     wmi: LocalWorldModel, wills: LastWillStore, robot: Element
 ) -> None:
     wills.execute(NODE, left(wills, NO_SKILLS).process)
@@ -124,7 +124,7 @@ def test_where_a_part_is_refused_the_rest_is_done(
 
 
 @pytest.mark.parametrize("action", [CleanupAction("", NODE), CleanupAction(HOLDER, "")])
-def test_a_bequest_of_anything_at_all_is_refused(wills: LastWillStore, action: CleanupAction) -> None:
+def test_action_without_key_or_value_is_refused(wills: LastWillStore, action: CleanupAction) -> None:
     with pytest.raises(WrongValue, match="expected an owner, and key and value in each cleanup action"):
         left(wills, action)
     assert wills.all() == []
@@ -149,14 +149,14 @@ def test_one_that_was_taken_back_is_not_carried_out(wmi: LocalWorldModel, wills:
     assert state(wmi, arm) == ("Busy", NODE)
 
 
-def test_the_same_life_leaves_another_in_its_place(wmi: LocalWorldModel, wills: LastWillStore, arm: Element) -> None:
+def test_second_will_of_a_process_replaces_the_first(wmi: LocalWorldModel, wills: LastWillStore, arm: Element) -> None:
     left(wills, NO_SKILLS)
     after = left(wills, FREE)
     assert state(wmi, arm) == ("Busy", NODE)
     assert wills.all() == [after]
 
 
-def test_another_life_carries_out_that_of_the_former(wmi: LocalWorldModel, wills: LastWillStore, arm: Element) -> None:
+def test_will_of_another_process_runs_the_former(wmi: LocalWorldModel, wills: LastWillStore, arm: Element) -> None:
     former = left(wills, FREE)
     now = left(wills, FREE, process=SECOND)
     assert state(wmi, arm) == ("Idle", None)
@@ -175,7 +175,7 @@ def life_of_world_model(path: Path, recover: str) -> tuple[LocalWorldModel, Last
     return wmi, LastWillStore(wmi.model, journal), journal
 
 
-def test_a_world_model_that_goes_on_from_its_journal_has_them(tmp_path: Path) -> None:
+def test_recovered_world_model_has_its_last_wills(tmp_path: Path) -> None:
     wmi, wills, journal = life_of_world_model(tmp_path / "journal", ALWAYS)
     arm = device(wmi, NODE)
     left(wills, FREE, NO_SKILLS)
@@ -191,7 +191,7 @@ def test_a_world_model_that_goes_on_from_its_journal_has_them(tmp_path: Path) ->
     journal.close()
 
 
-def test_one_that_begins_anew_has_none(tmp_path: Path) -> None:
+def test_world_model_without_recovery_has_no_last_wills(tmp_path: Path) -> None:
     _, wills, journal = life_of_world_model(tmp_path / "journal", "killed")
     left(wills, FREE)
     journal.close()
@@ -200,7 +200,7 @@ def test_one_that_begins_anew_has_none(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_notes_in_the_journal_that_are_no_wills_are_told_and_lost(
+def test_unreadable_last_wills_in_the_journal_are_logged_and_dropped(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     _, _, journal = life_of_world_model(tmp_path / "journal", ALWAYS)

@@ -1,4 +1,4 @@
-"""Elements like an abstract one: found by indexes, the same that a look at each of them finds."""
+"""Indexed searches for abstract elements return the same as a linear search."""
 
 from itertools import pairwise
 
@@ -43,7 +43,7 @@ ELEMENTS = st.lists(st.tuples(st.integers(0, 12), TYPES, LABELS, PROPERTIES), ma
 
 @given(ELEMENTS, ELEMENTS, st.sampled_from(["", "Unknown", "sumo:Object", "skiros:Product"]), LABELS, PROPERTIES)
 @settings(max_examples=200, deadline=None)
-def test_what_is_found_is_what_a_look_at_each_finds(before, after, etype, label, values):
+def test_matches_equal_those_of_a_linear_search(before, after, etype, label, values):
     scene = Scene()
     wanted = Element(etype, label)
     wanted._props = properties(values)

@@ -1,4 +1,4 @@
-"""Whether a node is gone is told by its connection: at once when its process ends, and not because of a hiccup."""
+"""The node watch detects the end of a process at once, and ignores short interruptions."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_one_that_is_killed_while_it_is_stopped_is_gone(node: ElementRecord, wat
     assert gone.wait(5.0)
 
 
-def test_a_connection_that_breaks_is_made_anew_while_the_node_lives(node: ElementRecord, watch: Any) -> None:
+def test_broken_connection_to_a_live_node_is_restored(node: ElementRecord, watch: Any) -> None:
     wire = Wire(node)
     gone = watch(wire.port, node.pid)
     for count in (1, 2, 3):
@@ -176,7 +176,7 @@ def test_another_process_in_its_place_is_not_the_node(node: ElementRecord, watch
     assert watch(node.port, node.pid + 1).wait(5.0)
 
 
-def test_nor_is_what_answers_no_call_of_a_node(watch: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_address_that_is_not_a_node_counts_as_dead(watch: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_watch, "_PAUSES", (0.01, 0.05))
     with socket.create_server(("localhost", 0)) as stranger:
         answers = [b"", b"no HTTP", b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n"] * 2
@@ -254,7 +254,7 @@ def test_one_that_was_never_reached_is_not_gone(
     assert gone.wait(5.0)
 
 
-def test_who_is_met_in_its_place_was_never_the_node(node: ElementRecord) -> None:
+def test_other_process_at_the_first_connection_is_not_a_death(node: ElementRecord) -> None:
     gone = threading.Event()
     watch = NodeWatch(f"http://localhost:{node.port}/", node.pid + 1, gone.set)
     watch.connect()

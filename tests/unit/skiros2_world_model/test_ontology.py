@@ -1,4 +1,4 @@
-"""What the ontologies say: closures, datatypes, restrictions, individuals."""
+"""The ontology index: closures, datatypes, restrictions, individuals."""
 
 import pytest
 
@@ -138,7 +138,7 @@ def test_the_most_specific_class_of_an_individual_counts():
     assert ontology.individual("a:x").type == "a:B"
 
 
-def test_more_classes_make_the_same_as_reading_all_anew():
+def test_with_classes_equals_a_full_read():
     before = [("a:A", "rdf:type", "owl:Class"), ("a:x", "rdf:type", "a:A")]
     more = [("a:B", "rdf:type", "owl:Class"), ("a:B", "rdfs:subClassOf", "a:A"), ("a:C", "rdfs:subClassOf", "a:B")]
     extended, anew = made(*before).with_classes(more), made(*before, *more)

@@ -1,4 +1,4 @@
-"""A copy of a scene: it may be changed, and neither it nor the world model hears of the other."""
+"""A preview copy and its world model do not see each other's changes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_changes_of_one_are_not_seen_by_the_other(wm: LocalWorldModel) -> None:
     assert copy.find_element(product) is not None
 
 
-def test_listeners_hear_what_was_changed_and_removed(wm: LocalWorldModel) -> None:
+def test_listeners_get_changed_and_removed_elements(wm: LocalWorldModel) -> None:
     place = add(wm, "skiros:Location")
     product = add(wm, "skiros:Product", place)
     copy = PreviewCopy(wm)
@@ -77,7 +77,7 @@ def test_listeners_hear_what_was_changed_and_removed(wm: LocalWorldModel) -> Non
     assert heard == []
 
 
-def test_what_the_world_model_would_refuse_is_refused_and_changes_nothing(wm: LocalWorldModel) -> None:
+def test_copy_refuses_requests_as_the_world_model_does(wm: LocalWorldModel) -> None:
     place = add(wm, "skiros:Location")
     copy = PreviewCopy(wm)
     before = copy.version

@@ -1,4 +1,4 @@
-"""Turtle and RDF/XML files in, sorted Turtle out."""
+"""Reads Turtle and RDF/XML files, writes sorted Turtle."""
 
 import random
 from pathlib import Path
@@ -25,7 +25,7 @@ XML = b"""<?xml version="1.0"?>
 """
 
 
-def test_what_is_inside_decides_the_syntax_not_the_name():
+def test_content_decides_the_format():
     assert len(parse_triples(TURTLE, "scene.owl")) == 7
     assert len(parse_triples(XML, "scene.ttl")) == 2
 
@@ -63,7 +63,7 @@ def test_the_text_depends_on_the_triples_alone_not_on_their_order():
     assert len(texts) == 1
 
 
-def test_one_triple_is_one_line_so_that_a_difference_shows_what_changed():
+def test_each_triple_is_one_line():
     triples = parse_triples(TURTLE, "scene.ttl")
     more = ox.Triple(ox.NamedNode(LAB + "Bench-1"), ox.NamedNode(LAB + "holds"), ox.NamedNode(LAB + "Box-3"))
     before = turtle(triples, {"lab": LAB}).splitlines()
@@ -71,13 +71,13 @@ def test_one_triple_is_one_line_so_that_a_difference_shows_what_changed():
     assert [line for line in after if line not in before] == [b"    lab:holds lab:Box-3 ;"]
 
 
-def test_what_is_written_reads_as_the_same_triples():
+def test_written_triples_read_back_unchanged():
     triples = parse_triples(TURTLE, "scene.ttl")
     assert set(parse_triples(turtle(triples, {"lab": LAB}), "again.ttl")) == set(triples)
     assert set(parse_triples(turtle(triples, {}), "again.ttl")) == set(triples)
 
 
-def test_names_that_turtle_cannot_shorten_are_written_whole():
+def test_names_without_valid_prefixed_form_are_written_as_iris():
     odd = ox.NamedNode(LAB + "a/b.c")
     text = turtle([ox.Triple(odd, odd, odd)], {"lab": LAB})
     assert text.count(b"<http://x.org/lab.owl#a/b.c>") == 3
@@ -88,7 +88,7 @@ def test_nothing_is_an_empty_text():
     assert turtle([], {"lab": LAB}) == b""
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path):
+def test_file_is_replaced_atomically(tmp_path: Path):
     path = tmp_path / "scene.ttl"
     write_file(path, b"one")
     write_file(path, b"two")

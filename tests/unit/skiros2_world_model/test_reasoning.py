@@ -1,4 +1,4 @@
-"""Reasoners are offered each change before it is applied; they may complete an element, or reject the change."""
+"""Reasoners parse each change before it is committed; they may complete an element or reject the change."""
 
 import re
 import threading
@@ -84,7 +84,7 @@ def test_an_element_of_which_only_relations_change_is_offered(wm, weigher):
     assert sorted(weigher.seen) == [("update", "box"), ("update", "part")]
 
 
-def test_an_element_whose_holder_changes_is_offered_without_its_holder(wm, weigher):
+def test_moved_element_is_parsed_without_its_holder(wm, weigher):
     tray = Element("skiros:LargeBox", "tray")
     element = product("a")
     wm.add_elements([tray, element])
@@ -93,7 +93,7 @@ def test_an_element_whose_holder_changes_is_offered_without_its_holder(wm, weigh
     assert weigher.seen == [("update", "a")]
 
 
-def test_a_rejected_change_is_refused_whole_and_what_was_offered_before_is_undone(wm, weigher):
+def test_rejected_request_is_refused_and_earlier_parses_are_undone(wm, weigher):
     with pytest.raises(WmException, match=r"Weigher rejects to add .*rejected"):
         wm.add_elements([product("a"), product("rejected")])
     assert [e.label for e in wm.resolve_elements(Element(""))] == ["skiros:blank_scene"]
@@ -161,7 +161,7 @@ def test_elements_of_other_contexts_are_not_offered(wm, weigher):
     assert weigher.seen == []
 
 
-def test_what_is_refused_after_it_was_offered_is_undone(wm, weigher):
+def test_refusal_after_parse_is_undone(wm, weigher):
     class Second(Weigher):
         pass
 
@@ -244,7 +244,7 @@ def notary(model):
     return notary
 
 
-def test_what_a_reasoner_writes_while_it_is_asked_is_part_of_the_request(wm, notary):
+def test_writes_of_a_reasoner_during_parse_join_the_request(wm, notary):
     changes = []
     wm.add_listener(changes.append)
     element = product("a")

@@ -1,4 +1,4 @@
-"""A client's copy of the scene follows the server's, whatever comes late, twice or not at all."""
+"""A client's replica follows the server, also when changes arrive late, twice or not at all."""
 
 import threading
 
@@ -11,7 +11,7 @@ from skiros2_world_model.core.world_model import WorldModel
 
 
 class Server:
-    """A world model, what it published, and how often it was asked for all of it."""
+    """A world model, its published changes, and the number of fetched snapshots."""
 
     def __init__(self, model):
         self.model = model
@@ -154,7 +154,7 @@ def test_its_own_change_waits_for_those_of_others_before_it(server):
     assert server.fetched == 1
 
 
-def test_when_the_changes_before_its_own_do_not_come_it_asks_anew(server, replica):
+def test_missing_earlier_changes_lead_to_a_new_fetch(server, replica):
     server.add("other's")
     server.add("own")
     replica.include([server.published[1]])
@@ -187,7 +187,7 @@ def test_a_loaded_scene_is_fetched(server, replica, workspace):
     assert same(replica, server)
 
 
-def test_another_life_of_the_server_is_noticed_though_its_numbers_are_the_same(server, replica, workspace):
+def test_restarted_server_with_equal_numbers_is_detected(server, replica, workspace):
     server.add("a")
     replica.follow(server.published[0])
     server.__init__(WorldModel(None, workspace))

@@ -1,4 +1,4 @@
-"""The journal stays small: what is too old, or too much, is dropped; the present never is."""
+"""Retention prunes expired states and limits the size of the journal; the current state always stays."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_the_size_stays_bounded_under_updates(start: Start, tmp_path: Path) -> N
     assert len(wm.model.history.scene_at(kept[0].number).after) == 52
 
 
-def test_what_is_too_old_is_dropped_and_the_present_is_kept(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expired_states_are_pruned_and_the_current_one_is_kept(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     wm, journal = start(days=25.0)
     element = Element("skiros:Part")
     wm.add_element(element)
@@ -91,7 +91,7 @@ def test_what_is_too_old_is_dropped_and_the_present_is_kept(start: Start, monkey
     assert element.id in wm.model.scene()
 
 
-def test_what_went_all_at_once_is_dropped_whole(start: Start, tmp_path: Path) -> None:
+def test_large_expired_request_is_pruned_completely(start: Start, tmp_path: Path) -> None:
     journal = Journal(tmp_path / "wm.journal", max_bytes=1)
     wm = LocalWorldModel("tester", WorldModel(None, tmp_path, journal=journal))
     for _ in range(2):
@@ -121,7 +121,7 @@ def test_without_bounds_nothing_is_dropped(start: Start, monkeypatch: pytest.Mon
     assert len(wm.history(element.id)) == 2
 
 
-def test_a_present_that_is_larger_than_the_bound_is_kept(start: Start) -> None:
+def test_current_state_larger_than_the_limit_is_kept(start: Start) -> None:
     wm, journal = start(max_bytes=1)
     wm.add_elements([Element("skiros:Part") for _ in range(100)])
     journal._retention.prune()

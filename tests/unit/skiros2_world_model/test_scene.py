@@ -1,4 +1,4 @@
-"""The index of elements: lookups, ids, relations both ways, and changes that are taken back."""
+"""The scene: lookups, ids, relations in both directions, and transactions."""
 
 import copy
 
@@ -110,7 +110,7 @@ def test_one_number_may_stand_under_two_types():
     assert scene.free_id("a:V", 7) == "a:V-8"
 
 
-def test_who_is_touched_knows_the_change_that_did_it(scene):
+def test_changed_records_have_the_provenance_of_the_change(scene):
     scene.begin()
     scene.relate("a:T-1", "a:holds", "a:T-2")
     scene.commit(Provenance(7, 1.0, "me"))
@@ -212,7 +212,7 @@ class Model:
 
 @given(STEPS, STEPS, st.booleans(), st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_after_any_steps_the_index_is_what_they_say_and_after_a_roll_back_what_it_was(first, second, keep, by_value):
+def test_index_matches_a_model_after_random_changes_and_roll_backs(first, second, keep, by_value):
     scene, model = Scene(), Model()
     if by_value:
         scene.of_value("a:size", 0)  # from here on kept up to date

@@ -1,4 +1,4 @@
-"""A scene as text and as triples says the same."""
+"""The Turtle of a scene equals its triples."""
 
 import pyoxigraph as ox
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""The world model under random requests: it does what a plain model of the scene does, and tells all of it."""
+"""The world model under random requests matches a simple model of the scene and publishes all changes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class InProcess(WorldModelMachine):
         (self.workspace / "lab.owl").write_text(LAB)
         self.told: list[Change] = []
         self.held: list[Element] = []
-        self.noted: list[tuple[Element, Any, int]] = []
+        self.issue_text: list[tuple[Element, Any, int]] = []
         self.start(WorldModel(source_ontologies(), self.workspace))
 
     def start(self, model: WorldModel) -> None:
@@ -129,14 +129,14 @@ class InProcess(WorldModelMachine):
     def note_an_element(self, data: st.DataObject) -> None:
         """An element on which a change is based later."""
         eid = self.draw_id(data)
-        self.noted.append((self.wm.get_element(eid), self.seen_of(eid), self.model.number))
+        self.issue_text.append((self.wm.get_element(eid), self.seen_of(eid), self.model.number))
 
     @rule(data=st.data())
     def change_what_was_noted(self, data: st.DataObject) -> None:
         """It is refused when the element is another one than it was, and not when nothing has changed at all."""
-        if not self.noted:
+        if not self.issue_text:
             return
-        element, seen, number = data.draw(st.sampled_from(self.noted))
+        element, seen, number = data.draw(st.sampled_from(self.issue_text))
         change = Patch(element.id, ElementChanges(label=f"based on {element.version}"))
         try:
             answer = self.transact([Expect(element.id, element.version), change])
@@ -254,7 +254,7 @@ class Inspector(DiscreteReasoner):
 
 
 class Kept(InProcess):
-    """A world model with a journal, from which it goes on when it is killed, and with a reasoner."""
+    """A world model with a reasoner and a journal, from which it recovers when it is killed."""
 
     def open(self) -> None:
         self.journal_file = Path(tempfile.mkdtemp()) / "wm.journal"
@@ -337,9 +337,9 @@ def content(scene: Scene) -> SceneModel:
     return SceneModel({node.id: thing_of(node) for node in scene}, set(scene.relations()))
 
 
-def test_random_requests_do_what_a_plain_model_does() -> None:
+def test_random_requests_match_a_simple_model() -> None:
     run_state_machine_as_test(InProcess, settings=fuzz_settings(120, 30))
 
 
-def test_with_a_journal_and_a_reasoner_they_do_too_over_many_lives() -> None:
+def test_random_requests_match_a_simple_model_with_journal_reasoner_and_restarts() -> None:
     run_state_machine_as_test(Kept, settings=fuzz_settings(120, 30))

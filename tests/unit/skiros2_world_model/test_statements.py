@@ -1,4 +1,4 @@
-"""RDF statements about elements become changes of the scene, checked like any other."""
+"""RDF statements about elements become checked operations on the scene."""
 
 import pytest
 
@@ -52,7 +52,7 @@ def test_a_statement_of_a_class_makes_an_element_which_others_may_speak_of(wm, m
         (("skiros:Part-1", "SizeX", "1.5", True), "'SizeX' is no RDF term"),
     ],
 )
-def test_what_cannot_be_is_refused_and_changes_nothing(wm, model, part, statement, message):
+def test_invalid_statement_is_refused_and_changes_nothing(wm, model, part, statement, message):
     assert part.id == "skiros:Part-1"
     before = wm.version
     with pytest.raises(SkirosError, match=message):

@@ -1,4 +1,4 @@
-"""Work that takes too long is given up."""
+"""Calls that take too long are abandoned."""
 
 import threading
 
@@ -8,7 +8,7 @@ from skiros2_common.core.errors import Refused, TimedOut, WrongValue
 from skiros2_world_model.core.time_limit import TimeLimit
 
 
-def test_what_work_returns_and_raises_reaches_the_caller():
+def test_caller_gets_result_or_exception():
     limit = TimeLimit(60.0)
     assert [limit.run(lambda _, i=i: i, "counting") for i in range(100)] == list(range(100))
 
@@ -20,7 +20,7 @@ def test_what_work_returns_and_raises_reaches_the_caller():
     assert TimeLimit(0).run(lambda _: 1, "without a limit") == 1
 
 
-def test_what_takes_too_long_is_given_up_and_told():
+def test_overdue_call_is_abandoned_and_its_event_set():
     told = threading.Event()
 
     def endless(abandoned):
@@ -32,7 +32,7 @@ def test_what_takes_too_long_is_given_up_and_told():
     assert told.wait(30)
 
 
-def test_nothing_is_begun_while_too_much_that_was_given_up_goes_on():
+def test_new_calls_are_refused_while_too_many_abandoned_ones_run():
     limit, end = TimeLimit(0.05), threading.Event()
     ended = [threading.Event(), threading.Event()]
 

@@ -1,4 +1,4 @@
-"""Scenes are validated: everything that loading would refuse or warn of, and what the shapes find."""
+"""Validation of scenes: everything that loading would refuse or warn of, and the findings of the shapes."""
 
 import logging
 
@@ -64,7 +64,7 @@ def test_the_scene_of_the_demo_is_in_order():
     assert report.summary == "nothing found"
 
 
-def test_what_skill_managers_add_is_in_order(tmp_path):
+def test_elements_of_skill_managers_are_valid(tmp_path):
     wm = LocalWorldModel("test", WorldModel(source_ontologies(), tmp_path))
     parameter = Element("skiros:Parameter", "Robot")
     parameter.setProperty("skiros:ParameterType", 2)
@@ -79,7 +79,7 @@ def test_what_skill_managers_add_is_in_order(tmp_path):
 # -- the checks of loading ----------------------------------------------------------------------------------------
 
 
-def test_all_that_loading_would_refuse_is_told_at_once(validate):
+def test_all_flaws_that_loading_refuses_are_reported(validate):
     report = validate(
         BOX
         + """ ; skiros:contain skiros:Nothing-7 .
@@ -94,7 +94,7 @@ def test_all_that_loading_would_refuse_is_told_at_once(validate):
     assert report.count(VIOLATION) == 3
 
 
-def test_more_values_than_the_ontology_allows_are_told(validate):
+def test_too_many_values_are_reported(validate):
     report = validate(BOX + ' ; skiros:FrameId "a", "b" .')
     assert any(f.severity == VIOLATION and f.property == "skiros:FrameId" and "allowed are 1" in f.text
                for f in report.findings)  # fmt: skip
@@ -237,7 +237,7 @@ def test_shapes_in_the_workspace_and_below_count_too_and_see_the_classes_above(v
     assert told(report) == {(VIOLATION, "skiros:LargeBox-1", "skiros:Weight", "a box is weighed")}
 
 
-def test_severities_and_the_value_are_told(validate, shapes):
+def test_findings_have_severity_and_value(validate, shapes):
     shapes("""<urn:S> a sh:PropertyShape ; sh:targetClass skiros:LargeBox ; sh:path rdfs:label ;
         sh:pattern "^box" ; sh:severity sh:Info ; sh:message "call it box" .""")
     assert told(validate(BOX + ' ; rdfs:label "tray" .')) == {
@@ -245,7 +245,7 @@ def test_severities_and_the_value_are_told(validate, shapes):
     }
 
 
-def test_what_is_not_in_the_scene_is_not_told_of(validate, shapes):
+def test_findings_outside_the_scene_are_ignored(validate, shapes):
     shapes("""<urn:S> a sh:PropertyShape ; sh:targetClass cora:Robot ; sh:path skiros:Weight ; sh:minCount 1 .""")
     assert validate(BOX + " .").findings == []  # the templates of the ontologies include a robot
 
@@ -292,14 +292,14 @@ def test_a_strict_world_model_refuses_violations_and_keeps_its_scene(workspace, 
     assert (len(model.scene()), model.number) == before
 
 
-def test_a_strict_world_model_loads_what_has_only_warnings(workspace):
+def test_strict_world_model_loads_a_scene_with_warnings_only(workspace):
     (workspace / "scene.ttl").write_text(HEAD + BOX.replace(POSE, "skiros:PositionX 1.0 ."))
     model = WorldModel(source_ontologies(), workspace, strict=True)
     model.load("scene.ttl", "test")
     assert "skiros:LargeBox-1" in model.scene()
 
 
-def test_the_present_scene_is_validated(wm, caplog):
+def test_current_scene_is_validated(wm, caplog):
     box = Element("skiros:LargeBox", "tray")
     box.setProperty("skiros:SizeX", -2.0)
     with caplog.at_level(logging.WARNING):

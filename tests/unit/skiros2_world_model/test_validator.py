@@ -1,4 +1,4 @@
-"""Validation beside a world model: in a process of its own, one after the other."""
+"""Validation in a subprocess, one request at a time."""
 
 import logging
 import os
@@ -39,7 +39,7 @@ def told(report):
     return {(f.severity, f.element, f.property) for f in report.findings}
 
 
-def test_a_file_is_validated_and_what_is_found_is_logged_and_kept(validator, load, caplog):
+def test_findings_of_a_loaded_file_are_logged_and_cached(validator, load, caplog):
     load("-1")
     with caplog.at_level(logging.WARNING):
         validator.file_loaded("scene")
@@ -60,7 +60,7 @@ def test_the_file_that_was_loaded_last_counts(validator, load):
     assert told(validator.file_report()) == {(WARNING, "skiros:LargeBox-1", "skiros:colour")}
 
 
-def test_who_waits_for_a_file_gets_the_later_one_s_report(validator, load):
+def test_waiting_caller_gets_the_report_of_the_later_file(validator, load):
     load("-1")
     validator.file_loaded("scene")
     validator.file_loaded("scene")  # this one waits, and is cancelled
@@ -81,7 +81,7 @@ def test_a_file_of_another_context_is_validated_when_asked_for(validator, load):
         validator.file_report()
 
 
-def test_the_present_scene_is_validated_with_the_classes_that_were_declared_meanwhile(validator, model, wm):
+def test_current_scene_is_validated_with_classes_declared_at_run_time(validator, model, wm):
     model.modify([("skiros:Crate", "rdfs:subClassOf", "skiros:LargeBox", True)], "test")
     crate = Element("skiros:Crate", "one")
     crate.setProperty("skiros:Weight", -1.0)
@@ -91,7 +91,7 @@ def test_the_present_scene_is_validated_with_the_classes_that_were_declared_mean
     assert told(validator.validate_context("other")) == set()
 
 
-def test_a_file_that_is_gone_is_told(validator, load, workspace, caplog):
+def test_missing_file_is_reported(validator, load, workspace, caplog):
     load("1")
     (workspace / "scene.ttl").unlink()
     with pytest.raises(WrongValue, match=r"scene\.ttl: cannot be read"):
@@ -99,7 +99,7 @@ def test_a_file_that_is_gone_is_told(validator, load, workspace, caplog):
     assert any("scene.ttl: cannot be read" in m for m in caplog.messages)
 
 
-def test_shapes_that_make_no_sense_are_told(validator, model, load, workspace):
+def test_invalid_shapes_are_reported(validator, model, load, workspace):
     load("1")
     broken = workspace / "cell.shapes.ttl"
     broken.write_text("@prefix sh: <http://www.w3.org/ns/shacl#> . <urn:S> a sh:PropertyShape ; "
@@ -109,7 +109,7 @@ def test_shapes_that_make_no_sense_are_told(validator, model, load, workspace):
         validator.file_report()
 
 
-def test_one_that_is_stopped_ends_what_is_running(validator, model, load, workspace):
+def test_stop_kills_a_running_validation(validator, model, load, workspace):
     pipe = workspace / "cell.shapes.ttl"
     os.mkfifo(pipe)  # nobody writes to it: who reads it waits for ever
     load("1")
@@ -124,7 +124,7 @@ def test_one_that_is_stopped_ends_what_is_running(validator, model, load, worksp
             refused()
 
 
-def test_what_waits_ends_with_it(validator, model, load, workspace):
+def test_stop_cancels_waiting_validations(validator, model, load, workspace):
     pipe = workspace / "cell.shapes.ttl"
     os.mkfifo(pipe)
     load("1")

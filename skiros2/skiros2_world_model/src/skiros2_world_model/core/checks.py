@@ -29,7 +29,7 @@ _MAX_BITS = 4096
 _MAX_WARNED = 10_000
 
 
-#: The kind of a note about a relation between wrong classes; other kinds are of unknown names.
+#: The kind of issue of a relation between wrong classes; other kinds are unknown names.
 MISFIT = "misfit"
 
 
@@ -66,7 +66,7 @@ class Checks:
         """
         name = self.name(name, "class", who)
         if not self._ontology.has_class(name):
-            self._note("class", name, who)
+            self._add_issue("class", name, who)
         return name
 
     def relation_name(self, name: str, who: str) -> str:
@@ -76,7 +76,7 @@ class Checks:
         """
         name = self.name(name, "relation", who)
         if not self._ontology.has_relation(name):
-            self._note("relation", name, who)
+            self._add_issue("relation", name, who)
         return name
 
     def relation_ends(self, subject: ElementRecord, relation: str, obj: ElementRecord | None, who: str) -> None:
@@ -85,7 +85,7 @@ class Checks:
         :param obj: None when it is not an element of the scene.
         """
         for text in self._ontology.misfits(subject.type, relation, obj.type if obj is not None else ""):
-            self._note(MISFIT, text, who)
+            self._add_issue(MISFIT, text, who)
 
     def property_name(self, name: str, who: str) -> str:
         """The full name of a property.
@@ -101,7 +101,7 @@ class Checks:
         if self._ontology.has_data_property(name):
             self._known[given] = name
         else:
-            self._note("property", name, who)
+            self._add_issue("property", name, who)
         return name
 
     def individual(self, name: str, who: str) -> str:
@@ -114,7 +114,7 @@ class Checks:
         if re.search(r"-\d+$", name):
             raise UnknownName(f"{self._origin}: {who}: there is no element {name!r}")
         if not self._ontology.knows(name):
-            self._note("individual", name, who)
+            self._add_issue("individual", name, who)
         return name
 
     def property(self, etype: str, key: str, prop: Property, who: str) -> Property:
@@ -161,7 +161,7 @@ class Checks:
         lines = {}
         for (kind, name), users in self._unknown.items():
             others = f" and {len(users) - 1} more" if len(users) > 1 else ""
-            lines[self._origin, kind, name] = f"{self._origin}: {noted(kind, name)} ({users[0]}{others})"
+            lines[self._origin, kind, name] = f"{self._origin}: {issue_text(kind, name)} ({users[0]}{others})"
         if lines and self._strict:
             error = WrongValue if all(kind == MISFIT for _, kind, _ in lines) else UnknownName
             raise error("; ".join(lines.values()))
@@ -193,14 +193,14 @@ class Checks:
         """The name with its prefix, for a name or an IRI."""
         return self._prefixes.name(name) if is_iri(name) else full_name(name)
 
-    def _note(self, kind: str, name: str, who: str) -> None:
+    def _add_issue(self, kind: str, name: str, who: str) -> None:
         users = self._unknown.setdefault((kind, name), [])
         if who not in users[-1:]:
             users.append(who)
 
 
-def noted(kind: str, name: str) -> str:
-    """The text of a note."""
+def issue_text(kind: str, name: str) -> str:
+    """Formats an issue."""
     return name if kind == MISFIT else f"unknown {kind} {name}"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from skiros2_common.core.errors import SkirosError, WrongValue
 from skiros2_common.core.names import local_name
-from skiros2_world_model.core.checks import Checks, noted
+from skiros2_world_model.core.checks import Checks, issue_text
 from skiros2_world_model.core.knowledge_base import KnowledgeBase
 from skiros2_world_model.core.report import VIOLATION, WARNING, Finding
 
@@ -51,7 +51,7 @@ class CollectingChecks(Checks):
             element, *predicate = users[0].split(" ")  # an element, or a relation
             prop = predicate[0] if predicate else name if kind in ("property", "relation") else ""
             others = f" ({len(users) - 1} more have it)" if len(users) > 1 else ""
-            finding = Finding(severity, self._origin, element, prop, f"{noted(kind, name)}{others}")
+            finding = Finding(severity, self._origin, element, prop, f"{issue_text(kind, name)}{others}")
             self.flaws.append(Flaw(finding, KEPT))
 
 

@@ -155,9 +155,9 @@ class Ontology:
         return child == parent or parent in self.superproperties(child)
 
     def misfits(self, subject_type: str, relation: str, object_type: str) -> list[str]:
-        """The rules on the classes of the ends of a relation that are broken, as texts.
+        """The violations of `rdfs:domain` and `rdfs:range` by a relation between two classes, as texts.
 
-        A class that the ontologies do not know breaks no rule.
+        Undeclared classes violate nothing.
 
         :param object_type: "" when the object has no class.
         """

@@ -37,6 +37,6 @@ def _add_author(change: Change, until: float, wmi: Any) -> None:
     except SkirosError as error:
         log.debug("the author of %s %s is not known: %s", change.element, change.name, error)
         return
-    entry = next((e for e in reversed(entries) if not names or e.touches(names)), None)
+    entry = next((e for e in reversed(entries) if not names or e.affects(names)), None)
     if entry is not None:
         change.number, change.stamp, change.author = entry.number, entry.stamp, entry.author

@@ -35,15 +35,15 @@ class Desk:
     """A system and what it tells."""
 
     def __init__(self) -> None:
-        self._came = threading.Event()
-        self.event_queue = EventQueue(self._came.set)
+        self._event_posted = threading.Event()
+        self.event_queue = EventQueue(self._event_posted.set)
         self.system: System = None  # type: ignore[assignment]
 
     def events(self) -> Iterator[Event]:
         """What comes, for as long as somebody asks."""
         end = time.monotonic() + PATIENCE
-        while self._came.wait(max(0.0, end - time.monotonic())):
-            self._came.clear()
+        while self._event_posted.wait(max(0.0, end - time.monotonic())):
+            self._event_posted.clear()
             yield from self.event_queue.take()
         pytest.fail("nothing more has come")
 

@@ -1,4 +1,4 @@
-"""Tests of widgets are drawn offscreen, unless a platform is chosen."""
+"""Widgets are drawn offscreen, unless a platform is set."""
 
 from __future__ import annotations
 

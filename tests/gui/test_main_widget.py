@@ -1,4 +1,4 @@
-"""The window's content as a whole: tabs, what is up, what went wrong, keys."""
+"""The main widget: tabs, status, errors, keys."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def window(qtbot: QtBot) -> Iterator[MainWidget]:
     yield made
 
 
-def test_it_has_a_tab_for_skills_for_what_runs_and_for_the_world(window: MainWidget) -> None:
+def test_window_has_three_tabs(window: MainWidget) -> None:
     assert [window.tabs.tabText(i) for i in range(window.tabs.count())] == ["Skills", "Running", "World model"]
 
 
-def test_a_world_model_that_goes_and_comes_greys_its_tab_out_meanwhile(window: MainWidget, qtbot: QtBot) -> None:
+def test_tab_is_disabled_while_the_world_model_is_down(window: MainWidget, qtbot: QtBot) -> None:
     page = window.pages[2]
     assert page.tab.isEnabled()
     window.system.set_up(False)
@@ -56,7 +56,7 @@ def test_a_world_model_that_goes_and_comes_greys_its_tab_out_meanwhile(window: M
     assert page.banner.text() == ""
 
 
-def test_what_a_call_fails_with_is_shown_copied_put_away_and_kept(window: MainWidget, qtbot: QtBot) -> None:
+def test_error_is_shown_copied_dismissed_and_kept(window: MainWidget, qtbot: QtBot) -> None:
     def refuse() -> None:
         raise Refused("there is no file pick.ttl in the workspace")
 
@@ -86,22 +86,22 @@ def test_error_bar_shows_the_first_line_and_keeps_the_rest(window: MainWidget) -
 
 
 @pytest.mark.qt_no_exception_capture
-def test_a_mistake_in_the_windows_own_code_is_shown_and_ends_nothing(window: MainWidget) -> None:
+def test_uncaught_exception_is_shown(window: MainWidget) -> None:
     window.tabs.currentChanged.connect(lambda index: 1 // 0)
     window.tabs.setCurrentIndex(1)
     assert "ZeroDivisionError" in window.error_bar.text.text()
 
 
-def test_a_listener_that_fails_does_not_keep_news_from_others(window: MainWidget) -> None:
-    heard = []
+def test_failing_handler_does_not_affect_others(window: MainWidget) -> None:
+    received = []
     window.shared.subscribe(ConnectionChanged, lambda event: event.missing)  # type: ignore[attr-defined]
-    window.shared.subscribe(ConnectionChanged, heard.append)
+    window.shared.subscribe(ConnectionChanged, received.append)
     window.shared.publish(ConnectionChanged())
-    assert heard == [ConnectionChanged()]
+    assert received == [ConnectionChanged()]
     assert window.shared.problems.newest is not None
 
 
-def test_the_busy_sign_is_there_while_something_takes_time(window: MainWidget, qtbot: QtBot) -> None:
+def test_busy_sign_is_visible_during_a_job(window: MainWidget, qtbot: QtBot) -> None:
     gate = threading.Event()
     window.shared.jobs.run(lambda: gate.wait(10), activity="loading the scene")
     qtbot.waitUntil(window.status.bar.isVisible)
@@ -140,7 +140,7 @@ def test_stop_does_not_wait_for_an_inspection_that_blocks(
         gate.set()
 
 
-def test_what_a_skill_raised_is_shown_first_and_then_the_traceback(window: MainWidget, qtbot: QtBot) -> None:
+def test_exception_of_a_skill_is_shown_before_the_traceback(window: MainWidget, qtbot: QtBot) -> None:
     robot = window.system.add_manager("/robot", [break_down])
     robot.command("start", -1, [Step("skiros:Break", "break_down")])
     tasks = window.findChild(QTreeWidget, "taskList")
@@ -164,14 +164,14 @@ def test_what_a_skill_raised_is_shown_first_and_then_the_traceback(window: MainW
 
 
 class Other(QWidget):
-    """A tab that counts what it is told."""
+    """A tab that records its calls."""
 
     title = "Other"
     needs = ()
 
     def __init__(self, window: object) -> None:
         super().__init__()
-        self.told: list[object] = []
+        self.calls: list[object] = []
         self.line = QLineEdit(self)
         self.plain = QWidget(self)
         self.plain.setFocusPolicy(Qt.StrongFocus)
@@ -180,16 +180,16 @@ class Other(QWidget):
         return {"kept": 3}
 
     def restore(self, settings: dict[str, object]) -> None:
-        self.told.append(settings["kept"])
+        self.calls.append(settings["kept"])
 
     def find(self) -> None:
-        self.told.append("find")
+        self.calls.append("find")
 
     def toggle(self) -> None:
-        self.told.append("toggle")
+        self.calls.append("toggle")
 
     def close_tab(self) -> None:
-        self.told.append("closed")
+        self.calls.append("closed")
 
 
 @pytest.fixture
@@ -202,7 +202,7 @@ def other(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Iterator[MainWidget]
     yield made
 
 
-def test_keys_reach_the_tab_that_is_shown_and_space_not_while_text_is_edited(other: MainWidget, qtbot: QtBot) -> None:
+def test_keys_reach_the_current_tab(other: MainWidget, qtbot: QtBot) -> None:
     other.tabs.setCurrentIndex(1)
     tab = other.pages[1].tab
     tab.plain.setFocus()
@@ -210,9 +210,9 @@ def test_keys_reach_the_tab_that_is_shown_and_space_not_while_text_is_edited(oth
     qtbot.keyClick(tab.plain, Qt.Key_F, Qt.ControlModifier)
     qtbot.mouseClick(tab.line, Qt.LeftButton)
     qtbot.keyClick(tab.line, Qt.Key_Space)
-    assert tab.told == ["toggle", "find"]
+    assert tab.calls == ["toggle", "find"]
     assert tab.line.text() == " "
-    assert other.pages[0].tab.told == []
+    assert other.pages[0].tab.calls == []
 
 
 def test_space_edits_no_text_that_the_user_did_not_enter(other: MainWidget, qtbot: QtBot) -> None:
@@ -225,7 +225,7 @@ def test_space_edits_no_text_that_the_user_did_not_enter(other: MainWidget, qtbo
     tab.line.selectAll()
     qtbot.keyClick(tab.line, Qt.Key_Space)
     assert tab.line.text() == "(at robot shelf)"
-    assert tab.told == ["toggle"]
+    assert tab.calls == ["toggle"]
 
 
 def test_space_edits_text_that_was_entered_with_the_tab_key_or_is_being_typed(other: MainWidget, qtbot: QtBot) -> None:
@@ -240,24 +240,24 @@ def test_space_edits_text_that_was_entered_with_the_tab_key_or_is_being_typed(ot
     tab.line.end(False)
     qtbot.keyClick(tab.line, Qt.Key_Space)
     assert tab.line.text() == "a b "
-    assert tab.told == []
+    assert tab.calls == []
 
 
-def test_a_key_that_is_held_toggles_once(other: MainWidget, qtbot: QtBot) -> None:
+def test_held_key_toggles_once(other: MainWidget, qtbot: QtBot) -> None:
     tab = other.pages[0].tab
     tab.plain.setFocus()
     for is_repeated in (False, True, True):
         event = QKeyEvent(QEvent.KeyPress, Qt.Key_Space, Qt.NoModifier, " ", is_repeated)
         QApplication.sendEvent(tab.plain, event)
-    assert tab.told == ["toggle"]
+    assert tab.calls == ["toggle"]
 
 
-def test_settings_come_back_and_nonsense_is_said(other: MainWidget) -> None:
+def test_settings_are_restored_and_invalid_ones_reported(other: MainWidget) -> None:
     other.tabs.setCurrentIndex(1)
     kept = other.settings()
     assert kept == {"tab": "Other", "tabs": {"Other": {"kept": 3}}}
     other.restore(kept)
-    assert other.pages[0].tab.told == [3]
+    assert other.pages[0].tab.calls == [3]
     for nonsense in ({}, {"tabs": 3, "tab": []}, {"tabs": {"Other": [1]}}):
         other.restore(nonsense)
     assert other.shared.problems.newest is None
@@ -265,26 +265,26 @@ def test_settings_come_back_and_nonsense_is_said(other: MainWidget) -> None:
     assert "restoring the settings of Other" in other.error_bar.text.text()
 
 
-def test_the_end_comes_once_and_nothing_is_heard_after_it(other: MainWidget) -> None:
-    heard = []
-    other.shared.subscribe(ConnectionChanged, heard.append)
+def test_no_events_are_delivered_after_shutdown(other: MainWidget) -> None:
+    received = []
+    other.shared.subscribe(ConnectionChanged, received.append)
     other.shut_down()
     other.shut_down()
-    assert other.pages[0].tab.told == ["closed"]
+    assert other.pages[0].tab.calls == ["closed"]
     other.system.set_up(False)
     QApplication.processEvents()
-    assert heard == []
+    assert received == []
 
 
-def test_a_tab_that_cannot_end_does_not_keep_the_others_going(
+def test_failing_tab_does_not_keep_others_open(
     other: MainWidget, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(other.pages[0].tab, "close_tab", lambda: 1 // 0)
     other.shut_down()
-    assert other.pages[1].tab.told == ["closed"]
+    assert other.pages[1].tab.calls == ["closed"]
 
 
-def test_the_colours_follow_the_palette(window: MainWidget) -> None:
+def test_colours_follow_the_palette(window: MainWidget) -> None:
     def ground() -> int:
         return window.pages[0].banner.palette().color(QPalette.Window).lightness()
 

@@ -1,4 +1,4 @@
-"""The window as rqt's plugin, in a host that loads it by rqt's interface (tests/support/rqt_host.py)."""
+"""The rqt plugin, loaded by tests/support/rqt_host.py."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def load(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, settings: Path) -> Itera
         instance.close()
 
 
-def test_the_manifests_lead_to_the_plugin(settings: Path) -> None:
+def test_manifests_declare_the_plugin(settings: Path) -> None:
     host = RqtHost(PACKAGE / "package.xml", settings)
     assert host.find(NAME) == "skiros2_gui/Skiros"
     assert host.plugins["skiros2_gui/Skiros"] == {
@@ -51,7 +51,7 @@ def test_the_manifests_lead_to_the_plugin(settings: Path) -> None:
     }  # fmt: skip
 
 
-def test_it_adds_the_window_to_rqt(load: Callable[..., Instance]) -> None:
+def test_plugin_adds_the_window_to_rqt(load: Callable[..., Instance]) -> None:
     instance = load()
     assert instance.widget.isVisible()
     assert [instance.widget.tabs.tabText(i) for i in range(3)] == ["Skills", "Running", "World model"]
@@ -66,7 +66,7 @@ def test_each_instance_has_a_system_and_a_title_of_its_own(load: Callable[..., I
     assert second.widget.tab.isEnabled()
 
 
-def test_an_instance_finds_its_settings_again_and_only_its_own(load: Callable[..., Instance]) -> None:
+def test_instance_restores_its_own_settings(load: Callable[..., Instance]) -> None:
     first, second = load(1), load(2)
     first.widget.tabs.setCurrentIndex(2)
     second.widget.tabs.setCurrentIndex(1)
@@ -76,13 +76,13 @@ def test_an_instance_finds_its_settings_again_and_only_its_own(load: Callable[..
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", '"words"', '{"tabs": 3, "tab": []}', ["a", "b"]])
-def test_settings_that_cannot_be_read_are_left_out(load: Callable[..., Instance], settings: Path, text: object) -> None:
+def test_unreadable_settings_are_skipped(load: Callable[..., Instance], settings: Path, text: object) -> None:
     host = RqtHost(PACKAGE / "package.xml", settings)
     host.settings_of(NAME, 1)[1].set_value("window", text)
     assert load().widget.tabs.currentIndex() == 0
 
 
-def test_news_that_comes_after_the_end_harms_nobody(load: Callable[..., Instance], qtbot: QtBot) -> None:
+def test_events_after_close_are_ignored(load: Callable[..., Instance], qtbot: QtBot) -> None:
     instance = load()
     system, widget = instance.widget.system, instance.widget
     with qtbot.waitSignal(widget.destroyed):
@@ -91,7 +91,7 @@ def test_news_that_comes_after_the_end_harms_nobody(load: Callable[..., Instance
     system.world.add_element(Element("skiros:Product", "too late"))
 
 
-def test_without_rqt_it_says_how_to_open_the_window(tmp_path: Path) -> None:
+def test_import_error_without_rqt_names_the_standalone_window(tmp_path: Path) -> None:
     code = "import sys; sys.modules['rqt_gui_py'] = None; import skiros2_gui.gui"
     env = {"PYTHONPATH": str(PACKAGE / "src")}
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False)

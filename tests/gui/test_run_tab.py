@@ -1,4 +1,4 @@
-"""The tab of running trees: what it draws, and what is done in it with mouse and keys."""
+"""The widgets of the tab "Running"."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def click(tab: RunTab, qtbot: QtBot, place: int, offset: QPointF | None = None, 
     (qtbot.mouseDClick if double else qtbot.mouseClick)(tab.view.viewport(), Qt.LeftButton, pos=point)
 
 
-def test_before_anything_runs_it_says_so(tab: RunTab) -> None:
+def test_tab_without_task_shows_a_hint(tab: RunTab) -> None:
     assert tab._empty.isVisible() and not tab.view.isVisible()
 
 
-def test_a_task_is_drawn_with_the_colours_of_its_states(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_task_is_drawn_in_the_colours_of_its_states(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(SUCCESS, RUNNING))
     drawn(tab, qtbot)
     tab.view.full_size()
@@ -80,7 +80,7 @@ def test_a_task_is_drawn_with_the_colours_of_its_states(tab: RunTab, window: Win
     assert tab.findChild(QListWidget, "taskChoice").item(0).text().startswith("▶ pick and 1 more")
 
 
-def test_a_click_selects_a_node_and_tells_of_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_click_selects_a_node_and_shows_its_details(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     nodes = pick_and_place(FAILURE)
     nodes[2].progress_message = "<b>no</b> way & stop"
     tell(window, nodes)
@@ -92,7 +92,7 @@ def test_a_click_selects_a_node_and_tells_of_it(tab: RunTab, window: Window, qtb
     assert "skiros:MoveArm" in text and "pick" in text
 
 
-def test_nodes_are_folded_with_their_mark_a_double_click_and_return(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_nodes_are_folded_by_mark_double_click_and_return(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place())
     drawn(tab, qtbot)
     rect = tab.view.item.rect_of(1)
@@ -107,7 +107,7 @@ def test_nodes_are_folded_with_their_mark_a_double_click_and_return(tab: RunTab,
     assert tab.presenter.tree.drawing.hidden == {1: 2}
 
 
-def test_arrow_keys_walk_through_the_tree(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_arrow_keys_navigate_the_tree(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place())
     drawn(tab, qtbot)
     seen = []
@@ -118,7 +118,7 @@ def test_arrow_keys_walk_through_the_tree(tab: RunTab, window: Window, qtbot: Qt
     assert seen == ["task 5", "place", "pick", "close_gripper", "move_arm", "pick"]
 
 
-def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(
+def test_search_unfolds_and_cycles_through_results(
     tab: RunTab, window: Window, qtbot: QtBot
 ) -> None:
     tell(window, random_tree(1000))
@@ -139,7 +139,7 @@ def test_search_marks_nodes_unfolds_them_and_goes_from_one_to_the_next(
     assert visible.contains(tab.view.item.rect_of(second).center())
 
 
-def test_the_slider_goes_back_in_time_and_the_button_to_the_present(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_slider_selects_ticks_and_button_returns_to_live(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     for second, (pick, place) in enumerate([(RUNNING, 4), (SUCCESS, RUNNING), (SUCCESS, SUCCESS)]):
         tell(window, pick_and_place(pick, place), 1000.0 + second)
     drawn(tab, qtbot)
@@ -158,7 +158,7 @@ def test_the_slider_goes_back_in_time_and_the_button_to_the_present(tab: RunTab,
     assert tab.presenter.frame.state(4) == FAILURE
 
 
-def test_a_message_leads_to_its_node_at_that_time(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_message_selects_its_node_and_tick(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(RUNNING), 1000.0)
     tell(window, pick_and_place(SUCCESS, RUNNING), 1002.0)
     tab._side_tabs.setCurrentWidget(tab._messages)
@@ -169,7 +169,7 @@ def test_a_message_leads_to_its_node_at_that_time(tab: RunTab, window: Window, q
     assert tab.presenter.tree.selected == 100
 
 
-def test_another_task_is_shown_when_the_user_picks_it_or_starts_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_picked_or_started_task_is_shown(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(task_id=1))
     tell(window, pick_and_place(task_id=2))
     drawn(tab, qtbot)
@@ -182,7 +182,7 @@ def test_another_task_is_shown_when_the_user_picks_it_or_starts_it(tab: RunTab, 
     assert tab.presenter.run.task_id == 3
 
 
-def test_a_recorded_run_is_walked_through_and_left_again(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_bag_is_opened_and_closed(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place())
     tab.presenter.open_bag(str(ROOT / "tests/bags/timed_pick_place.bag"))
     drawn(tab, qtbot)
@@ -199,7 +199,7 @@ def test_a_recorded_run_is_walked_through_and_left_again(tab: RunTab, window: Wi
 
 
 @pytest.mark.parametrize("name", ["none.bag", "text.bag"])
-def test_what_is_no_bag_is_said_and_all_stays_as_it_was(tab: RunTab, window: Window, tmp_path, name: str) -> None:
+def test_invalid_bag_is_reported(tab: RunTab, window: Window, tmp_path, name: str) -> None:
     (tmp_path / "text.bag").write_text("hello")
     tell(window, pick_and_place())
     tab.presenter.open_bag(str(tmp_path / name))
@@ -207,7 +207,7 @@ def test_what_is_no_bag_is_said_and_all_stays_as_it_was(tab: RunTab, window: Win
     assert tab.presenter.bag is None and tab.presenter.run is not None
 
 
-def test_a_tree_of_ten_thousand_nodes_is_folded_at_first_and_drawn_in_time(
+def test_large_tree_is_folded_at_first(
     tab: RunTab, window: Window, qtbot: QtBot
 ) -> None:
     nodes = random_tree(10_000)
@@ -221,7 +221,7 @@ def test_a_tree_of_ten_thousand_nodes_is_folded_at_first_and_drawn_in_time(
     assert not tab.view.grab().isNull()
 
 
-def test_it_is_not_drawn_while_it_is_not_seen(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_hidden_tab_is_not_drawn(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tab.hide()
     tell(window, pick_and_place())
     assert not tab._timer.isActive()
@@ -229,7 +229,7 @@ def test_it_is_not_drawn_while_it_is_not_seen(tab: RunTab, window: Window, qtbot
     assert tab.view.isVisible()
 
 
-def test_settings_come_back_and_nonsense_is_left(tab: RunTab) -> None:
+def test_settings_are_restored_and_invalid_ones_skipped(tab: RunTab) -> None:
     tab._bar.follow.setChecked(False)
     tab._side_tabs.setCurrentIndex(2)
     kept = tab.settings()
@@ -240,7 +240,7 @@ def test_settings_come_back_and_nonsense_is_left(tab: RunTab) -> None:
     assert not tab._bar.follow.isChecked() and tab._side_tabs.currentIndex() == 2
 
 
-def test_the_menu_of_a_node_folds_it(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_context_menu_folds_a_node(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place())
     drawn(tab, qtbot)
     menu = tab.view.menu_for(1)
@@ -250,7 +250,7 @@ def test_the_menu_of_a_node_folds_it(tab: RunTab, window: Window, qtbot: QtBot) 
     assert tab.presenter.tree.drawing.hidden == {1: 2}
 
 
-def test_zooming_keeps_to_what_can_be_seen(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_zoom_is_limited(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(), time.time())
     drawn(tab, qtbot)
     for key in [Qt.Key_Minus] * 60 + [Qt.Key_Plus] * 90:
@@ -260,7 +260,7 @@ def test_zooming_keeps_to_what_can_be_seen(tab: RunTab, window: Window, qtbot: Q
     assert tab.view.scale_now == pytest.approx(1.0)
 
 
-def test_it_has_room_on_a_small_screen(tab: RunTab) -> None:
+def test_tab_fits_a_small_screen(tab: RunTab) -> None:
     assert tab.minimumSizeHint().width() < 700
     assert tab.minimumSizeHint().height() < 500
 
@@ -298,7 +298,7 @@ def button(tab: RunTab, name: str) -> QAbstractButton:
     return tab.findChild(QAbstractButton, name)
 
 
-def test_a_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
+def test_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: LocalManager, qtbot: QtBot) -> None:
     qtbot.mouseClick(button(tab, "pauseTask"), Qt.LeftButton)
     qtbot.waitUntil(lambda: button(tab, "pauseTask").text() == "Resume")
     code = tab.presenter.frame.code(1)
@@ -311,7 +311,7 @@ def test_a_task_is_paused_stepped_and_stopped_by_clicks(tab: RunTab, waiting: Lo
     assert tab.presenter.run.latest.has_ended
 
 
-def test_an_element_in_the_details_is_selected_in_the_other_tabs_by_a_click(
+def test_click_on_an_element_selects_it_in_other_tabs(
     tab: RunTab, waiting: LocalManager, window: Window, qtbot: QtBot
 ) -> None:
     chosen: list[str] = []
@@ -339,7 +339,7 @@ def test_breakpoints_are_added_shown_and_removed(tab: RunTab, waiting: LocalMana
     assert waiting.breakpoint("list")[1] == []
 
 
-def test_why_a_task_waits_or_has_failed_stands_above_the_tree(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_banner_shows_why_a_task_is_paused_or_failed(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     note = tab.findChild(QLabel, "taskNote")
     tell(window, pick_and_place())
     drawn(tab, qtbot)
@@ -357,7 +357,7 @@ def test_why_a_task_waits_or_has_failed_stands_above_the_tree(tab: RunTab, windo
     assert not note.isVisible()
 
 
-def test_each_task_has_a_search_of_its_own(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_each_task_has_its_own_search(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     tell(window, pick_and_place(task_id=1))
     tell(window, pick_and_place(task_id=2))
     drawn(tab, qtbot)
@@ -371,7 +371,7 @@ def test_each_task_has_a_search_of_its_own(tab: RunTab, window: Window, qtbot: Q
     assert (tab._bar.search.text(), tab._bar.count.text()) == ("arm", "1 found")
 
 
-def test_conditions_are_told_with_the_names_of_their_elements(qtbot: QtBot) -> None:
+def test_conditions_show_names_of_elements(qtbot: QtBot) -> None:
     details = NodeDetails()
     qtbot.addWidget(details)
     robot, place = "cora:Robot-1-demo:arm <1>", "demo:Workstation-6-Workstation 1"
@@ -385,7 +385,7 @@ def test_conditions_are_told_with_the_names_of_their_elements(qtbot: QtBot) -> N
     assert "skiros:Box-3 State = 'Empty'" in text
 
 
-def test_whatever_managers_tell_and_users_do_the_tab_goes_on(tab: RunTab, window: Window, qtbot: QtBot) -> None:
+def test_tab_accepts_any_messages_and_user_actions(tab: RunTab, window: Window, qtbot: QtBot) -> None:
     """Trees change shape between any two steps of the user; ids, states, times and texts make no sense."""
     chance, texts = random.Random(1), ["", "<b>x</b>", "a\nb", "x" * 3000, "skiros:Pick", ":Skill", "%s{}"]
 

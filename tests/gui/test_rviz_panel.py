@@ -1,4 +1,4 @@
-"""The tab of rviz: where it can be drawn it may be opened, elsewhere it says why not."""
+"""The tab with rviz."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skiros2_gui.app.window import Window
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_gui.testing.synchronous import make_window
 from skiros2_gui.view3d.widgets import rviz_panel
-from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_trouble
+from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
 
 
 class WithMaster(LocalSystem):
@@ -39,18 +39,18 @@ def button(panel: RvizPanel) -> QPushButton:
     return panel.findChild(QPushButton, "rvizOpen")
 
 
-def test_where_it_cannot_be_drawn_the_window_has_no_such_tab(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_without_rviz_has_no_3d_tab(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rviz_panel, "find_spec", lambda _: None)
-    assert "python3-rviz" in rviz_trouble()
+    assert "python3-rviz" in rviz_problem()
     monkeypatch.undo()
-    assert "X11" in rviz_trouble(), "this is drawn nowhere"
+    assert "X11" in rviz_problem(), "this is drawn nowhere"
     main = MainWidget(LocalSystem)
     qtbot.addWidget(main, before_close_func=MainWidget.shut_down)
     assert "3D" not in [main.tabs.tabText(i) for i in range(main.tabs.count())]
 
 
-def test_it_waits_for_the_master(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rviz_panel, "rviz_trouble", lambda: "")
+def test_panel_is_disabled_without_master(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rviz_panel, "rviz_problem", lambda: "")
     window.system.master_is_up = False
     panel = RvizPanel(window)
     qtbot.addWidget(panel)
@@ -79,11 +79,11 @@ class Frame(QWidget):
         self.draws = False
 
 
-def test_rviz_draws_while_it_is_seen_and_is_kept_for_the_next_window(
+def test_rviz_draws_while_visible_and_is_reused(
     qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = Frame()
-    monkeypatch.setattr(rviz_panel, "rviz_trouble", lambda: "")
+    monkeypatch.setattr(rviz_panel, "rviz_problem", lambda: "")
     monkeypatch.setattr(rviz_panel, "_reusable", [frame])
     panel = RvizPanel(window)
     qtbot.addWidget(panel)

@@ -1,4 +1,4 @@
-"""The tab "Skills": chosen, filled in, started and stopped by clicks and keys, on a robot in this process."""
+"""The widgets of the tab "Skills", on a robot in this process."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _states(tab: SkillsTab) -> list[str]:
     return [row.state for row in tab.skills.tasks.rows]
 
 
-def test_a_skill_is_filled_in_started_and_stopped(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_skill_is_started_and_stopped_by_clicks(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(FETCH)
     thing = _child(tab, QComboBox, "param_Thing")
     qtbot.waitUntil(lambda: thing.currentText() == "infer: bolt  (skiros:Product-3)")
@@ -89,7 +89,7 @@ def test_a_skill_is_filled_in_started_and_stopped(tab: SkillsTab, qtbot: QtBot) 
     qtbot.waitUntil(lambda: not _child(tab, QPushButton, "stopButton").isEnabled())
 
 
-def test_an_element_is_found_by_what_is_typed_and_a_refusal_is_explained(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_typed_element_is_chosen_and_refusal_explained(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(FETCH)
     tab.skills.write("Times", "2")
     thing = _child(tab, QComboBox, "param_Thing")
@@ -102,7 +102,7 @@ def test_an_element_is_found_by_what_is_typed_and_a_refusal_is_explained(tab: Sk
     assert "LargeBox in the scene" in _child(tab, QPlainTextEdit, "whyNotDetails").toPlainText()
 
 
-def test_what_is_typed_and_is_no_element_goes_back(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_unknown_element_is_reset(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(FETCH)
     thing = _child(tab, QComboBox, "param_Thing")
     qtbot.waitUntil(lambda: thing.count() == 3)
@@ -113,7 +113,7 @@ def test_what_is_typed_and_is_no_element_goes_back(tab: SkillsTab, qtbot: QtBot)
     assert thing.currentText() == before
 
 
-def test_many_elements_are_listed_when_they_are_needed(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_long_list_is_filled_on_focus(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(FETCH)
     thing = _child(tab, QComboBox, "param_Thing")
     qtbot.waitUntil(lambda: thing.count() == 3)
@@ -124,7 +124,7 @@ def test_many_elements_are_listed_when_they_are_needed(tab: SkillsTab, qtbot: Qt
     qtbot.waitUntil(lambda: thing.count() == 2001)
 
 
-def test_the_wheel_over_a_list_scrolls_the_form(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_wheel_over_a_combo_box_does_not_change_it(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(NOTE)
     loud = _child(tab, QComboBox, "param_Loud")
     middle = QPointF(loud.rect().center())
@@ -148,14 +148,14 @@ def test_space_starts_and_stops(tab: SkillsTab, qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: _states(tab) == ["failed"])
 
 
-def test_the_search_leaves_what_fits_and_enter_chooses_it(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_enter_in_the_search_selects_the_first_skill(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.find()
     qtbot.keyClicks(tab.tree.search, "note")
     qtbot.keyClick(tab.tree.search, Qt.Key_Return)
     assert tab.skills.form.offer.key == NOTE
 
 
-def test_a_wrong_list_is_said_while_it_is_typed(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_invalid_json_is_reported_while_typing(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(NOTE)
     marks = _child(tab, QPlainTextEdit, "param_Marks")
     marks.setPlainText("[1,")
@@ -164,7 +164,7 @@ def test_a_wrong_list_is_said_while_it_is_typed(tab: SkillsTab, qtbot: QtBot) ->
     assert "Marks" not in tab.form.why_not.text()
 
 
-def test_why_a_task_failed_is_shown_under_the_list(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_reason_of_a_failure_is_shown_below_the_list(tab: SkillsTab, qtbot: QtBot) -> None:
     tab.tree.choose(NOTE)
     qtbot.keyClicks(_child(tab, QLineEdit, "param_Text"), "hello")
     loud = _child(tab, QComboBox, "param_Loud")
@@ -175,7 +175,7 @@ def test_why_a_task_failed_is_shown_under_the_list(tab: SkillsTab, qtbot: QtBot)
     assert tab.tasks.list.topLevelItem(0).text(3) == "✕ failed"
 
 
-def test_settings_come_back_and_nonsense_does_no_harm(tab: SkillsTab) -> None:
+def test_settings_are_restored_and_invalid_ones_skipped(tab: SkillsTab) -> None:
     tab.skills.uses = {"skiros:Note|note": 3}
     kept = tab.settings()
     tab.restore({"uses": [], "across": 3, "down": "ä", "more": None})
@@ -186,7 +186,7 @@ def test_settings_come_back_and_nonsense_does_no_harm(tab: SkillsTab) -> None:
 # -- the goal line -------------------------------------------------------------------------------------------------
 
 
-def test_words_are_completed_and_a_mistake_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_goal_line_completes_words_and_shows_errors(tab: SkillsTab, qtbot: QtBot) -> None:
     line = _child(tab, QLineEdit, "goalLine")
     tab.goals.refresh()
     qtbot.waitUntil(lambda: bool(tab.goals.completions(0).items) and bool(tab.goals._vocabulary.elements))
@@ -226,7 +226,7 @@ def _press(qtbot: QtBot, line: Any, *keys: int) -> None:
         qtbot.keyClick(popup if popup.isVisible() else line, key)
 
 
-def test_closing_bracket_ends_the_suggestions_and_stays(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+def test_closing_bracket_hides_the_completions(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     _type(qtbot, goal_line, "(skiros:contain skiros:LargeBox-1 bolt")
     assert goal_line._completer.popup().isVisible()
     _type(qtbot, goal_line, ")")
@@ -235,7 +235,7 @@ def test_closing_bracket_ends_the_suggestions_and_stays(tab: SkillsTab, goal_lin
     assert goal_line.text() == "(skiros:contain skiros:LargeBox-1 bolt)"
 
 
-def test_cursor_that_leaves_the_word_ends_the_suggestions(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+def test_leaving_the_word_hides_the_completions(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     goal_line.setText("(skiros:contain skiros:LargeBox-1 )")
     goal_line.setCursorPosition(34)
     _type(qtbot, goal_line, "bo")
@@ -259,7 +259,7 @@ def test_enter_in_a_complete_goal_plans_and_inserts_nothing(
     assert tab.goals.history == ["(skiros:contain box nut)"]
 
 
-def test_enter_inserts_a_word_that_was_chosen_with_the_arrows(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+def test_enter_inserts_a_completion_selected_with_arrows(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     goal_line.setText("(skiros:contain  nut)")
     goal_line.setCursorPosition(16)
     _type(qtbot, goal_line, "box")
@@ -270,7 +270,7 @@ def test_enter_inserts_a_word_that_was_chosen_with_the_arrows(tab: SkillsTab, go
 
 
 @pytest.mark.parametrize("key", [Qt.Key_Tab, Qt.Key_Return])
-def test_suggested_word_replaces_the_whole_word_at_the_cursor(
+def test_completion_replaces_the_whole_word_at_the_cursor(
     tab: SkillsTab, goal_line: Any, qtbot: QtBot, key: int
 ) -> None:
     goal_line.setText("(skiros:contain emp, nut")
@@ -281,7 +281,7 @@ def test_suggested_word_replaces_the_whole_word_at_the_cursor(
     assert goal_line.hasFocus()
 
 
-def test_suggestions_do_not_cover_the_line_that_names_a_mistake(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
+def test_completions_do_not_cover_the_error_line(tab: SkillsTab, goal_line: Any, qtbot: QtBot) -> None:
     _type(qtbot, goal_line, "(skiros:contain b")
     popup, mistake = goal_line._completer.popup(), _child(tab, QLabel, "goalMistake")
     qtbot.waitUntil(mistake.isVisible)
@@ -294,7 +294,7 @@ def test_suggestions_do_not_cover_the_line_that_names_a_mistake(tab: SkillsTab, 
 # -- the focus -----------------------------------------------------------------------------------------------------
 
 
-def test_after_start_the_focus_stays_and_space_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_focus_stays_after_start_and_space_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
     qtbot.waitActive(tab.window())
     line = _child(tab, QLineEdit, "goalLine")
     line.setText("(skiros:contain box nut)")
@@ -312,7 +312,7 @@ def test_after_start_the_focus_stays_and_space_stops_the_task(tab: SkillsTab, qt
     assert line.text() == "(skiros:contain box nut)"
 
 
-def test_space_while_a_start_is_under_way_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_space_during_a_pending_start_stops_the_task(tab: SkillsTab, qtbot: QtBot) -> None:
     qtbot.waitActive(tab.window())
     tab.tree.choose(FETCH)
     tab.skills.write("Times", "2")
@@ -325,7 +325,7 @@ def test_space_while_a_start_is_under_way_stops_the_task(tab: SkillsTab, qtbot: 
 # -- how goals go on -----------------------------------------------------------------------------------------------
 
 
-def test_how_a_goal_goes_on_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
+def test_goal_execution_is_shown(tab: SkillsTab, qtbot: QtBot) -> None:
     step = {"number": 1, "skill": "skiros:Drive", "label": "drive", "robot": "/a", "start": 0.0, "end": 2.0}
     states = '[{"number": 1, "state": "running"}]'
     execution = GoalExecution("(a b)").after_feedback(

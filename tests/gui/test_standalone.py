@@ -1,4 +1,4 @@
-"""The window by itself: what it keeps, its menu, signals, and a machine without a display."""
+"""The standalone window: settings, menu, signals, missing display."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def opened(qtbot: QtBot, settings: Path) -> Iterator[Open]:
     QApplication.setFont(font)
 
 
-def test_what_the_user_has_set_is_there_the_next_time(opened: Open) -> None:
+def test_settings_are_restored(opened: Open) -> None:
     first = opened()
     usual = QApplication.font().pointSizeF()
     first.themes["dark"].trigger()
@@ -65,7 +65,7 @@ def test_what_the_user_has_set_is_there_the_next_time(opened: Open) -> None:
     assert QApplication.font().pointSizeF() == usual
 
 
-def test_a_window_whose_settings_cannot_be_kept_closes_all_the_same(
+def test_window_closes_if_settings_cannot_be_stored(
     opened: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window = opened()
@@ -77,7 +77,7 @@ def test_a_window_whose_settings_cannot_be_kept_closes_all_the_same(
 
 
 @pytest.mark.parametrize("kept", ["not JSON", "[1]", '{"tabs": 1}'])
-def test_kept_settings_that_make_no_sense_do_no_harm(opened: Open, settings: Path, kept: str) -> None:
+def test_invalid_settings_are_ignored(opened: Open, settings: Path, kept: str) -> None:
     store = QSettings(str(settings), QSettings.IniFormat)
     for key, value in {"content": kept, "geometry": "x", "theme": "pink", "text_size": "large"}.items():
         store.setValue(key, value)
@@ -87,7 +87,7 @@ def test_kept_settings_that_make_no_sense_do_no_harm(opened: Open, settings: Pat
     assert window.themes["system"].isChecked()
 
 
-def test_a_signal_closes_the_window_as_the_user_does(opened: Open, qtbot: QtBot) -> None:
+def test_signal_closes_the_window(opened: Open, qtbot: QtBot) -> None:
     window = opened()
     before = signal.getsignal(signal.SIGINT)
     ends = EndBySignal()
@@ -99,7 +99,9 @@ def test_a_signal_closes_the_window_as_the_user_does(opened: Open, qtbot: QtBot)
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_without_a_display_one_line_says_so(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_main_without_display_prints_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("QT_QPA_PLATFORM", "xcb")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -1,4 +1,4 @@
-"""The scene tab as a user sees it: the tree, the editors and the dialogs."""
+"""The widgets of the tab "World model"."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def desk(qtbot: QtBot) -> Iterator[Desk]:
     yield Desk(qtbot)
 
 
-def test_the_tree_keeps_to_the_rules_of_models_while_the_scene_changes(desk: Desk) -> None:
+def test_scene_model_passes_model_tester(desk: Desk) -> None:
     tester = ModelTester(desk.tab.model)
     tester.check(desk.tab.model, force_py=True)
     box = desk.add()
@@ -93,7 +93,7 @@ def test_the_tree_keeps_to_the_rules_of_models_while_the_scene_changes(desk: Des
     tester._cleanup()
 
 
-def test_elements_of_others_appear_marked_and_without_moving_the_selection(desk: Desk) -> None:
+def test_elements_of_others_are_highlighted_and_selection_is_kept(desk: Desk) -> None:
     box = desk.add("skiros:first")
     desk.select(box)
     new = desk.add("skiros:second")
@@ -103,7 +103,7 @@ def test_elements_of_others_appear_marked_and_without_moving_the_selection(desk:
     assert desk.tab.presenter.selected == box
 
 
-def test_a_value_is_written_in_the_table(desk: Desk) -> None:
+def test_value_is_edited_in_the_table(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
     desk.window.process_events()
@@ -121,7 +121,7 @@ def test_a_value_is_written_in_the_table(desk: Desk) -> None:
     assert "expected a number (in kg), got 'heavy'" in desk.window.problems.newest.line
 
 
-def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk: Desk) -> None:
+def test_open_editor_is_kept_when_others_change_the_element(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("weight", lambda r: r.set_values(box, "skiros:Weight", ["1"]))
     desk.window.process_events()
@@ -137,7 +137,7 @@ def test_a_table_that_is_being_edited_is_not_disturbed_by_changes_of_others(desk
     assert desk.tab.element.label_edit.text() == "skiros:moved"
 
 
-def test_a_label_that_was_written_follows_the_scene_again(desk: Desk) -> None:
+def test_edited_label_follows_the_scene(desk: Desk) -> None:
     box = desk.add("skiros:first")
     desk.select(box)
     label = desk.tab.element.label_edit
@@ -152,7 +152,7 @@ def test_a_label_that_was_written_follows_the_scene_again(desk: Desk) -> None:
     assert label.text() == "skiros:first"
 
 
-def test_a_pose_is_written_and_what_was_not_touched_stays_as_it_was(desk: Desk) -> None:
+def test_pose_dialog_keeps_unchanged_values(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("pose", lambda r: r.set_pose(box, (1 / 3, 0.0, 0.0), (0.0, 0.0, 10.0)))
     desk.window.process_events()
@@ -166,7 +166,7 @@ def test_a_pose_is_written_and_what_was_not_touched_stays_as_it_was(desk: Desk) 
     assert "turned by (0°, 0°, 10°)" in desk.tab.element.about.text()
 
 
-def test_several_values_and_tables_are_written_in_a_dialog(desk: Desk) -> None:
+def test_values_dialog_edits_lists_and_tables(desk: Desk) -> None:
     box = desk.add()
     element = desk.other.get_element(box)
     element.setProperty("skiros:CadModel", ["a.stl", "b.stl"])
@@ -190,7 +190,7 @@ def test_several_values_and_tables_are_written_in_a_dialog(desk: Desk) -> None:
     assert told == "Value: expected a table, such as {\"key\": 1}, got '[1]'"
 
 
-def test_the_class_of_an_element_is_changed_by_choice(desk: Desk) -> None:
+def test_class_dialog_changes_the_class(desk: Desk) -> None:
     box = desk.add()
     desk.select(box)
     desk.tab.change_class()
@@ -201,7 +201,7 @@ def test_the_class_of_an_element_is_changed_by_choice(desk: Desk) -> None:
     assert desk.wm.get_element(box).type == "skiros:Container"
 
 
-def test_adding_from_the_tree_of_classes(desk: Desk) -> None:
+def test_add_dialog_adds_an_element(desk: Desk) -> None:
     box = desk.add()
     desk.select(box)
     desk.tab.add_button.click()
@@ -216,7 +216,7 @@ def test_adding_from_the_tree_of_classes(desk: Desk) -> None:
     assert desk.wm.get_relations(box, "skiros:contain", added)
 
 
-def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
+def test_remove_dialog_lists_descendants_and_can_be_undone(desk: Desk) -> None:
     box = desk.add()
     part = desk.add("skiros:screw", parent=box, etype="skiros:Part")
     desk.select(box)
@@ -231,7 +231,7 @@ def test_removing_says_what_goes_with_it_and_can_be_undone(desk: Desk) -> None:
     assert desk.tab.redo_button.isEnabled()
 
 
-def test_a_relation_is_chosen_from_those_that_the_ontologies_know(desk: Desk) -> None:
+def test_relation_dialog_adds_a_relation(desk: Desk) -> None:
     box, part = desk.add(), desk.add("skiros:screw", etype="skiros:Part")
     desk.select(box)
     desk.tab.element.add_relation_button.click()
@@ -246,7 +246,7 @@ def test_a_relation_is_chosen_from_those_that_the_ontologies_know(desk: Desk) ->
     assert desk.wm.get_relations(box, "skiros:at", part)
 
 
-def test_a_property_is_checked_while_it_is_written(desk: Desk) -> None:
+def test_property_dialog_checks_the_value(desk: Desk) -> None:
     box = desk.add()
     desk.select(box)
     desk.tab.element.add_property_button.click()
@@ -259,7 +259,7 @@ def test_a_property_is_checked_while_it_is_written(desk: Desk) -> None:
     assert desk.wm.get_element(box).value_of("skiros:Weight") == 4.0
 
 
-def test_dropping_an_element_on_another_moves_it_there(desk: Desk) -> None:
+def test_dropped_element_is_moved(desk: Desk) -> None:
     box, part = desk.add(), desk.add(etype="skiros:Part")
     model = desk.tab.model
     data = model.mimeData([model.index_of(part)])
@@ -270,7 +270,7 @@ def test_dropping_an_element_on_another_moves_it_there(desk: Desk) -> None:
     assert not model.flags(model.index_of(UNPLACED)) & Qt.ItemIsDropEnabled
 
 
-def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
+def test_finder_cycles_through_results(desk: Desk) -> None:
     first, second = desk.add("skiros:starter"), desk.add("skiros:starter")
     desk.add("skiros:other")
     desk.tab.find()
@@ -280,10 +280,10 @@ def test_finding_goes_from_one_to_the_next_and_round(desk: Desk) -> None:
         desk.qtbot.keyClick(desk.tab.finder.line, Qt.Key_Return)
         seen.append(desk.tab.presenter.selected)
     assert seen == [first, second, first]
-    assert desk.tab.finder.said.text() == "1 of 2"
+    assert desk.tab.finder.message.text() == "1 of 2"
 
 
-def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
+def test_query_panel_shows_results_and_error_line(desk: Desk) -> None:
     box = desk.add()
     query = desk.tab.query
     query.box.setPlainText("SELECT ?what WHERE { skiros:Scene\\-0 skiros:contain ?what }")
@@ -293,12 +293,12 @@ def test_a_query_shows_a_table_and_a_mistake_its_line(desk: Desk) -> None:
     assert desk.tab.presenter.selected == box
     query.box.setPlainText("SELECT ?what WHERE {\n  ?what skiros:contain\n}")
     query.run.click()
-    assert query.said.text().startswith("⚠ Line 3, column 1: ")
+    assert query.message.text().startswith("⚠ Line 3, column 1: ")
     assert query.table.model().rowCount() == 0
     assert [s.cursor.blockNumber() for s in query.box.extraSelections()] == [2]
 
 
-def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
+def test_click_on_a_violation_selects_the_element(desk: Desk) -> None:
     box = desk.add()
     desk.tab.presenter.change("free it", lambda r: r.unrelate(ROOT, "skiros:contain", box))
     desk.window.process_events()
@@ -309,13 +309,13 @@ def test_a_click_on_a_finding_goes_to_the_element(desk: Desk) -> None:
     assert desk.tab.presenter.selected == box
 
 
-def test_a_world_model_without_a_journal_says_so_in_the_history(desk: Desk) -> None:
+def test_history_without_journal_shows_a_message(desk: Desk) -> None:
     desk.select(desk.add())
     desk.tab.pages.setCurrentWidget(desk.tab.history)
-    assert desk.tab.history.said.text() == "The world model has no journal, so its history is unknown"
+    assert desk.tab.history.message.text() == "The world model has no journal, so its history is unknown"
 
 
-def test_several_are_selected_and_removed_together(desk: Desk) -> None:
+def test_several_elements_are_removed_together(desk: Desk) -> None:
     boxes = [desk.add() for _ in range(3)]
     desk.select(boxes[0])
     model = desk.tab.tree.selectionModel()
@@ -327,7 +327,7 @@ def test_several_are_selected_and_removed_together(desk: Desk) -> None:
     assert not desk.tab.model.hasChildren(desk.tab.model.index_of(ROOT))
 
 
-def test_settings_come_back_and_nonsense_is_left(desk: Desk) -> None:
+def test_settings_are_restored_and_invalid_ones_skipped(desk: Desk) -> None:
     desk.tab.query.box.setPlainText("ASK {}")
     desk.tab.pages.setCurrentIndex(2)
     kept = desk.tab.settings()
@@ -338,7 +338,7 @@ def test_settings_come_back_and_nonsense_is_left(desk: Desk) -> None:
     assert desk.tab.pages.currentIndex() == 2
 
 
-def test_branches_stay_open_when_the_scene_is_read_anew(desk: Desk) -> None:
+def test_branches_stay_expanded_when_the_scene_is_read_again(desk: Desk) -> None:
     box = desk.add()
     part = desk.add(parent=box, etype="skiros:Part")
     desk.select(part)

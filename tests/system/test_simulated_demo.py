@@ -67,10 +67,10 @@ def test_goal_is_reached_despite_disturbances(run: DemoRun) -> None:
     status, shown = run.end("--no-pictures", "--disturb", "moved", "--disturb", "slip", "--seed", "5", timeout=200)
     assert status == 0, shown
     moved, slipped = (shown.index(f"  ! {told}\n") for told in (MOVED, SLIPPED))
-    plans = [shown.index("\nPlan ("), *(m.start() for m in re.finditer("^Planned anew, for ", shown, re.MULTILINE))]
+    plans = [shown.index("\nPlan ("), *(m.start() for m in re.finditer("^New plan: ", shown, re.MULTILINE))]
     assert plans[0] < moved < plans[1] < slipped < plans[2], shown
-    assert re.search("^Planned anew, for pick has failed: .*Tray C", shown, re.MULTILINE), shown
-    assert re.search("^Planned anew, for pick has failed: Product A is not between the fingers", shown, re.MULTILINE)
+    assert re.search("^New plan: pick has failed: .*Tray C", shown, re.MULTILINE), shown
+    assert re.search("^New plan: pick has failed: Product A is not between the fingers", shown, re.MULTILINE)
     proven(shown)
 
 

@@ -14,7 +14,7 @@ from typing import Self
 from skiros2_common.core.errors import Refused
 
 
-def display_trouble() -> str:
+def display_problem() -> str:
     """Returns why no window can be shown here; "" if one can. Qt would abort the process."""
     platform = os.environ.get("QT_QPA_PLATFORM", "")
     if platform.partition(":")[0] not in ("", "xcb") or os.environ.get("WAYLAND_DISPLAY"):

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import rospkg
 
-from skiros2_gui.display import display_trouble
+from skiros2_gui.display import display_problem
 
 
 def rqt_command() -> list[str] | None:
@@ -30,7 +30,7 @@ def launch(standalone: list[str]) -> int:
     user has closed the window, it logs one line and sleeps until the end of the launch: roslaunch would open the window
     again otherwise.
     """
-    if why := display_trouble():
+    if why := display_problem():
         _wait(f"{why}; everything else runs without the window")
     interrupts: list[int] = []
     signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))  # the window receives it too

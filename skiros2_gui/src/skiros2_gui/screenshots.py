@@ -22,11 +22,11 @@ from skiros2_common.ros.private_system import START_TIMEOUT, PrivateSystem
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import DARK, LIGHT
-from skiros2_gui.display import display_trouble, virtual_display
+from skiros2_gui.display import display_problem, virtual_display
 from skiros2_gui.standalone import StandaloneWindow
 from skiros2_gui.testing.driver import Driver
 from skiros2_gui.testing.rviz_screenshot import rviz_screenshot
-from skiros2_gui.view3d.widgets.rviz_panel import rviz_trouble
+from skiros2_gui.view3d.widgets.rviz_panel import rviz_problem
 
 #: The window's size (pixels).
 WIDTH, HEIGHT = 1280, 800
@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> int:
     folder = parser.parse_args(arguments).folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        display = virtual_display() if display_trouble() else contextlib.nullcontext()
+        display = virtual_display() if display_problem() else contextlib.nullcontext()
         with display, PrivateSystem("screenshots", has_own_home=True) as system:
             system.init_node("skiros_gui")
             system.launch("skiros2_demo_skills", "demo.launch", "gui:=false")
@@ -108,7 +108,7 @@ def _screenshots() -> Iterator[tuple[str, QImage]]:
         driver.open_tab("World model")
         driver.choose("sceneTree", "Product A")
         yield "world", _screenshot(driver)
-        if not rviz_trouble():
+        if not rviz_problem():
             yield "rviz", rviz_screenshot(driver)
     finally:
         window.close()

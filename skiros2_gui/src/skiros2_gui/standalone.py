@@ -21,7 +21,7 @@ from skiros2_gui.app.events import NodeShutdown
 from skiros2_gui.app.ros.system import RosSystem
 from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.app.widgets.theme import CHOICES, SYSTEM, apply_theme
-from skiros2_gui.display import display_trouble
+from skiros2_gui.display import display_problem
 
 log = logging.getLogger(__name__)
 
@@ -145,9 +145,9 @@ def main(argv: Sequence[str]) -> int:
     :param argv: the program's name and arguments for Qt.
     :returns: the exit status.
     """
-    trouble = display_trouble()
-    if trouble:
-        sys.stderr.write(f"skiros_gui: {trouble}\n")
+    problem = display_problem()
+    if problem:
+        sys.stderr.write(f"skiros_gui: {problem}\n")
         return NO_DISPLAY
     logging.basicConfig(format="%(levelname)s: %(message)s")
     application = make_application(argv)

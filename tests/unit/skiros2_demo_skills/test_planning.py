@@ -1,4 +1,4 @@
-"""The demo's skills and scene are all that planning needs: no planning text is written by hand."""
+"""Planning with the skills and the scene of the demo."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def planner() -> Iterator[TaskPlanner]:
         yield planner
 
 
-def test_a_product_for_the_other_workstation_is_fetched_there(planner: TaskPlanner) -> None:
+def test_plan_fetches_a_product_from_the_other_workstation(planner: TaskPlanner) -> None:
     result = planner.plan(f"(skiros:contain {TRAY_B} {PRODUCT_A})")
     assert [call.label for call in result.calls] == ["drive", "pick", "drive", "place"]
     assert {call.manager for call in result.calls} == {"/mobile_manipulator"}
@@ -46,7 +46,7 @@ def test_the_gripper_holds_one_product_at_a_time(planner: TaskPlanner) -> None:
     assert [step for step in plan if step != "drive"] == ["pick", "place"] * 2
 
 
-def test_a_goal_that_holds_needs_nothing(planner: TaskPlanner) -> None:
+def test_satisfied_goal_needs_no_plan(planner: TaskPlanner) -> None:
     assert planner.plan(f"(skiros:contain {TRAY_A} {PRODUCT_A})").verdict is Verdict.NOTHING_TO_DO
 
 

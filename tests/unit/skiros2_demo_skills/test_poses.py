@@ -1,4 +1,4 @@
-"""Poses put after one another give the pose that tf would."""
+"""Composition of poses."""
 
 import math
 
@@ -10,13 +10,13 @@ from skiros2_demo_skills.poses import composed, get_pose, set_pose
 TURN = math.sqrt(0.5)  # a quarter turn, as a quaternion's part
 
 
-def test_a_pose_is_read_as_it_was_written() -> None:
+def test_pose_round_trip() -> None:
     element = Element("skiros:Location")
     set_pose(element, (1.0, 2.0, 3.0, 0.0, 0.0, TURN, TURN))
     assert get_pose(element) == (1.0, 2.0, 3.0, 0.0, 0.0, TURN, TURN)
 
 
-def test_a_pose_of_which_a_part_is_missing_is_none() -> None:
+def test_incomplete_pose_is_none() -> None:
     element = Element("skiros:Location")
     set_pose(element, (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
     element.removeProperty("skiros:PositionY")
@@ -32,7 +32,7 @@ def test_a_pose_of_which_a_part_is_missing_is_none() -> None:
         ((0, 0, 0, TURN, 0, 0, TURN), (0, 1, 0, 0, 0, 0, 1), (0, 0, 1, TURN, 0, 0, TURN)),
     ],
 )
-def test_the_inner_pose_is_turned_and_moved_by_the_outer_one(
+def test_composition_applies_the_outer_pose(
     outer: tuple[float, ...], inner: tuple[float, ...], expected: tuple[float, ...]
 ) -> None:
     assert composed(outer, inner) == pytest.approx(expected)

@@ -1,4 +1,4 @@
-"""The demo's scene and ontology keep the rules that their comments give to those who edit them."""
+"""Rules of the demo's scene and ontology."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def holders(scene: Graph, element: URIRef) -> list[URIRef]:
     return [s for predicate in CARRIES for s in scene.subjects(predicate, element)]
 
 
-def test_every_element_is_called_after_its_class_and_a_number_of_its_own(scene: Graph) -> None:
+def test_element_ids_are_class_and_unique_number(scene: Graph) -> None:
     numbers = []
     for element in elements(scene):
         (cls,) = set(scene.objects(element, RDF.type)) - {OWL.NamedIndividual}
@@ -46,7 +46,7 @@ def test_every_element_is_called_after_its_class_and_a_number_of_its_own(scene: 
     assert len(set(numbers)) == len(numbers)
 
 
-def test_everything_hangs_on_the_root_at_one_place(scene: Graph) -> None:
+def test_each_element_has_one_parent(scene: Graph) -> None:
     assert holders(scene, ROOT) == []
     for element in elements(scene) - {ROOT}:
         above = holders(scene, element)
@@ -93,7 +93,7 @@ def test_the_robot_has_the_label_that_the_launch_file_names_and_a_place_to_start
     assert 'name="robot_name" value="mobile_manipulator"' in launch
 
 
-def test_the_scene_uses_no_word_of_the_demo_that_the_ontology_does_not_declare(scene: Graph, ontology: Graph) -> None:
+def test_scene_uses_declared_demo_names_only(scene: Graph, ontology: Graph) -> None:
     declared = set(ontology.subjects(RDF.type, OWL.Class))
     used = {node for triple in scene for node in triple if isinstance(node, URIRef) and str(node).startswith(DEMO)}
     assert {node for node in used if "-" not in str(node).partition("#")[2]} <= declared

@@ -1,4 +1,4 @@
-"""Drive, pick and place on the demo's own scene: each changes the world as its conditions promise."""
+"""Drive, pick and place on the demo's scene."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def succeeded(*nodes: Any) -> bool:
     return True
 
 
-def test_a_product_is_brought_from_tray_to_tray(bench: SkillBench) -> None:
+def test_skills_bring_a_product_to_another_tray(bench: SkillBench) -> None:
     assert succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
     assert bench.holder("Product A") == "Gripper"
     assert bench.element("Gripper").value_of("skiros:ContainerState") == "Full"
@@ -60,31 +60,31 @@ def test_a_product_is_brought_from_tray_to_tray(bench: SkillBench) -> None:
     ]
 
 
-def test_driving_leaves_one_place_for_the_other_and_moves_the_robot_in_front_of_it(bench: SkillBench) -> None:
+def test_drive_updates_location_and_pose(bench: SkillBench) -> None:
     assert succeeded(drive(bench, "Workstation 1"))
     assert at(bench) == ["Workstation 1"]
     assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((1.1, 1.5, 0.2))
 
 
-def test_driving_to_a_place_without_an_approach_pose_ends_at_the_place(bench: SkillBench) -> None:
+def test_drive_without_approach_pose_ends_at_the_place(bench: SkillBench) -> None:
     assert succeeded(drive(bench, "Workstation 1"), drive(bench, "Charging station"))
     assert get_pose(bench.wmi.get_element(bench.robot.id))[:3] == pytest.approx((0.0, 0.0, 0.2))
 
 
-def test_driving_to_where_the_robot_is_is_refused_with_the_reason(bench: SkillBench) -> None:
+def test_drive_to_the_current_place_is_refused(bench: SkillBench) -> None:
     node = drive(bench, "Charging station")
     assert node.state is State.Failure
     assert "RobotElsewhere" in node.progress_msg
 
 
-def test_picking_where_the_robot_is_not_is_refused(bench: SkillBench) -> None:
+def test_pick_at_another_place_is_refused(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 2"))
     node = pick(bench, "Product A")
     assert node.state is State.Failure
     assert bench.holder("Product A") == "Tray A"
 
 
-def test_picking_with_a_full_gripper_is_refused(bench: SkillBench) -> None:
+def test_pick_with_a_full_gripper_is_refused(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 1"), pick(bench, "Product A"))
     node = pick(bench, "Product C")
     assert node.state is State.Failure
@@ -92,13 +92,13 @@ def test_picking_with_a_full_gripper_is_refused(bench: SkillBench) -> None:
     assert bench.holder("Product C") == "Tray C"
 
 
-def test_placing_what_is_not_in_the_gripper_is_refused(bench: SkillBench) -> None:
+def test_place_without_the_object_is_refused(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 2"))
     assert place(bench, "Product A", "Tray B").state is State.Failure
     assert bench.holder("Product A") == "Tray A"
 
 
-def test_a_robot_that_is_taken_away_stops_picking(bench: SkillBench) -> None:
+def test_moved_robot_stops_picking(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 1"))
     task = bench.command("Pick", Object=bench.element("Product A"))
     assert task.tick() is State.Running
@@ -108,7 +108,7 @@ def test_a_robot_that_is_taken_away_stops_picking(bench: SkillBench) -> None:
     assert bench.holder("Product A") == "Tray A"
 
 
-def test_a_stopped_motion_changes_nothing(bench: SkillBench) -> None:
+def test_preempted_motion_changes_nothing(bench: SkillBench) -> None:
     succeeded(drive(bench, "Workstation 1"))
     task = bench.command("Drive", TargetLocation=bench.element("Workstation 2"))
     assert task.tick() is State.Running
@@ -117,7 +117,7 @@ def test_a_stopped_motion_changes_nothing(bench: SkillBench) -> None:
     assert at(bench) == ["Workstation 1"]
 
 
-def test_motions_tell_how_far_they_are(bench: SkillBench) -> None:
+def test_motions_report_progress(bench: SkillBench) -> None:
     task = bench.command("Drive", TargetLocation=bench.element("Workstation 1"))
     task.tick()
     task.tick()
@@ -125,7 +125,7 @@ def test_motions_tell_how_far_they_are(bench: SkillBench) -> None:
     assert told == ["Driving to Workstation 1: 50%"]
 
 
-def test_the_object_is_at_the_middle_of_the_gripper_and_stands_in_the_tray(bench: SkillBench) -> None:
+def test_object_poses_after_pick_and_place(bench: SkillBench) -> None:
     def position() -> tuple[float, ...]:
         return get_pose(bench.element("Product A"))[:3]
 

@@ -1,4 +1,4 @@
-"""Skills for the window's tests: of each kind of parameter one, and with conditions that can fail."""
+"""Skills for the window's tests: parameters of all kinds, and conditions that can fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which poses of a drag are written."""
+"""The poses of a drag that are written."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def target(x: float, eid: str = "a") -> Target:
     return Target(eid, "map", Pose((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 
 
-def test_the_first_and_then_the_newest_at_most_ten_times_a_second() -> None:
+def test_drag_writes_latest_target_at_most_ten_times_a_second() -> None:
     dragging = Dragging()
     written = []
     for step in range(100):  # 25 Hz for 4 s
@@ -27,7 +27,7 @@ def test_the_first_and_then_the_newest_at_most_ten_times_a_second() -> None:
     assert all(value == round(now / 0.04) for now, value in written)
 
 
-def test_the_end_is_written_at_once() -> None:
+def test_release_writes_pending_target_at_once() -> None:
     dragging = Dragging()
     dragging.move(target(1.0), 0.0)
     assert dragging.take(0.0) == target(1.0)
@@ -38,7 +38,7 @@ def test_the_end_is_written_at_once() -> None:
     assert dragging.wait(0.02) is None
 
 
-def test_what_is_written_already_is_not_written_again() -> None:
+def test_written_target_is_not_written_again() -> None:
     dragging = Dragging()
     dragging.move(target(1.0), 0.0)
     dragging.take(0.0)
@@ -49,7 +49,7 @@ def test_what_is_written_already_is_not_written_again() -> None:
     assert dragging.take(2.0) == target(1.0), "it was refused, so it is tried again"
 
 
-def test_a_view_that_went_away_does_not_hold_an_element_for_ever() -> None:
+def test_drag_without_feedback_ends_after_timeout() -> None:
     dragging = Dragging(timeout=2.0)
     dragging.hold("a", 0.0)
     assert dragging.is_held("a", 1.9) and not dragging.is_held("b", 1.9)
@@ -62,7 +62,7 @@ def test_a_view_that_went_away_does_not_hold_an_element_for_ever() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.integers(0, 5)), min_size=1, max_size=30))
-def test_whatever_the_moves_the_last_one_is_what_is_written_last(moves: list[tuple[float, int]]) -> None:
+def test_last_target_of_any_drag_is_written(moves: list[tuple[float, int]]) -> None:
     dragging, now, written, times = Dragging(), 0.0, [], []
     for pause, x in moves:
         now += pause

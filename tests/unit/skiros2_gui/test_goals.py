@@ -1,4 +1,4 @@
-"""The goal line without widgets: completion, mistakes, plans, and goals that the robots work at."""
+"""The presenter of goals: completion, diagnostics, planning, execution."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ def _step(number: int, **more: Any) -> dict[str, Any]:
 
 
 class TaskManager:
-    """Carries a goal out as it is told to."""
+    """Sends the given feedback and result."""
 
     def __init__(self) -> None:
         self.feedback: list[Any] = []
         self.result: Any = Result()
         self.cancelled = 0
 
-    def achieve(self, goals: str, told: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
+    def achieve(self, goals: str, on_feedback: Callable[[Any], None], wish: str = "", seconds: float = 0.0) -> Any:
         for feedback in self.feedback:
-            told(feedback)
+            on_feedback(feedback)
         if isinstance(self.result, Exception):
             raise self.result
         return self.result
@@ -95,29 +95,29 @@ def _suggested(lab: Lab, text: str) -> list[str]:
 # -- completion ----------------------------------------------------------------------------------------------------
 
 
-def test_what_skills_bring_about_is_suggested_first(lab: Lab) -> None:
+def test_effects_of_skills_are_completed_first(lab: Lab) -> None:
     assert _suggested(lab, "(")[0] == "skiros:at"
     assert _suggested(lab, "(not (")[0] == "skiros:at"
 
 
-def test_words_are_found_by_their_end_and_in_any_case(lab: Lab) -> None:
+def test_completion_matches_local_name_in_any_case(lab: Lab) -> None:
     assert "skiros:contain" in _suggested(lab, "(CONT")
     assert lab.goals.completions(5).start == 1
 
 
-def test_elements_are_found_by_label_and_written_as_ids(lab: Lab) -> None:
+def test_elements_are_completed_by_label_and_inserted_as_ids(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at alpha ben") == [lab.ids["bench 1"]]
     assert lab.goals.completions(20).items[0].label == "bench 1"
 
 
-def test_quantifiers_ask_for_variables_classes_and_know_them(lab: Lab) -> None:
+def test_quantifier_completes_variables_and_classes(lab: Lab) -> None:
     assert _suggested(lab, "(forall (") == ["?x"]
     assert _suggested(lab, "(forall (?x ") == ["-"]
     assert "skiros:Location" in _suggested(lab, "(forall (?x - Loc")
     assert _suggested(lab, "(forall (?x - skiros:Location) (skiros:at ")[0] == "?x"
 
 
-def test_nothing_is_suggested_for_nonsense(lab: Lab) -> None:
+def test_unknown_text_has_no_completions(lab: Lab) -> None:
     assert _suggested(lab, "(skiros:at zzzzzz") == []
     assert _suggested(lab, ")))") == ["("]
     assert lab.goals.completions(9_999).items
@@ -128,7 +128,7 @@ _PIECES = st.sampled_from(["(", ")", "forall", "=", "?x", "-", " ", "\n", '"', "
 
 @given(st.lists(_PIECES, max_size=12).map("".join), st.integers(-3, 40))
 @settings(max_examples=40, deadline=None)
-def test_any_text_may_stand_in_the_line(text: str, cursor: int) -> None:
+def test_completion_and_syntax_check_accept_any_text(text: str, cursor: int) -> None:
     word = Completion("skiros:at", "at", "relation")
     found = complete(text, max(cursor, 0), Vocabulary((word,), (word,), (word,), (word,), (word,)))
     assert 0 <= found.start <= len(text)
@@ -139,7 +139,7 @@ def test_any_text_may_stand_in_the_line(text: str, cursor: int) -> None:
 # -- mistakes ------------------------------------------------------------------------------------------------------
 
 
-def test_a_mistake_is_told_with_its_place(lab: Lab) -> None:
+def test_syntax_error_has_line_and_column(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha\n  (x))")
     mistake = lab.goals.diagnostic
     assert mistake is not None
@@ -148,7 +148,7 @@ def test_a_mistake_is_told_with_its_place(lab: Lab) -> None:
     assert not lab.goals.can_plan
 
 
-def test_a_name_that_nobody_knows_is_a_mistake(lab: Lab) -> None:
+def test_unknown_name_is_reported(lab: Lab) -> None:
     lab.goals.write("(skiros:at alpha shlef)")
     assert lab.goals.diagnostic is not None
     assert "shelf" in lab.goals.diagnostic.reason
@@ -157,7 +157,7 @@ def test_a_name_that_nobody_knows_is_a_mistake(lab: Lab) -> None:
     assert lab.goals.can_achieve
 
 
-def test_an_empty_goal_is_no_mistake(lab: Lab) -> None:
+def test_empty_goal_has_no_diagnostic(lab: Lab) -> None:
     lab.goals.write("(")
     lab.goals.write(" ")
     assert (lab.goals.diagnostic, lab.goals.can_plan) == (None, False)
@@ -167,7 +167,7 @@ def test_an_empty_goal_is_no_mistake(lab: Lab) -> None:
 # -- planning ------------------------------------------------------------------------------------------------------
 
 
-def test_a_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
+def test_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
     lab.goals.write(f"(skiros:at alpha {lab.ids['shelf']})")
     lab.goals.make_plan()
     plan = lab.goals.plan
@@ -190,7 +190,7 @@ def test_a_plan_has_steps_changes_and_reasons(lab: Lab) -> None:
 # -- achieving -----------------------------------------------------------------------------------------------------
 
 
-def test_a_goal_is_followed_to_its_end(lab: Lab) -> None:
+def test_goal_execution_follows_feedback_to_result(lab: Lab) -> None:
     plan = json.dumps([_step(1), _step(2, after=[1])])
     states = [{"number": 1, "state": "succeeded", "message": ""}, {"number": 2, "state": "running", "message": "on"}]
     lab.tasks.feedback = [Feedback("planning", "planning"), Feedback("running", "", plan, json.dumps(states))]
@@ -220,7 +220,7 @@ def test_a_goal_is_followed_to_its_end(lab: Lab) -> None:
     assert (lab.tasks.cancelled, lab.goals.is_busy) == (1, False)
 
 
-def test_a_goal_that_is_not_reached_says_why(lab: Lab) -> None:
+def test_goal_that_is_not_reached_has_reason(lab: Lab) -> None:
     lab.tasks.result = Result("impossible", "there is no plan\n  (skiros:at a b) cannot be reached")
     lab.goals.write("(skiros:at alpha shelf)")
     lab.goals.achieve()
@@ -231,13 +231,13 @@ def test_a_goal_that_is_not_reached_says_why(lab: Lab) -> None:
 
 
 @pytest.mark.parametrize("nonsense", [Feedback(plan="{"), Feedback(plan='[{"number": "x"}]'), Feedback(steps="[3]")])
-def test_feedback_that_cannot_be_read_is_said(lab: Lab, nonsense: Feedback) -> None:
+def test_unreadable_feedback_is_reported(lab: Lab, nonsense: Feedback) -> None:
     lab.goals.execution = GoalExecution("goal")
     lab.window.publish(GoalFeedback("goal", nonsense))
     assert "cannot be read" in lab.window.problems.history[0].text
 
 
-def test_a_task_manager_that_goes_is_said(lab: Lab) -> None:
+def test_timeout_of_task_manager_is_reported(lab: Lab) -> None:
     lab.tasks.result = TimeoutError("silent for 5 s")
     lab.goals.write("(skiros:at alpha shelf)")
     lab.goals.achieve()
@@ -247,6 +247,6 @@ def test_a_task_manager_that_goes_is_said(lab: Lab) -> None:
     assert lab.window.problems.history
 
 
-def test_goals_are_remembered_and_nonsense_left_out(lab: Lab) -> None:
+def test_restore_skips_invalid_goals(lab: Lab) -> None:
     lab.goals.restore({"goal": "(skiros:at alpha dock)", "goals": [3, "", "(a b)"]})
     assert lab.goals.settings() == {"goal": "(skiros:at alpha dock)", "goals": ["(a b)"]}

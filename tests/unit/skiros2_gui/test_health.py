@@ -1,4 +1,4 @@
-"""What is up and what is missing, in words."""
+"""The status of parts as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NOW = 1795291003.5  # s since the epoch
 AT = clock(NOW)
 
 
-def test_a_part_in_short_and_in_a_sentence() -> None:
+def test_part_has_short_name_and_sentence() -> None:
     robot = Part(MANAGER, "/arm", False, NOW, "It was killed.")
     assert short(robot) == "robot arm"
     assert sentence(robot) == f"The robot /arm has not been there since {AT}. It was killed."
@@ -22,26 +22,26 @@ def test_a_part_in_short_and_in_a_sentence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("is_up", "since", "mark"),
+    ("is_up", "since", "expected"),
     [(True, NOW, ("●", "success")), (False, NOW, ("✕", "failure")), (False, 0.0, ("○", "idle"))],
 )
-def test_a_part_that_has_gone_and_one_that_never_came_have_signs_of_their_own(
-    is_up: bool, since: float, mark: tuple[str, str]
+def test_parts_that_are_down_and_never_up_have_different_signs(
+    is_up: bool, since: float, expected: tuple[str, str]
 ) -> None:
-    assert sign(Part(TASK_MANAGER, "/tm", is_up, since)) == mark
+    assert sign(Part(TASK_MANAGER, "/tm", is_up, since)) == expected
 
 
-def test_what_was_never_there_has_no_time() -> None:
+def test_part_that_was_never_up_has_no_time() -> None:
     assert sentence(Part(TASK_MANAGER, "/tm", False, 0.0)) == "The task manager is not there yet."
     assert missing([Part(WORLD_MODEL, "/wm", False, 0.0)], (WORLD_MODEL,)) == "The world model is not there yet."
 
 
-def test_a_time_of_another_day_has_its_day() -> None:
+def test_clock_includes_date_unless_today() -> None:
     assert clock(0.0).startswith(time.strftime("%Y-%m-%d", time.localtime(0.0)))
 
 
 @pytest.mark.parametrize(
-    ("parts", "needs", "told"),
+    ("parts", "needs", "text"),
     [
         ([], (WORLD_MODEL,), "The world model is not there yet."),
         (
@@ -55,11 +55,11 @@ def test_a_time_of_another_day_has_its_day() -> None:
         ([Part(MANAGER, "/a", False, NOW)], (MANAGER,), f"The robot /a has not been there since {AT}."),
     ],
 )
-def test_what_is_missing_of_what_is_needed(parts: list[Part], needs: tuple[str, ...], told: str) -> None:
-    assert missing(parts, needs) == told
+def test_missing_describes_required_parts_that_are_down(parts: list[Part], needs: tuple[str, ...], text: str) -> None:
+    assert missing(parts, needs) == text
 
 
-def test_without_a_master_nothing_else_is_told() -> None:
+def test_missing_names_only_the_master_if_it_is_down() -> None:
     parts = [Part(MASTER, "http://localhost:11311", False, NOW), Part(WORLD_MODEL, "/wm", False, NOW)]
     assert missing(parts, (WORLD_MODEL,)).startswith(
         f"The ROS master http://localhost:11311 has not been there since {AT}."

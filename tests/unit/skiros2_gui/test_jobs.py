@@ -1,4 +1,4 @@
-"""Calls beside the window's thread: results, errors, order, the busy sign, and the end."""
+"""Jobs: results, errors, order, activities, shutdown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skiros2_gui.app.problems import Problems
 
 
 class Desk:
-    """Stands for the window's thread: delivers until something has happened."""
+    """The window's thread: delivers until a condition is true."""
 
     def __init__(self) -> None:
         self.problems = Problems()
@@ -34,7 +34,7 @@ def desk() -> Desk:
     return Desk()
 
 
-def test_a_call_runs_in_another_thread_and_its_result_comes_back_to_this_one(desk: Desk) -> None:
+def test_call_runs_in_worker_and_result_is_delivered_here(desk: Desk) -> None:
     def done(worker: threading.Thread) -> None:
         desk.seen += [worker, threading.current_thread()]
 
@@ -44,7 +44,7 @@ def test_a_call_runs_in_another_thread_and_its_result_comes_back_to_this_one(des
     assert desk.seen[1] is threading.current_thread()
 
 
-def test_an_error_goes_to_the_one_who_takes_it_else_to_the_error_bar(desk: Desk) -> None:
+def test_error_goes_to_callback_or_error_bar(desk: Desk) -> None:
     def refuse() -> None:
         raise Refused("task 3 runs already")
 
@@ -56,13 +56,13 @@ def test_an_error_goes_to_the_one_who_takes_it_else_to_the_error_bar(desk: Desk)
     assert desk.problems.history[0].line == "starting: task 3 runs already"
 
 
-def test_code_that_wants_to_end_the_program_does_not(desk: Desk) -> None:
+def test_system_exit_of_a_call_is_an_error(desk: Desk) -> None:
     desk.jobs.run(lambda: exit(3), failed=desk.seen.append)
     desk.until(lambda: bool(desk.seen))
     assert "tried to exit the program" in str(desk.seen[0])
 
 
-def test_what_shows_a_result_may_fail_and_others_are_shown(desk: Desk) -> None:
+def test_failing_callback_is_reported(desk: Desk) -> None:
     desk.jobs.run(lambda: 1, lambda number: number.missing, activity="counting")  # type: ignore[attr-defined]
     desk.until(lambda: desk.problems.newest is not None)
     desk.jobs.run(lambda: 2, desk.seen.append)
@@ -70,7 +70,7 @@ def test_what_shows_a_result_may_fail_and_others_are_shown(desk: Desk) -> None:
     assert desk.problems.history[0].activity == "showing the result of counting"
 
 
-def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk: Desk) -> None:
+def test_calls_of_one_queue_run_in_order(desk: Desk) -> None:
     gate = threading.Event()
     running = []
 
@@ -90,14 +90,14 @@ def test_calls_of_one_lane_keep_their_order_and_others_do_not_wait_for_them(desk
     assert running == ["slow", "next"]
 
 
-def test_more_calls_than_threads_all_end(desk: Desk) -> None:
+def test_more_calls_than_threads_all_run(desk: Desk) -> None:
     for number in range(3 * MAX_AT_ONCE):
         desk.jobs.run(lambda n=number: n, desk.seen.append)
     desk.until(lambda: len(desk.seen) == 3 * MAX_AT_ONCE)
     assert sorted(desk.seen) == list(range(3 * MAX_AT_ONCE))
 
 
-def test_urgent_call_waits_for_no_lane_and_no_free_thread(desk: Desk) -> None:
+def test_urgent_call_ignores_queue_and_busy_workers(desk: Desk) -> None:
     gate = threading.Event()
     for _ in range(2 * MAX_AT_ONCE):
         desk.jobs.run(lambda: gate.wait(10), desk.seen.append)
@@ -109,18 +109,18 @@ def test_urgent_call_waits_for_no_lane_and_no_free_thread(desk: Desk) -> None:
     desk.until(lambda: len(desk.seen) == 2 * MAX_AT_ONCE + 2)
 
 
-def test_what_is_under_way_is_told_while_it_is(desk: Desk) -> None:
+def test_activities_list_running_calls(desk: Desk) -> None:
     gate = threading.Event()
-    told: list[list[str]] = []
-    desk.jobs.on_busy(lambda: told.append(desk.jobs.activities))
+    reported: list[list[str]] = []
+    desk.jobs.on_busy(lambda: reported.append(desk.jobs.activities))
     desk.jobs.run(lambda: gate.wait(10), desk.seen.append, activity="loading the scene")
     assert desk.jobs.activities == ["loading the scene"]
     gate.set()
     desk.until(lambda: bool(desk.seen))
-    assert told == [["loading the scene"], []]
+    assert reported == [["loading the scene"], []]
 
 
-def test_what_another_thread_posts_is_called_in_this_one_in_order(desk: Desk) -> None:
+def test_posted_calls_run_here_in_order(desk: Desk) -> None:
     def post() -> None:
         for number in range(5):
             desk.jobs.post(lambda n=number: desk.seen.append((n, threading.current_thread())))
@@ -131,7 +131,7 @@ def test_what_another_thread_posts_is_called_in_this_one_in_order(desk: Desk) ->
     assert desk.seen == [(n, threading.current_thread()) for n in range(5)]
 
 
-def test_after_the_end_nothing_is_delivered_and_nothing_begins(desk: Desk) -> None:
+def test_closed_jobs_deliver_and_start_nothing(desk: Desk) -> None:
     began, gate, ended = threading.Event(), threading.Event(), threading.Event()
 
     def slow() -> None:

@@ -1,4 +1,4 @@
-"""Which window `gui:=true` opens, and what the launch file's node does without one."""
+"""The window opened by `gui:=true`, and its launch node."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from skiros2_gui.display import display_trouble, virtual_display
+from skiros2_gui.display import display_problem, virtual_display
 from skiros2_gui.launcher import rqt_command
 from support.programs import Program
 from support.ros import ROOT
@@ -35,21 +35,21 @@ def rqt_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
 
 
-def test_the_rqt_plugin_where_rqt_is_installed(rqt_modules: None, rqt_package: None) -> None:
+def test_launcher_opens_plugin_if_rqt_is_installed(rqt_modules: None, rqt_package: None) -> None:
     assert rqt_command() == ["rosrun", "rqt_gui", "rqt_gui", "-s", "gui.skiros"]
 
 
-def test_no_plugin_without_rqt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_launcher_has_no_plugin_without_rqt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
     assert rqt_command() is None
 
 
-def test_no_plugin_where_this_python_cannot_import_rqt(rqt_package: None) -> None:
+def test_launcher_has_no_plugin_if_rqt_cannot_be_imported(rqt_package: None) -> None:
     assert rqt_command() is None
 
 
 @pytest.mark.parametrize(
-    ("environment", "trouble"),
+    ("environment", "problem"),
     [
         ({}, "DISPLAY is not set"),
         ({"DISPLAY": ":9999"}, "the display :9999 (DISPLAY) cannot be opened"),
@@ -58,23 +58,23 @@ def test_no_plugin_where_this_python_cannot_import_rqt(rqt_package: None) -> Non
         ({"WAYLAND_DISPLAY": "wayland-0"}, ""),
     ],
 )
-def test_it_says_why_no_window_can_be_drawn(
-    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], trouble: str
+def test_display_problem_names_the_reason(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], problem: str
 ) -> None:
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    assert trouble in display_trouble()
-    assert bool(display_trouble()) == bool(trouble)
+    assert problem in display_problem()
+    assert bool(display_problem()) == bool(problem)
 
 
-def test_a_virtual_display_is_one_and_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_virtual_display_is_available_within_its_context(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     with virtual_display():
-        assert display_trouble() == ""
-    assert "DISPLAY is not set" in display_trouble()
+        assert display_problem() == ""
+    assert "DISPLAY is not set" in display_problem()
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def launched(tmp_path: Path) -> Iterator[Launched]:
 
 
 class Launched:
-    """The launch file's node where rqt is installed: an rqt that only tells its arguments and ends as it is told."""
+    """The launch file's node where rqt is installed: an rqt that prints its arguments and returns a given status."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -115,7 +115,7 @@ class Launched:
             program.stop()
 
 
-def test_without_a_display_it_says_so_once_and_waits(launched: Launched) -> None:
+def test_launcher_without_display_logs_one_line_and_waits(launched: Launched) -> None:
     program = launched.start({})
     program.wait_for_line("there is no display")
     assert program.running
@@ -124,18 +124,18 @@ def test_without_a_display_it_says_so_once_and_waits(launched: Launched) -> None
     program.wait()
 
 
-def test_a_window_that_was_closed_is_not_opened_again(launched: Launched) -> None:
+def test_closed_window_is_not_reopened(launched: Launched) -> None:
     program = launched.start({"QT_QPA_PLATFORM": "offscreen"})
     program.wait_for_line("the window was closed")
     assert "rosrun rqt_gui rqt_gui -s gui.skiros" in program.output
     assert program.running
 
 
-def test_a_window_that_failed_is_left_to_roslaunch_to_start_again(launched: Launched) -> None:
+def test_failed_window_returns_its_status_to_roslaunch(launched: Launched) -> None:
     assert launched.start({"QT_QPA_PLATFORM": "offscreen"}, status=3).wait() == 3
 
 
-def test_at_the_end_of_the_launch_the_window_has_the_time_to_close_and_nothing_is_printed(launched: Launched) -> None:
+def test_launcher_waits_for_window_after_interrupt(launched: Launched) -> None:
     closes = "trap 'sleep 0.5; echo closed; exit' INT; echo open; while :; do sleep 0.1; done"
     program = launched.start({"QT_QPA_PLATFORM": "offscreen"}, before=closes)
     program.wait_for_line("^open")

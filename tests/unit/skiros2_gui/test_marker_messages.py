@@ -1,4 +1,4 @@
-"""Markers as messages: those that are packed once say the same as those made anew."""
+"""Markers as messages; packed messages equal plain ones."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def sent(packed: PackedMarkers, put: list[ElementMarker], gone: list[ElementMark
 @pytest.mark.parametrize(
     "its_visual", [visual(), visual(AXES), visual(MESH, mesh="file:///a.stl"), visual(text="")], ids=str
 )
-def test_what_is_sent_is_what_is_shown(its_visual: Visual) -> None:
+def test_packed_markers_equal_plain_messages(its_visual: Visual) -> None:
     packed = PackedMarkers()
     for x in (1.0, 5.0):  # made, then moved
         shape, text = sent(packed, [marker(x, its_visual=its_visual)])
@@ -46,14 +46,14 @@ def test_what_is_sent_is_what_is_shown(its_visual: Visual) -> None:
         assert text.pose.position.x == x and text.pose.position.z > 3.0 and text.header.frame_id == "größe"
 
 
-def test_another_frame_or_look_is_sent_too() -> None:
+def test_changed_frame_or_visual_is_packed_again() -> None:
     packed = PackedMarkers()
     sent(packed, [marker()])
     assert {m.header.frame_id for m in sent(packed, [marker(frame="map")])} == {"map"}
     assert sent(packed, [marker(frame="map", its_visual=visual(text="other"))])[1].text == "other"
 
 
-def test_what_is_gone_is_ended() -> None:
+def test_removed_marker_is_deleted() -> None:
     packed = PackedMarkers()
     sent(packed, [marker()])
     ended = sent(packed, [], [marker()])
@@ -63,7 +63,7 @@ def test_what_is_gone_is_ended() -> None:
     ]
 
 
-def test_the_selected_element_has_six_degrees_of_freedom() -> None:
+def test_interactive_marker_has_six_degrees_of_freedom() -> None:
     message = interactive_marker("name", marker())
     modes = [control.interaction_mode for control in message.controls]
     assert modes.count(InteractiveMarkerControl.MOVE_AXIS) == modes.count(InteractiveMarkerControl.ROTATE_AXIS) == 3
@@ -73,7 +73,7 @@ def test_the_selected_element_has_six_degrees_of_freedom() -> None:
     assert message.header.stamp.is_zero(), "so its view answers in the same frame"
 
 
-def test_one_that_follows_a_frame_has_nothing_to_take_hold_of() -> None:
+def test_interactive_marker_that_follows_a_frame_has_no_controls() -> None:
     message = interactive_marker("name", marker(its_visual=visual(follows="base_link")))
     assert [c.interaction_mode for c in message.controls] == [InteractiveMarkerControl.NONE]
     assert "base_link" in message.description

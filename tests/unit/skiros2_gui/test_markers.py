@@ -1,4 +1,4 @@
-"""What a 3D view shows of elements, also of broken ones, and what it is told of changes."""
+"""The markers of elements, also invalid ones, and of changes."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def factory(tmp_path: Path) -> MarkerFactory:
 # -- shapes ------------------------------------------------------------------------------------------------------
 
 
-def test_a_box_where_there_is_a_size(factory: MarkerFactory) -> None:
+def test_element_with_size_is_drawn_as_box(factory: MarkerFactory) -> None:
     marker = factory.make(sized(0.2, 0.4, 0.6))
     assert marker is not None and marker.visual.shape == BOX and marker.visual.size == (0.2, 0.4, 0.6)
     assert (marker.frame, marker.pose.position, marker.visual.text) == ("map", (1.0, 2.0, 3.0), "Bolt")
     assert marker.text_position == pytest.approx((1.0, 2.0, 3.0 + 0.3 + 0.08))
 
 
-def test_the_mesh_where_the_model_is_one(factory: MarkerFactory, tmp_path: Path) -> None:
+def test_element_with_mesh_is_drawn_as_mesh(factory: MarkerFactory, tmp_path: Path) -> None:
     marker = factory.make(sized(1.0, 1.0, 1.0, CadModel="bolt.stl"))
     assert marker is not None and (marker.visual.shape, marker.visual.mesh) == (MESH, f"file://{tmp_path}/bolt.stl")
     package = factory.make(placed(CadModel="package://parts/bolt.dae"))
@@ -58,7 +58,7 @@ def test_the_mesh_where_the_model_is_one(factory: MarkerFactory, tmp_path: Path)
 
 
 @pytest.mark.parametrize("model", ["arm.urdf", "nowhere.stl", "\0.stl", "x" * 5000 + ".stl", ".", "", "../.stl"])
-def test_the_box_where_the_model_is_no_mesh(factory: MarkerFactory, model: str) -> None:
+def test_invalid_mesh_falls_back_to_box(factory: MarkerFactory, model: str) -> None:
     marker = factory.make(sized(1.0, 1.0, 1.0, CadModel=model))
     assert marker is not None and marker.visual.shape == BOX
 
@@ -80,18 +80,18 @@ def test_element_without_valid_size_is_drawn_as_axes(factory: MarkerFactory, siz
         lambda e: space.set_text(e, space.FRAME, "map"),
     ],
 )
-def test_nothing_where_there_is_no_place(factory: MarkerFactory, spoil: Callable[[Element], None]) -> None:
+def test_element_without_valid_pose_has_no_marker(factory: MarkerFactory, spoil: Callable[[Element], None]) -> None:
     element = placed()
     spoil(element)
     assert factory.make(element) is None
 
 
-def test_a_text_for_everything(factory: MarkerFactory) -> None:
+def test_marker_text_is_label_or_id(factory: MarkerFactory) -> None:
     texts = [factory.make(placed(label=label)) for label in ("", "demo:left_arm", "a" * 500)]
     assert [marker.visual.text for marker in texts if marker] == ["Product-7", "left_arm", "a" * 59 + "…"]
 
 
-def test_colours_tell_classes_apart_and_stay(factory: MarkerFactory) -> None:
+def test_colours_differ_by_class_and_are_stable(factory: MarkerFactory) -> None:
     elements = [placed(f"{etype}-1") for etype in (*PARENTS, "odd:Thing")]
     colours = [marker.visual.colour for element in elements if (marker := factory.make(element))]
     assert len(set(colours)) == 4 and all(0.0 <= part <= 1.0 for colour in colours for part in colour)
@@ -99,7 +99,7 @@ def test_colours_tell_classes_apart_and_stay(factory: MarkerFactory) -> None:
     assert again == colours
 
 
-def test_numbers_in_a_view_fit_its_messages() -> None:
+def test_view_number_fits_int32() -> None:
     assert view_number("skiros:Product-7") == 7
     for odd in ("", "Product", "skiros:Product-99999999999", "skiros:Product--3"):
         assert 0 <= view_number(odd) < 2**31
@@ -113,7 +113,7 @@ def change(number: int, action: str, *elements: Element, before: int | None = No
     return Change(number, f"s-{previous}", f"s-{number}", 0.0, "me", action, context, elements)
 
 
-def test_changes_are_gathered_by_element() -> None:
+def test_changed_elements_collect_ids() -> None:
     changed = ChangedElements()
     assert changed.take() is None, "at first, everything is new"
     for number, action in enumerate((ADD, UPDATE, REMOVE), 1):
@@ -126,7 +126,7 @@ def test_changes_are_gathered_by_element() -> None:
 @pytest.mark.parametrize(
     "then", [change(2, RESET), change(5, UPDATE, placed()), change(2, UPDATE)], ids=["reset", "gap", "ontology"]
 )
-def test_what_cannot_be_told_by_element_counts_as_everything(then: Change) -> None:
+def test_reset_gap_or_ontology_change_counts_as_everything(then: Change) -> None:
     changed = ChangedElements()
     changed.take()
     changed.add(change(1, ADD, placed()))
@@ -137,7 +137,7 @@ def test_what_cannot_be_told_by_element_counts_as_everything(then: Change) -> No
     assert changed.take() is None
 
 
-def test_only_what_looks_otherwise_is_told(factory: MarkerFactory) -> None:
+def test_marker_update_contains_changed_visuals_only(factory: MarkerFactory) -> None:
     markers = MarkerSet(factory.make)
     one, two = placed("skiros:Product-1"), placed("skiros:Product-2")
     assert [s.id for s in markers.replace_all([one, two]).changed] == [one.id, two.id]
@@ -151,7 +151,7 @@ def test_only_what_looks_otherwise_is_told(factory: MarkerFactory) -> None:
     assert markers.get(two.id) is None
 
 
-def test_a_new_scene_ends_what_the_old_one_had(factory: MarkerFactory) -> None:
+def test_replace_all_removes_old_markers(factory: MarkerFactory) -> None:
     markers = MarkerSet(factory.make)
     markers.replace_all([placed("skiros:Product-1"), placed("skiros:Product-2")])
     update = markers.replace_all([placed("skiros:Product-2"), placed("skiros:Product-3")])

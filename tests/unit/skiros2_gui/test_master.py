@@ -1,4 +1,4 @@
-"""Whether a master answers is known soon, whatever listens at its address."""
+"""The check for a master, whatever listens at its address."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def address(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
         yield listening
 
 
-def test_one_that_hangs_does_not_hold_the_caller(address: socket.socket) -> None:
+def test_master_that_hangs_times_out(address: socket.socket) -> None:
     assert not master.master_answers()
 
 
-def test_nobody_is_there(address: socket.socket) -> None:
+def test_missing_master_does_not_answer(address: socket.socket) -> None:
     address.close()
     assert not master.master_answers()
 
 
-def test_somebody_else_listens_there(address: socket.socket) -> None:
+def test_http_server_is_no_master(address: socket.socket) -> None:
     def answer() -> None:
         connection, _ = address.accept()
         with connection:
@@ -49,7 +49,7 @@ def test_somebody_else_listens_there(address: socket.socket) -> None:
 @pytest.mark.parametrize(
     ("answer", "is_master"), [([1, "", 42], True), ([-1, "no", 0], False), (3, False), ([], False)]
 )
-def test_what_speaks_the_protocol_has_to_answer_as_a_master(
+def test_xmlrpc_server_must_answer_as_a_master(
     monkeypatch: pytest.MonkeyPatch, answer: object, is_master: bool
 ) -> None:
     with SimpleXMLRPCServer(("localhost", 0), logRequests=False) as server:
@@ -59,6 +59,6 @@ def test_what_speaks_the_protocol_has_to_answer_as_a_master(
         assert master.master_answers() is is_master
 
 
-def test_an_address_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_master_uri_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "nonsense")
     assert not master.master_answers()

@@ -1,4 +1,4 @@
-"""Reading progress quickly gives what rospy's own reading gives."""
+"""The fast deserialisation of progress equals rospy's."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def written(progress: list[msgs.SkillProgress]) -> bytes:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.lists(nodes, max_size=6), min_size=1, max_size=4))
-def test_whatever_was_read_before_it_reads_what_is_written(trees: list[list[msgs.SkillProgress]]) -> None:
+def test_deserialised_progress_equals_serialised_progress(trees: list[list[msgs.SkillProgress]]) -> None:
     for tree in trees:
         assert QuickTreeProgress().deserialize(written(tree)).progress == tree
 
 
-def test_a_node_that_has_not_changed_is_the_same_object() -> None:
+def test_unchanged_node_is_the_same_object() -> None:
     tree = [msgs.SkillProgress(robot="/same", id=0, state=3), msgs.SkillProgress(robot="/same", id=1, state=3)]
     first = QuickTreeProgress().deserialize(written(tree)).progress
     tree[1].state = 1
@@ -56,7 +56,7 @@ def test_a_node_that_has_not_changed_is_the_same_object() -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 3, 4, 9, 30])
-def test_a_message_that_is_cut_off_is_refused(cut: int) -> None:
+def test_truncated_message_raises_deserialization_error(cut: int) -> None:
     data = written([msgs.SkillProgress(robot="/r", type="skiros:Pick", label="pick")])
     with pytest.raises(DeserializationError):
         QuickTreeProgress().deserialize(data[:cut])

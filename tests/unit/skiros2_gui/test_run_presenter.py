@@ -1,4 +1,4 @@
-"""What is done with running trees: on robots in this process."""
+"""The presenter of the tab "Running", on robots in this process."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def started(window: Window, presenter: RunPresenter, robot: LocalManager) -> int
     return task
 
 
-def test_a_task_that_is_started_is_shown_and_commanded(window: Window, presenter: RunPresenter, robot: LocalManager):
+def test_started_task_is_shown_and_accepts_commands(window: Window, presenter: RunPresenter, robot: LocalManager):
     started(window, presenter, robot)
     assert presenter.is_live and not presenter.is_paused
     presenter.toggle()
@@ -107,7 +107,7 @@ def test_a_task_that_is_started_is_shown_and_commanded(window: Window, presenter
     assert window.problems.newest is None
 
 
-def test_a_command_that_is_refused_is_shown(window: Window, presenter: RunPresenter, robot: LocalManager):
+def test_refused_command_is_reported(window: Window, presenter: RunPresenter, robot: LocalManager):
     window.publish(TaskProgress("/robot", pick_and_place(task_id=77), 1.0))
     presenter.command(PAUSE)
     assert window.problems.newest.line.startswith("pausing task 77 of /robot: ")
@@ -117,7 +117,7 @@ def test_a_command_that_is_refused_is_shown(window: Window, presenter: RunPresen
     assert window.problems.newest.line == "stopping task 3 of /nobody: /nobody is not running"
 
 
-def test_conditions_of_the_selected_node_are_told_with_their_values(window, presenter, robot):
+def test_selected_node_shows_conditions_and_values(window, presenter, robot):
     started(window, presenter, robot)
     text = presenter.node.text(presenter.frame, 1)
     marks = [(told.stage, told.symbol) for told in text.conditions]
@@ -133,7 +133,7 @@ def test_conditions_of_the_selected_node_are_told_with_their_values(window, pres
     assert text.note.startswith("The task has ended")
 
 
-def test_why_a_node_failed_is_asked_of_its_manager(window, presenter, robot):
+def test_failed_node_shows_the_managers_reason(window, presenter, robot):
     started(window, presenter, robot)
     Held.ending = "failure"
     Held.ended.set()
@@ -142,7 +142,7 @@ def test_why_a_node_failed_is_asked_of_its_manager(window, presenter, robot):
     assert presenter.node.text(presenter.frame, 1).why[0].strip() == "it has gone"
 
 
-def test_a_breakpoint_at_a_node_is_set_marked_met_and_taken_away(window, presenter, robot):
+def test_breakpoint_at_a_node_pauses_the_task(window, presenter, robot):
     window.publish(TaskProgress("/robot", [root(), ProgressNode(9, 5, "guard", "skiros:Guard")], 1.0))
     shape = presenter.frame.shape
     presenter.breakpoints.toggle("/robot", shape, 1)
@@ -159,14 +159,14 @@ def test_a_breakpoint_at_a_node_is_set_marked_met_and_taken_away(window, present
     until(window, lambda: presenter.run.latest.state(1) == RUNNING)
 
 
-def test_a_breakpoint_that_makes_no_sense_is_refused_in_words(window, presenter, robot):
+def test_invalid_breakpoint_is_reported(window, presenter, robot):
     presenter.breakpoints.add("/robot", "node", "x", "sometimes")
     assert "sometimes" in window.problems.newest.line
     presenter.breakpoints.add("/gone", "node", "x", "start")
     assert "/gone is not running" in window.problems.newest.line
 
 
-def test_a_manager_that_answers_nonsense_is_said(window, presenter, robot, monkeypatch):
+def test_invalid_response_of_a_manager_is_reported(window, presenter, robot, monkeypatch):
     monkeypatch.setattr(robot, "breakpoint", lambda *_: (1, [{"number": "one"}]))
     presenter.breakpoints.add("/robot", "node", "x", "start")
     assert "expected a list of breakpoints" in window.problems.newest.line
@@ -177,7 +177,7 @@ def test_a_manager_that_answers_nonsense_is_said(window, presenter, robot, monke
     assert presenter.is_live
 
 
-def test_when_a_robot_goes_its_tasks_are_lost_and_can_still_be_looked_at(window, presenter, robot):
+def test_tasks_of_a_disconnected_robot_are_lost(window, presenter, robot):
     started(window, presenter, robot)
     run = presenter.run
     robot._report = lambda event: None  # it is killed
@@ -190,7 +190,7 @@ def test_when_a_robot_goes_its_tasks_are_lost_and_can_still_be_looked_at(window,
     assert presenter.run is None and presenter.frame is None
 
 
-def test_a_task_whose_end_was_not_heard_of_is_lost_and_one_that_is_paused_is_not(window, presenter, robot):
+def test_task_that_the_manager_does_not_list_is_lost(window, presenter, robot):
     task = started(window, presenter, robot)
     presenter.toggle()
     until(window, lambda: presenter.is_paused)
@@ -202,7 +202,7 @@ def test_a_task_whose_end_was_not_heard_of_is_lost_and_one_that_is_paused_is_not
     assert not any(run.is_lost for run in presenter.runs)  # it has told of itself again
 
 
-def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_picked_it(window, presenter):
+def test_next_task_is_shown_unless_the_ended_one_was_picked(window, presenter):
     over = {"state": SUCCESS, "code": 1}
     window.publish(TaskProgress("/robot", pick_and_place(SUCCESS, SUCCESS, task_id=1, **over), 1.0))
     window.publish(TaskProgress("/robot", pick_and_place(task_id=2), 2.0))
@@ -217,7 +217,7 @@ def test_the_next_task_is_shown_when_the_one_before_has_ended_unless_the_user_pi
     assert presenter.run.task_id == 4
 
 
-def test_stepping_through_ticks_ends_at_the_present(window, presenter):
+def test_stepping_past_the_last_tick_is_live(window, presenter):
     for second, (pick, place) in enumerate([(IDLE, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING)]):
         window.publish(TaskProgress("/robot", pick_and_place(pick, place), 1000.0 + second))
     presenter.step(-1)
@@ -230,7 +230,7 @@ def test_stepping_through_ticks_ends_at_the_present(window, presenter):
     assert presenter.tick is None and presenter.is_live
 
 
-def test_what_is_quiet_is_folded_and_what_runs_is_jumped_to(window, presenter):
+def test_fold_quiet_keeps_running_branches(window, presenter):
     nodes = random_tree(300)
     for node in nodes[1:]:
         node.state = SUCCESS
@@ -248,7 +248,7 @@ def test_what_is_quiet_is_folded_and_what_runs_is_jumped_to(window, presenter):
     assert presenter.tree.selected == busy.id
 
 
-def test_selection_and_folds_stay_when_the_tree_grows(window, presenter):
+def test_selection_and_folds_are_kept_when_the_tree_grows(window, presenter):
     nodes = pick_and_place()
     window.publish(TaskProgress("/robot", nodes, 1.0))
     presenter.select(4)
@@ -260,7 +260,7 @@ def test_selection_and_folds_stay_when_the_tree_grows(window, presenter):
     assert presenter.tree.drawing.hidden == {1: 3}
 
 
-def test_a_bag_that_was_cut_off_is_read_as_far_as_it_goes_and_it_is_said(window, presenter, tmp_path):
+def test_truncated_bag_is_read_and_reported(window, presenter, tmp_path):
     whole = (ROOT / "tests/bags/timed_pick_place.bag").read_bytes()
     (tmp_path / "cut.bag").write_bytes(whole[: len(whole) * 3 // 4])
     presenter.open_bag(str(tmp_path / "cut.bag"))
@@ -272,7 +272,7 @@ def test_a_bag_that_was_cut_off_is_read_as_far_as_it_goes_and_it_is_said(window,
     assert presenter.bag is not None
 
 
-def test_the_skills_that_took_longest_come_first(window, presenter):
+def test_by_time_lists_longest_skills_first(window, presenter):
     for second, (pick, place) in enumerate([(RUNNING, IDLE), (RUNNING, IDLE), (SUCCESS, RUNNING), (SUCCESS, SUCCESS)]):
         window.publish(TaskProgress("/robot", pick_and_place(pick, place), 1000.0 + second))
     shape = presenter.frame.shape

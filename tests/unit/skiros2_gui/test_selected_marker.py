@@ -1,4 +1,4 @@
-"""The marker of the selected element: what is written of a drag, and where the marker is put."""
+"""The interactive marker of the selected element."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def setting(monkeypatch: pytest.MonkeyPatch) -> Iterator[Setting]:
     assert not setting.server.markers
 
 
-def test_the_element_is_written_where_the_mouse_lets_go(setting: Setting) -> None:
+def test_element_is_written_where_the_mouse_is_released(setting: Setting) -> None:
     setting.server.send(Feedback.MOUSE_DOWN, 1.0)
     for x in (2.0, 3.0, 4.0):
         setting.server.send(Feedback.POSE_UPDATE, x)
@@ -122,14 +122,14 @@ def test_the_element_is_written_where_the_mouse_lets_go(setting: Setting) -> Non
     assert setting.x == 4.0 and not setting.problems
 
 
-def test_in_the_frame_that_the_view_names(setting: Setting) -> None:
+def test_pose_is_written_in_the_frame_of_the_view(setting: Setting) -> None:
     setting.server.send(Feedback.POSE_UPDATE, 4.0, frame="/table")
     setting.selected.close()
     element = setting.world.get_element(setting.element.id)
     assert space.text(element, space.BASE_FRAME) == "table" and setting.x == 4.0
 
 
-def test_a_refused_move_puts_the_marker_back_and_says_why(setting: Setting) -> None:
+def test_refused_move_resets_the_marker_and_is_reported(setting: Setting) -> None:
     setting.world.refuses = True
     setting.server.send(Feedback.POSE_UPDATE, 4.0)
     assert setting.told.wait(TIMEOUT)
@@ -140,7 +140,7 @@ def test_a_refused_move_puts_the_marker_back_and_says_why(setting: Setting) -> N
     assert len(setting.problems) == 1, "once for each drag"
 
 
-def test_of_an_element_that_is_gone_it_says_so(setting: Setting) -> None:
+def test_moving_a_removed_element_is_reported(setting: Setting) -> None:
     setting.world.remove_element(setting.element)
     setting.server.send(Feedback.POSE_UPDATE, 4.0)
     assert setting.told.wait(TIMEOUT)
@@ -149,7 +149,7 @@ def test_of_an_element_that_is_gone_it_says_so(setting: Setting) -> None:
     assert not setting.server.markers
 
 
-def test_a_held_marker_stays_in_the_hand_and_then_goes_where_the_element_is(setting: Setting) -> None:
+def test_held_marker_does_not_follow_the_element(setting: Setting) -> None:
     setting.server.send(Feedback.MOUSE_DOWN, 1.0)
     space.set_numbers(setting.element, space.POSITION, (7.0, 0.0, 0.0))
     setting.world.update_element(setting.element)
@@ -166,14 +166,14 @@ def test_a_held_marker_stays_in_the_hand_and_then_goes_where_the_element_is(sett
 
 
 @pytest.mark.parametrize(("x", "turn"), [(float("nan"), 1.0), (float("inf"), 1.0), (4.0, 0.0), (4.0, float("nan"))])
-def test_what_is_no_pose_is_not_written(setting: Setting, x: float, turn: float) -> None:
+def test_invalid_pose_is_not_written(setting: Setting, x: float, turn: float) -> None:
     setting.server.send(Feedback.POSE_UPDATE, x, turn)
     setting.server.send(Feedback.MOUSE_UP, x, turn)
     setting.selected.close()
     assert setting.x == 1.0 and not setting.problems
 
 
-def test_one_that_follows_a_frame_is_not_moved(setting: Setting) -> None:
+def test_element_that_follows_a_frame_is_not_moved(setting: Setting) -> None:
     space.set_text(setting.element, space.LINKED_TO, "base_link")
     setting.world.update_element(setting.element)
     setting.show()
@@ -182,7 +182,7 @@ def test_one_that_follows_a_frame_is_not_moved(setting: Setting) -> None:
     assert setting.x == 1.0
 
 
-def test_another_element_or_none_may_be_selected(setting: Setting) -> None:
+def test_selecting_another_element_removes_the_marker(setting: Setting) -> None:
     setting.selected.select("skiros:Product-99")
     assert not setting.server.markers
     setting.show()

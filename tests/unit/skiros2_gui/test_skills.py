@@ -1,4 +1,4 @@
-"""The tab "Skills" without widgets: on robots and a scene in this process."""
+"""The presenter of the tab "Skills", on robots and a scene in this process."""
 
 from __future__ import annotations
 
@@ -76,11 +76,11 @@ def _names(lab: Lab) -> list[tuple[str, list[str]]]:
     return [(row.offer.name, [o.name for o in row.children]) for robot in lab.skills.rows for row in robot.skills]
 
 
-def test_a_skill_with_several_implementations_has_them_under_it(lab: Lab) -> None:
+def test_skill_has_implementations_as_children(lab: Lab) -> None:
     assert _names(lab) == [("Fetch", ["fetch", "fetch_gently"]), ("note", [])]
 
 
-def test_the_search_looks_at_names_and_parameters(lab: Lab) -> None:
+def test_search_covers_names_and_parameters(lab: Lab) -> None:
     lab.skills.search_for("gently")
     assert _names(lab) == [("Fetch", ["fetch_gently"])]
     lab.skills.search_for("MARKS note")
@@ -89,19 +89,19 @@ def test_the_search_looks_at_names_and_parameters(lab: Lab) -> None:
     assert lab.skills.rows == ()
 
 
-def test_what_is_started_most_comes_first(lab: Lab) -> None:
+def test_most_used_skill_comes_first(lab: Lab) -> None:
     lab.skills.restore({"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}})
     assert [name for name, _ in _names(lab)] == ["note", "Fetch"]
     assert lab.skills.settings() == {"uses": {"skiros:Note|note": 2, "skiros:Fetch|": 1}}
 
 
 @pytest.mark.parametrize("nonsense", [{"uses": 3}, {"uses": {"a": "b", 3: 4, "c": -1, "d": True}}, {}])
-def test_settings_that_make_no_sense_are_left_out(lab: Lab, nonsense: dict[str, Any]) -> None:
+def test_invalid_settings_are_skipped(lab: Lab, nonsense: dict[str, Any]) -> None:
     lab.skills.restore(nonsense)
     assert lab.skills.uses == {}
 
 
-def test_a_robot_that_goes_takes_its_skills_along(lab: Lab) -> None:
+def test_skills_of_a_disconnected_robot_are_removed(lab: Lab) -> None:
     lab.skills.choose(NOTE)
     lab.skills.write("Text", "kept")
     assert lab.skills.can_start
@@ -132,7 +132,7 @@ def _field(wire_type: str, *default: Any, kind: str = "required", description: s
         ("dict", Editor.JSON, '{"a": {"b": null}}', [{"a": {"b": None}}]),
     ],
 )
-def test_each_type_has_its_editor(wire_type: str, editor: Editor, text: str, values: list[Any]) -> None:
+def test_each_type_has_an_editor(wire_type: str, editor: Editor, text: str, values: list[Any]) -> None:
     field = _field(wire_type)
     assert field.editor is editor
     assert field.error
@@ -152,7 +152,7 @@ def test_each_type_has_its_editor(wire_type: str, editor: Editor, text: str, val
         ("int", "", "a whole number is needed"),
     ],
 )
-def test_what_is_no_value_is_said(wire_type: str, text: str, error: str) -> None:
+def test_invalid_value_has_error(wire_type: str, text: str, error: str) -> None:
     field = _field(wire_type)
     field.write(text)
     assert field.error == error
@@ -171,21 +171,21 @@ def test_limits_are_read_from_the_description(description: str, limits: tuple[fl
     assert _field("float", description=description).limits == limits
 
 
-def test_a_number_out_of_its_limits_is_none() -> None:
+def test_number_outside_limits_has_error() -> None:
     field = _field("float", 0.5, kind="optional", description="0.1 to 2 (m/s)")
     assert field.unit == "m/s"
     field.write("3")
     assert field.error == "expected a number from 0.1 to 2"
 
 
-def test_texts_to_choose_from_are_read_from_the_description() -> None:
+def test_options_are_read_from_the_description() -> None:
     field = _field("str", "slow", description="One of: slow, fast")
     assert (field.editor, field.options) == (Editor.CHOICE, ("slow", "fast"))
     field.write("faster")
     assert field.error == "expected one of slow, fast"
 
 
-def test_several_defaults_are_a_list() -> None:
+def test_several_defaults_are_edited_as_list() -> None:
     field = _field("float", 1.0, 2.0)
     assert (field.editor, field.text) == (Editor.JSON, "[1.0, 2.0]")
     field.write("[3, 4]")
@@ -194,7 +194,7 @@ def test_several_defaults_are_a_list() -> None:
     assert field.error == "a list of values, each a number is needed"
 
 
-def test_an_optional_value_without_default_may_be_unset() -> None:
+def test_optional_value_without_default_may_be_unset() -> None:
     field = _field("int", kind="optional")
     assert (field.mode, field.values()) == (ValueMode.UNSET, [])
     field.write("3")
@@ -208,7 +208,7 @@ _KINDS = st.sampled_from(["str", "int", "float", "bool", "list", "dict", "geomet
 
 @given(_KINDS, st.text(max_size=8) | st.floats().map(str) | st.integers().map(str), st.text(max_size=30))
 @settings(max_examples=40, deadline=None)
-def test_what_is_typed_is_a_value_or_told_to_be_none(wire_type: str, text: str, description: str) -> None:
+def test_any_text_is_a_value_or_an_error(wire_type: str, text: str, description: str) -> None:
     field = _field(wire_type, description=description)
     field.write(text)
     if not field.error:
@@ -220,7 +220,7 @@ def test_what_is_typed_is_a_value_or_told_to_be_none(wire_type: str, text: str, 
 # -- what would come of a start ------------------------------------------------------------------------------------
 
 
-def test_the_elements_that_would_be_inferred_are_shown(lab: Lab) -> None:
+def test_preview_shows_inferred_elements(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     assert [f.key for f in lab.skills.form.fields.values()][:2] == ["Thing", "Times"]
     preview = lab.skills.preview
@@ -233,7 +233,7 @@ def test_the_elements_that_would_be_inferred_are_shown(lab: Lab) -> None:
     assert [c.label for c in preview.choices["skiros:Product"]] == ["bolt", "nut"]
 
 
-def test_a_start_that_would_be_refused_is_explained(lab: Lab) -> None:
+def test_preview_explains_a_refusal(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", lab.ids["nut"])
     refusal = lab.skills.preview.refusal
@@ -248,7 +248,7 @@ def test_a_start_that_would_be_refused_is_explained(lab: Lab) -> None:
 
 
 @pytest.mark.parametrize("name", ["robot", "/robot"])
-def test_robot_is_found_by_its_managers_name_with_and_without_slash(lab: Lab, name: str) -> None:
+def test_robot_is_found_by_manager_name_with_and_without_slash(lab: Lab, name: str) -> None:
     world = lab.system.world
     robot = world.resolve_elements(Element("cora:Robot"))[0]
     robot.setProperty("skiros:SkillMgr", name)
@@ -257,7 +257,7 @@ def test_robot_is_found_by_its_managers_name_with_and_without_slash(lab: Lab, na
     assert lab.skills.preview.values["Robot"].id == robot.id
 
 
-def test_element_of_a_class_that_a_parameter_does_not_declare_is_not_refused_for_it(lab: Lab) -> None:
+def test_element_of_undeclared_class_is_not_refused(lab: Lab) -> None:
     world = lab.system.world
     bag = Element("skiros:Container", "bag")
     bag.addRelation("skiros:Scene-0", "skiros:contain", "-1")
@@ -268,13 +268,13 @@ def test_element_of_a_class_that_a_parameter_does_not_declare_is_not_refused_for
     assert lab.skills.preview.works
 
 
-def test_an_element_that_is_gone_is_said(lab: Lab) -> None:
+def test_removed_element_is_named_in_the_preview(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.choose_value("Thing", "skiros:Product-99")
     assert "skiros:Product-99" in lab.skills.preview.problem
 
 
-def test_a_change_of_the_scene_is_seen_at_the_next_look(lab: Lab) -> None:
+def test_refresh_uses_the_changed_scene(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     world = lab.system.world
     world.remove_element(world.get_element(lab.ids["bolt"]))
@@ -286,7 +286,7 @@ def test_a_change_of_the_scene_is_seen_at_the_next_look(lab: Lab) -> None:
 # -- starting ------------------------------------------------------------------------------------------------------
 
 
-def test_a_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
+def test_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     assert not lab.skills.can_start  # Times is missing
     lab.skills.write("Times", "2")
@@ -307,7 +307,7 @@ def test_a_skill_is_started_paused_resumed_and_stopped(lab: Lab) -> None:
     lab.until("failed")
 
 
-def test_a_step_starts_a_task_that_is_paused_at_once(lab: Lab) -> None:
+def test_start_with_one_tick_pauses_the_task(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.write("Times", "2")
     lab.skills.start(ticks_once=True)
@@ -325,7 +325,7 @@ def test_several_tasks_run_at_once(lab: Lab) -> None:
     lab.until("failed")
 
 
-def test_a_refused_start_says_why(lab: Lab) -> None:
+def test_refused_start_has_explanation(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.write("Times", "2")
     lab.skills.choose_value("Thing", lab.ids["nut"])
@@ -337,7 +337,7 @@ def test_a_refused_start_says_why(lab: Lab) -> None:
     assert lab.skills.uses == {}
 
 
-def test_refusal_of_several_lines_has_the_first_as_its_text(lab: Lab) -> None:
+def test_first_line_of_a_refusal_is_its_text(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.refused = Refused("start by window refused: KeyError: 'To' (pick.py, line 7)\nTraceback\n  more")
     said = start_status(lab.skills)
@@ -345,7 +345,7 @@ def test_refusal_of_several_lines_has_the_first_as_its_text(lab: Lab) -> None:
     assert said.details == ("Traceback", "  more")
 
 
-def test_a_task_that_failed_says_why(lab: Lab) -> None:
+def test_failed_task_has_reason(lab: Lab) -> None:
     lab.skills.choose(NOTE)
     lab.skills.write("Text", "hello")
     lab.skills.choose_value("Loud", True)
@@ -358,13 +358,13 @@ def test_a_task_that_failed_says_why(lab: Lab) -> None:
     assert lab.skills.tasks.rows == []
 
 
-def test_a_task_that_runs_and_tells_nothing_is_silent() -> None:
+def test_running_task_without_messages_is_silent() -> None:
     row = TaskRow(ROBOT, 3, "fetch", "running", "", 0.0, 10.0)
     assert (row.state_at(14.0), row.state_at(16.0)) == ("running", "silent")
     assert replace(row, state="paused").state_at(99.0) == "paused"
 
 
-def test_tasks_of_a_robot_that_goes_are_lost(lab: Lab) -> None:
+def test_tasks_of_a_disconnected_robot_are_lost(lab: Lab) -> None:
     lab.skills.choose(FETCH)
     lab.skills.write("Times", "2")
     lab.skills.start()
@@ -374,7 +374,7 @@ def test_tasks_of_a_robot_that_goes_are_lost(lab: Lab) -> None:
     assert lab.skills.tasks.rows[0].is_finished
 
 
-def test_a_task_that_tells_nonsense_does_no_harm(lab: Lab) -> None:
+def test_progress_without_nodes_is_ignored(lab: Lab) -> None:
     root = lab.system.managers[ROBOT]
     lab.window.publish(TaskProgress("/ghost", (), 0.0))
     assert lab.skills.tasks.rows == []

@@ -1,4 +1,4 @@
-"""Where the nodes of a tree are drawn."""
+"""The layout of trees."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def children_of(steps: list[int]) -> list[list[int]]:
 
 @settings(max_examples=60, deadline=None)
 @given(trees)
-def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_middle(steps: list[int]) -> None:
+def test_layout_keeps_order_and_distance_and_centres_parents(steps: list[int]) -> None:
     children = children_of(steps)
     row = tidy_layout(children)
     assert min(row) == 0.0
@@ -45,25 +45,25 @@ def test_nodes_of_a_depth_keep_their_order_and_distance_and_parents_are_in_the_m
         level = [child for node in level for child in children[node]]
 
 
-def test_a_chain_of_any_length_is_a_line() -> None:
+def test_long_chain_is_a_line() -> None:
     assert tidy_layout([[number + 1] for number in range(5000)] + [[]]) == [0.0] * 5001
 
 
-def test_no_tree_is_no_layout() -> None:
+def test_empty_tree_has_empty_layout() -> None:
     assert tidy_layout([]) == []
     assert Drawing(Shape([]), ()).drawn == []
 
 
-def test_what_is_under_a_folded_node_is_not_drawn_but_counted() -> None:
+def test_descendants_of_folded_node_are_counted() -> None:
     shape = Shape(keys_of(pick_and_place()))
     drawing = Drawing(shape, {100})
     assert [shape.name(place) for place in drawing.drawn] == ["task 5", "pick", "place"]
     assert drawing.hidden == {1: 2}
-    assert drawing.shown_for(shape.index_by_id[102]) == shape.index_by_id[100]
+    assert drawing.visible_node(shape.index_by_id[102]) == shape.index_by_id[100]
     assert [list(column.nodes) for column in drawing.columns] == [[0], [1, 4]]
 
 
-def test_every_node_is_drawn_once_and_found_by_its_row() -> None:
+def test_every_node_is_drawn_once_and_found_by_row() -> None:
     drawing = Drawing(Shape(keys_of(random_tree(1000))), ())
     assert sorted(drawing.drawn) == list(range(1000))
     for column in drawing.columns:
@@ -72,7 +72,7 @@ def test_every_node_is_drawn_once_and_found_by_its_row() -> None:
             assert place in [column.nodes[n] for n in column.between(row - 0.4, row + 0.4)]
 
 
-def test_whatever_a_manager_tells_is_a_tree() -> None:
+def test_any_message_gives_a_tree() -> None:
     """Parents that do not exist, that come later, or that are the node itself; ids that come twice; no labels."""
     nodes = [ProgressNode(*ids) for ids in ((5, -1), (1, 99), (2, 3), (3, 3), (3, 1))]
     nodes.append(ProgressNode(4, 3, label="", type=""))
@@ -82,7 +82,7 @@ def test_whatever_a_manager_tells_is_a_tree() -> None:
     assert shape.name(5) == "node 4"
 
 
-def test_nodes_without_labels_are_named_by_their_class_and_groups_by_how_they_tick() -> None:
+def test_nodes_without_label_have_names() -> None:
     told = [root(7), *(ProgressNode(n, 7, "", kind, how) for n, (kind, how) in enumerate(UNNAMED))]
     shape = Shape(keys_of(told))
     assert [shape.name(place) for place in range(len(shape))] == [

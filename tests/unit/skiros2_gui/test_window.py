@@ -1,4 +1,4 @@
-"""News reach those who want to hear of them, without holding the window up."""
+"""The event bus of the window."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ def window(event_queue: EventQueue) -> Window:
     return Window(made.system, made.jobs, made.problems, event_queue)
 
 
-def test_each_kind_of_news_reaches_those_who_want_it(window: Window, event_queue: EventQueue) -> None:
-    heard: list[object] = []
-    window.subscribe(ConnectionChanged, heard.append)
-    window.subscribe(ConnectionChanged, lambda _: heard.append("again"))
+def test_events_reach_their_subscribers(window: Window, event_queue: EventQueue) -> None:
+    received: list[object] = []
+    window.subscribe(ConnectionChanged, received.append)
+    window.subscribe(ConnectionChanged, lambda _: received.append("again"))
     event_queue.put(ManagersChanged())
     event_queue.put(ConnectionChanged())
     assert not window.process_events()
-    assert heard == [ConnectionChanged(), "again"]
+    assert received == [ConnectionChanged(), "again"]
 
 
-def test_what_takes_too_long_goes_on_later_in_order(window: Window, event_queue: EventQueue) -> None:
-    heard: list[float] = []
-    window.subscribe(TaskProgress, lambda event: heard.append(event.stamp))
+def test_events_beyond_the_budget_are_delivered_later_in_order(window: Window, event_queue: EventQueue) -> None:
+    received: list[float] = []
+    window.subscribe(TaskProgress, lambda event: received.append(event.stamp))
     for stamp in range(3):
         event_queue.put(TaskProgress("/robot", [SimpleNamespace(id=1)], stamp))
     assert window.process_events(budget=0.0)
-    assert heard == [0]
+    assert received == [0]
     event_queue.put(TaskProgress("/robot", [SimpleNamespace(id=1)], 3))
     assert not window.process_events()
-    assert heard == [0, 1, 2, 3]
+    assert received == [0, 1, 2, 3]
 
 
-def test_what_one_makes_of_news_does_not_keep_it_from_others(window: Window, event_queue: EventQueue) -> None:
-    heard: list[object] = []
+def test_failing_handler_does_not_affect_others(window: Window, event_queue: EventQueue) -> None:
+    received: list[object] = []
     window.subscribe(ManagersChanged, lambda _: 1 // 0)
-    window.subscribe(ManagersChanged, heard.append)
+    window.subscribe(ManagersChanged, received.append)
     event_queue.put(ManagersChanged())
     window.process_events()
-    assert heard == [ManagersChanged()]
+    assert received == [ManagersChanged()]
     assert window.problems.newest is not None
     assert "ZeroDivisionError" in window.problems.newest.text

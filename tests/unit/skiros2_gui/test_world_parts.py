@@ -1,4 +1,4 @@
-"""Parts of the scene tab: the vocabulary with its units, queries and their mistakes, odd scenes."""
+"""Parts of the tab "World model": vocabulary, choices, hierarchy, queries."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def vocabulary(wm: LocalWorldModel) -> Vocabulary:
         ("skiros:nobody_knows_it", ""),
     ],
 )
-def test_units_come_from_the_ontologies(vocabulary: Vocabulary, key: str, unit: str) -> None:
+def test_units_are_read_from_the_ontologies(vocabulary: Vocabulary, key: str, unit: str) -> None:
     assert vocabulary.unit(key) == unit
 
 
@@ -60,7 +60,9 @@ def test_units_come_from_the_ontologies(vocabulary: Vocabulary, key: str, unit: 
         ("skiros:StateProperty", "", ""),
     ],
 )
-def test_a_text_is_read_as_the_property_wants_it(vocabulary: Vocabulary, key: str, text: str, value: object) -> None:
+def test_value_is_parsed_with_the_type_of_the_property(
+    vocabulary: Vocabulary, key: str, text: str, value: object
+) -> None:
     parsed = vocabulary.parsed("skiros:Part", key, text)
     assert parsed == value and type(parsed) is type(value)
 
@@ -77,19 +79,19 @@ def test_a_text_is_read_as_the_property_wants_it(vocabulary: Vocabulary, key: st
         ("skiros:PublishTf", "perhaps"),
     ],
 )
-def test_a_text_that_is_no_such_value_is_refused_by_name(vocabulary: Vocabulary, key: str, text: str) -> None:
+def test_invalid_value_is_refused_with_the_property(vocabulary: Vocabulary, key: str, text: str) -> None:
     with pytest.raises(WrongValue, match=key.partition(":")[2]):
         vocabulary.parsed("skiros:Part", key, text)
 
 
-def test_a_relation_is_held_against_the_domain_and_range_above_it(vocabulary: Vocabulary) -> None:
+def test_domain_and_range_are_inherited(vocabulary: Vocabulary) -> None:
     assert vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "cora:Robot") == ""
     assert "for a subject of class Device" in vocabulary.mismatch("skiros:Part", "cora:robotPart", "cora:Robot")
     assert "for an object of class Robot" in vocabulary.mismatch("rparts:ArmDevice", "cora:robotPart", "skiros:Part")
     assert vocabulary.predicate("sumo:located").domain == ("sumo:Physical",)  # of the relation above it
 
 
-def test_the_choice_has_all_classes_and_each_template_under_its_class(vocabulary: Vocabulary) -> None:
+def test_choices_contain_all_classes_and_templates(vocabulary: Vocabulary) -> None:
     choices = class_choices(vocabulary)
     names = {kind: {c.name for c in flat(choices) if c.kind == kind} for kind in (CLASS, TEMPLATE)}
     assert names == {CLASS: set(vocabulary.classes()), TEMPLATE: set(vocabulary.templates())}
@@ -97,7 +99,7 @@ def test_the_choice_has_all_classes_and_each_template_under_its_class(vocabulary
     assert [c.name for c in robot.children] == ["skiros:test_robot"]
 
 
-def test_elements_of_the_wanted_class_come_first_in_a_choice(vocabulary: Vocabulary) -> None:
+def test_elements_of_preferred_class_come_first(vocabulary: Vocabulary) -> None:
     elements = [Element("skiros:Part", "", f"skiros:Part-{i}") for i in (1, 2)]
     elements.append(Element("cora:Robot", "skiros:test_robot", "cora:Robot-3"))
     hierarchy = SceneHierarchy(elements, vocabulary.spatial)
@@ -117,7 +119,7 @@ def _related(src: str, pred: str, dst: str) -> Element:
     return element
 
 
-def test_elements_in_a_circle_and_relations_to_nothing_do_no_harm(vocabulary: Vocabulary) -> None:
+def test_hierarchy_accepts_cycles_and_dangling_relations(vocabulary: Vocabulary) -> None:
     circle = [_related("skiros:Part-1", "skiros:contain", "skiros:Part-2")]
     circle += [_related("skiros:Part-2", "skiros:contain", "skiros:Part-1"), Element("", "", "odd id without number")]
     circle += [_related("skiros:Part-3", "skiros:contain", "skiros:Part-99")]
@@ -134,7 +136,7 @@ def _change(number: int, action: str, *elements: Element, before: int | None = N
     return Change(number, f"s-{previous}", f"s-{number}", 0.0, "vision", action, "scene", elements)
 
 
-def test_a_gap_in_the_changes_and_a_reset_ask_for_the_scene_anew(vocabulary: Vocabulary) -> None:
+def test_gap_or_reset_requires_reading_the_scene(vocabulary: Vocabulary) -> None:
     part = _related("skiros:Part-1", "skiros:at", ROOT)
     hierarchy = SceneHierarchy([Element("skiros:Scene", "", ROOT)], vocabulary.spatial)
     assert hierarchy.follow([_change(5, ADD, part)]) is not None
@@ -142,7 +144,7 @@ def test_a_gap_in_the_changes_and_a_reset_ask_for_the_scene_anew(vocabulary: Voc
     assert hierarchy.follow([_change(6, RESET)]) is None
 
 
-def test_changes_that_the_scene_has_already_are_not_made_twice(vocabulary: Vocabulary) -> None:
+def test_known_changes_are_not_applied_twice(vocabulary: Vocabulary) -> None:
     here = Element.shared("skiros:Part", "new", "skiros:Part-1", {}, (), version=9)
     hierarchy = SceneHierarchy([here], vocabulary.spatial)
     before = Element("skiros:Part", "old", "skiros:Part-1")
@@ -167,7 +169,7 @@ def _problem(queries: WorldQueries) -> str:
     return newest.line if newest is not None else ""
 
 
-def test_a_query_gives_names_and_values(queries: WorldQueries) -> None:
+def test_query_returns_names_and_values(queries: WorldQueries) -> None:
     queries.ask("SELECT ?x ?n WHERE { ?x a skiros:Scene ; skiros:PositionX ?n }", "scene")
     assert queries.answer is not None
     assert (queries.answer.names, queries.answer.rows) == (("x", "n"), ((ROOT, 0.0),))
@@ -182,18 +184,18 @@ def test_a_query_gives_names_and_values(queries: WorldQueries) -> None:
         ("DROP ALL", 1, ""),
     ],
 )
-def test_a_mistake_in_a_query_tells_its_line(queries: WorldQueries, query: str, line: int, words: str) -> None:
+def test_query_error_has_line(queries: WorldQueries, query: str, line: int, words: str) -> None:
     queries.ask(query)
     assert queries.answer is None and queries.diagnostic is not None
     assert queries.diagnostic.line == line and words in queries.diagnostic.text
     assert len(queries.diagnostic.text) < 150
 
 
-def test_an_error_without_a_line_is_told_as_it_is() -> None:
+def test_error_without_line_is_not_changed() -> None:
     assert diagnostic_of("the world model does not answer").text == "the world model does not answer"
 
 
-def test_the_history_of_an_element_tells_who_did_what(queries: WorldQueries) -> None:
+def test_history_contains_author_and_changes(queries: WorldQueries) -> None:
     world = queries.window.system.world
     assert world is not None
     scene = world.get_element(ROOT)
@@ -207,7 +209,7 @@ def test_the_history_of_an_element_tells_who_did_what(queries: WorldQueries) -> 
     assert queries.history.entries == () and "skiros:Part-77" in queries.history.text
 
 
-def test_a_scene_is_saved_and_loaded(queries: WorldQueries) -> None:
+def test_scene_is_saved_and_loaded(queries: WorldQueries) -> None:
     queries.save("cell.ttl")
     queries.load("cell.ttl")
     assert _problem(queries) == ""

@@ -1,4 +1,4 @@
-"""The scene tab without its widgets: what it shows, what the user changes, undo and redo."""
+"""The presenter of the tab "World model": tree, changes, undo and redo."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Clock:
 
 
 class Cell:
-    """A window on a world model of this process, and somebody else who works on it too."""
+    """A window on a world model of this process, and another author."""
 
     def __init__(self) -> None:
         self.wm = LocalWorldModel("window")
@@ -46,9 +46,9 @@ class Cell:
         return added[0]
 
     def change(self, make: object) -> str:
-        told = self.tab.change("change", make)  # type: ignore[arg-type]
+        error = self.tab.change("change", make)  # type: ignore[arg-type]
         self.window.process_events()
-        return told
+        return error
 
     def undo(self) -> None:
         self.tab.undo()
@@ -83,14 +83,14 @@ def cell() -> Cell:
     return Cell()
 
 
-def test_the_tree_shows_what_contains_what_and_then_what_is_nowhere(cell: Cell) -> None:
+def test_tree_lists_contained_then_unplaced_elements(cell: Cell) -> None:
     box = cell.add()
     part = cell.add("skiros:Part", "skiros:starter", box)
     loose = cell.add("skiros:Skill", parent="")
     assert cell.shown() == [[ROOT, [[box, [part]]]], [UNPLACED, [loose]]]
 
 
-def test_an_element_in_two_places_is_shown_in_the_one_that_contains_it(cell: Cell) -> None:
+def test_container_precedes_owner_as_parent(cell: Cell) -> None:
     box, robot = cell.add(), cell.add("cora:Robot")
     part = cell.add("skiros:Part", parent=box)
     cell.change(lambda r: r.relate(robot, "skiros:hasA", part))
@@ -100,7 +100,7 @@ def test_an_element_in_two_places_is_shown_in_the_one_that_contains_it(cell: Cel
     assert cell.shown(robot) == [part]
 
 
-def test_changes_of_others_appear_at_once_and_are_marked_for_some_seconds(cell: Cell) -> None:
+def test_changes_of_others_are_highlighted_for_some_seconds(cell: Cell) -> None:
     box = cell.add()
     assert cell.tab.highlights == {}
     element = cell.other.get_element(box)
@@ -116,15 +116,15 @@ def test_changes_of_others_appear_at_once_and_are_marked_for_some_seconds(cell: 
     assert cell.tab.highlights == {}
 
 
-def test_an_element_that_somebody_removes_is_selected_no_more(cell: Cell) -> None:
+def test_removed_element_is_deselected(cell: Cell) -> None:
     box = cell.add()
-    heard: list[ElementSelected] = []
-    cell.window.subscribe(ElementSelected, heard.append)
+    received: list[ElementSelected] = []
+    cell.window.subscribe(ElementSelected, received.append)
     cell.tab.select(box)
     cell.other.remove_element(cell.other.get_element(box))
     cell.window.process_events()
     assert cell.tab.selected == "" and cell.tab.details() is None
-    assert [event.eid for event in heard] == [box, ""]
+    assert [event.eid for event in received] == [box, ""]
 
 
 def test_values_are_checked_before_they_are_sent(cell: Cell) -> None:
@@ -155,14 +155,14 @@ def test_values_are_checked_before_they_are_sent(cell: Cell) -> None:
         (lambda r, box: r.unrelate(box, "skiros:at", ROOT), "there is no relation"),
     ],
 )
-def test_what_makes_no_sense_is_refused_here(cell: Cell, make: object, why: str) -> None:
+def test_invalid_request_is_refused_before_sending(cell: Cell, make: object, why: str) -> None:
     box = cell.add()
     before = cell.wm.model.number
     assert why in cell.change(lambda r: make(r, box))  # type: ignore[operator]
     assert cell.wm.model.number == before
 
 
-def test_a_template_is_added_with_its_parts(cell: Cell) -> None:
+def test_template_is_added_with_its_parts(cell: Cell) -> None:
     cell.change(lambda r: r.add_template("skiros:test_robot"))
     robot = next(e for e in cell.wm.resolve_elements(Element("cora:Robot")))
     assert len(cell.shown(robot.id)) == 1  # its arm, which has a camera and a gripper
@@ -172,7 +172,7 @@ def test_a_template_is_added_with_its_parts(cell: Cell) -> None:
     assert robot.id in str(cell.shown())
 
 
-def test_what_goes_with_an_element_is_said_before(cell: Cell) -> None:
+def test_removed_with_lists_descendants(cell: Cell) -> None:
     box = cell.add()
     part = cell.add("skiros:Part", parent=box)
     held = cell.add("skiros:Part", parent=box)
@@ -184,7 +184,7 @@ def test_what_goes_with_an_element_is_said_before(cell: Cell) -> None:
     assert cell.shown() == [[ROOT, [held]], UNPLACED]
 
 
-def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) -> None:
+def test_undo_restores_removed_elements_and_relations(cell: Cell) -> None:
     box = cell.add()
     part = cell.add("skiros:Part", parent=box)
     cell.change(lambda r: r.relate(part, "skiros:at", box))
@@ -197,7 +197,7 @@ def test_undo_brings_back_what_was_removed_with_all_its_relations(cell: Cell) ->
     assert cell.problem == ""
 
 
-def test_undo_is_refused_when_somebody_changed_the_same_meanwhile(cell: Cell) -> None:
+def test_undo_is_refused_if_the_value_was_changed_again(cell: Cell) -> None:
     box = cell.add()
     cell.change(lambda r: r.set_values(box, "skiros:Weight", ["1"]))
     element = cell.other.get_element(box)
@@ -210,7 +210,7 @@ def test_undo_is_refused_when_somebody_changed_the_same_meanwhile(cell: Cell) ->
     assert cell.tab.undo_stack.undo_text == "change"  # it stays, and can be tried again
 
 
-def test_undo_leaves_what_others_changed_beside(cell: Cell) -> None:
+def test_undo_keeps_other_changes(cell: Cell) -> None:
     box = cell.add()
     cell.change(lambda r: r.set_values(box, "skiros:Weight", ["1"]))
     element = cell.other.get_element(box)
@@ -222,7 +222,7 @@ def test_undo_leaves_what_others_changed_beside(cell: Cell) -> None:
     assert cell.wm.get_element(box).value_of("skiros:CadModel") == "box.stl"
 
 
-def test_an_added_element_that_others_have_put_something_in_is_not_taken_back(cell: Cell) -> None:
+def test_undo_of_added_element_with_new_child_is_refused(cell: Cell) -> None:
     box = cell.add()
     part = Element("skiros:Part")
     part.addRelation(box, "skiros:contain", "-1")
@@ -232,7 +232,7 @@ def test_an_added_element_that_others_have_put_something_in_is_not_taken_back(ce
     assert cell.wm.find_element(box) is not None
 
 
-def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) -> None:
+def test_loading_a_scene_clears_the_undo_stack(cell: Cell) -> None:
     cell.add()
     assert cell.tab.undo_stack.undo_text == "add"
     reset = Change(1, "other-0", "other-1", 0.0, "other", RESET, "")
@@ -241,7 +241,7 @@ def test_a_scene_that_was_loaded_anew_is_shown_and_cannot_be_undone(cell: Cell) 
     assert cell.tab.hierarchy is not None and len(cell.tab.hierarchy) == len(cell.content())
 
 
-def test_a_scene_that_is_read_anew_keeps_what_can_be_undone(cell: Cell) -> None:
+def test_reading_the_scene_again_keeps_the_undo_stack(cell: Cell) -> None:
     first = cell.add()
     jobs = cell.window.jobs
     assert isinstance(jobs, SynchronousJobs)
@@ -257,7 +257,7 @@ def test_a_scene_that_is_read_anew_keeps_what_can_be_undone(cell: Cell) -> None:
     assert cell.problem == "" and cell.tab.undo_stack.undo_text == ""
 
 
-def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:
+def test_orientation_is_edited_in_degrees(cell: Cell) -> None:
     box = cell.add()
     cell.tab.select(box)
     cell.change(lambda r: r.set_pose(box, (1.0, 2.0, 3.0), (0.0, 0.0, 90.0)))
@@ -275,7 +275,7 @@ def test_an_orientation_is_read_and_written_in_degrees(cell: Cell) -> None:
     assert after.pose.angles == pytest.approx((0.0, 0.0, 90.0))
 
 
-def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -> None:
+def test_external_drag_is_one_undo_command(cell: Cell) -> None:
     box = cell.add()
     element = cell.wm.get_element(box)
     for x in (1.0, 2.0, 3.0):  # as the marker in rviz writes it, under the window's name
@@ -292,7 +292,7 @@ def test_what_is_dragged_in_another_view_of_the_window_is_one_edit(cell: Cell) -
     assert cell.wm.find_element(box) is None and cell.problem == ""
 
 
-def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
+def test_parts_of_a_skill_are_listed_below_it(cell: Cell) -> None:
     skill = cell.add("skiros:Skill", parent="")
     key, other = (cell.add("skiros:Parameter", parent="") for _ in range(2))
     cell.change(lambda r: r.relate(skill, "skiros:hasParam", key))
@@ -304,7 +304,7 @@ def test_what_describes_a_skill_is_shown_under_it(cell: Cell) -> None:
     assert cell.shown(UNPLACED) == [other, [skill, [key]]]
 
 
-def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
+def test_failed_read_is_retried_when_the_world_model_is_back(
     cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(_: object) -> list[Element]:
@@ -320,7 +320,7 @@ def test_a_scene_that_could_not_be_read_is_read_when_the_world_model_is_back(
     assert cell.tab.hierarchy is not None and box.id in cell.tab.hierarchy.scene
 
 
-def test_an_edit_that_the_scene_was_read_with_does_not_keep_later_ones_from_undo(cell: Cell) -> None:
+def test_change_contained_in_the_read_scene_does_not_block_undo(cell: Cell) -> None:
     missed = cell.wm.transact([Add(Element(BOX))])
     cell.window.process_events()
     cell.tab.undo_stack.clear()  # as when the scene was read anew meanwhile
@@ -331,7 +331,7 @@ def test_an_edit_that_the_scene_was_read_with_does_not_keep_later_ones_from_undo
     assert cell.wm.find_element(box) is None and cell.tab.undo_stack.undo_text == ""
 
 
-def test_undo_and_redo_that_come_faster_than_they_are_heard_of_wait_for_their_turn(cell: Cell) -> None:
+def test_fast_undo_and_redo_are_queued(cell: Cell) -> None:
     first, second = cell.add(), cell.add()
     for step in (cell.tab.undo, cell.tab.undo, cell.tab.redo, cell.tab.undo, cell.tab.redo):
         step()

@@ -1,6 +1,4 @@
-"""Random sequences of undo_stack by the user and by others: the tree, undo and redo keep to what the
-world model has.
-"""
+"""Random sequences of changes by the user and others: tree, undo and redo match the world model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated worlds that the tests of a file share: made once, and as they were at first for each test."""
+"""Simulated worlds shared by the tests of a file: created once, reset for each test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain measured on a model: forward kinematics as the physics has them, inverse kinematics that are verified."""
+"""Kinematics of a model: forward as in the physics, verified inverse solutions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def postures(chain: ArmKinematics, count: int) -> list[np.ndarray]:
     return list(np.random.default_rng(1).uniform(chain.lower, chain.upper, (count, len(chain.lower))))
 
 
-def test_it_puts_the_tool_where_the_physics_does(world: World, controller: ArmController) -> None:
+def test_forward_kinematics_match_the_physics(world: World, controller: ArmController) -> None:
     arm = controller.arm
     for posture in postures(controller.kinematics, 20):
         for joint, position in zip(arm.joints, posture, strict=True):
@@ -44,7 +44,7 @@ def test_it_puts_the_tool_where_the_physics_does(world: World, controller: ArmCo
     world.reset()
 
 
-def test_the_jacobian_is_the_derivative(chain: ArmKinematics) -> None:
+def test_jacobian_is_the_derivative(chain: ArmKinematics) -> None:
     step = 1e-6
     for posture in postures(chain, 5):
         jacobian = chain.jacobian(posture)
@@ -55,7 +55,7 @@ def test_the_jacobian_is_the_derivative(chain: ArmKinematics) -> None:
             assert change == pytest.approx(jacobian[:, i], abs=1e-4)
 
 
-def test_what_it_finds_is_there_and_within_the_limits(chain: ArmKinematics) -> None:
+def test_solution_reaches_the_pose_within_limits(chain: ArmKinematics) -> None:
     there = 0
     for posture in postures(chain, 60):
         target = chain.forward(posture)
@@ -68,7 +68,7 @@ def test_what_it_finds_is_there_and_within_the_limits(chain: ArmKinematics) -> N
     assert there >= 57, "postures drawn by chance are nearly all reached, those close to limits too"
 
 
-def test_it_stays_near_the_posture_that_it_has(chain: ArmKinematics) -> None:
+def test_solution_is_near_the_start_posture(chain: ArmKinematics) -> None:
     here = chain.forward(chain.rest)
     x, y, z = here.position
     found = chain.inverse(Pose((x + 0.02, y, z), here.orientation), chain.rest)
@@ -76,13 +76,13 @@ def test_it_stays_near_the_posture_that_it_has(chain: ArmKinematics) -> None:
     assert np.max(np.abs(found.positions - chain.rest)) < 0.15
 
 
-def test_the_same_question_has_the_same_answer(chain: ArmKinematics) -> None:
+def test_inverse_is_deterministic(chain: ArmKinematics) -> None:
     target = Pose((0.5, 0.5, 0.7), from_euler(2.5, 0.3, 1.0))
     first, second = (chain.inverse(target, chain.rest) for _ in range(2))
     assert np.array_equal(first.positions, second.positions)
 
 
-def test_too_far_away_is_told_with_how_far(chain: ArmKinematics) -> None:
+def test_unreachable_pose_returns_the_nearest_solution(chain: ArmKinematics) -> None:
     shoulder = np.array([0.3, 0.0, 0.39 + 0.333])
     near, far = (chain.inverse(Pose((0.3 + reach, 0.0, 0.723), DOWN), chain.rest) for reach in (1.2, 3.0))
     assert not near.converged

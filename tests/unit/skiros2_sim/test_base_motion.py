@@ -1,4 +1,4 @@
-"""A simulated base that drives to places: exactly, round obstacles, giving way to other robots, and giving up."""
+"""Motions of a simulated base: accuracy, obstacles, other robots, failures."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def all_run(world: World, motions: list[BaseMotion], longest: float = 60.0) -> l
     return [motion.outcome for motion in motions if motion.outcome is not None]
 
 
-def test_it_comes_to_a_workstation_exactly_and_stands(robot: MovedRobot) -> None:
+def test_base_arrives_exactly_and_at_rest(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.drive(1.05, 1.5)))
     pose = robot.drive(0.0, 0.0).pose()
     assert (pose.x, pose.y) == pytest.approx((1.05, 1.5), abs=0.01)
@@ -80,7 +80,7 @@ def test_it_comes_to_a_workstation_exactly_and_stands(robot: MovedRobot) -> None
     assert robot.world.time - begin < 0.1, "it is there already"
 
 
-def test_it_drives_round_a_table_to_its_other_side(cart: World) -> None:
+def test_base_drives_around_a_table(cart: World) -> None:
     cart.add_body(box(TABLE_1, at(1.0, 0.0, 0.25), (0.8, 1.2, 0.5)))
     motion = driven(cart, 1.95, 0.0, math.pi)
     while motion.outcome is None:
@@ -90,7 +90,7 @@ def test_it_drives_round_a_table_to_its_other_side(cart: World) -> None:
     succeeded(motion.outcome)
 
 
-def test_it_speeds_up_and_slows_down_gently(robot: MovedRobot) -> None:
+def test_base_respects_its_acceleration_limit(robot: MovedRobot) -> None:
     speeds = [0.0]
     succeeded(robot.run(robot.drive(-2.0, 0.0, math.pi), lambda: speeds.append(robot.robot.velocity()[0])))
     assert max(speeds) == pytest.approx(0.8, abs=0.05)
@@ -108,7 +108,7 @@ def test_it_speeds_up_and_slows_down_gently(robot: MovedRobot) -> None:
         (Pose2D(0.0, 1e300, 0.0), "is outside of the world"),
     ],
 )
-def test_a_goal_that_cannot_be_is_refused(robot: MovedRobot, goal: Pose2D, said: str) -> None:
+def test_invalid_goal_is_rejected(robot: MovedRobot, goal: Pose2D, said: str) -> None:
     outcome = BaseMotion(robot.world, robot.robot, goal).outcome
     assert outcome is not None
     assert outcome.state is State.REJECTED
@@ -123,20 +123,20 @@ def test_a_goal_that_cannot_be_is_refused(robot: MovedRobot, goal: Pose2D, said:
         (from_euler(0.0, 0.5, 0.0), "tilted by 0.50 rad"),
     ],
 )
-def test_a_pose_must_be_upright(robot: MovedRobot, orientation: tuple[float, float, float, float], said: str) -> None:
+def test_tilted_pose_is_rejected(robot: MovedRobot, orientation: tuple[float, float, float, float], said: str) -> None:
     outcome = BaseMotion.to_pose(robot.world, robot.robot, Pose((0.5, 0.0, 0.0), orientation)).outcome
     assert outcome is not None
     assert said in outcome.text
 
 
-def test_a_robot_without_a_base_is_refused() -> None:
+def test_goal_of_a_fixed_robot_is_rejected() -> None:
     with World(bench()) as world:
         outcome = BaseMotion(world, world.robots[ROBOT], Pose2D(0.0, 0.0, 0.0)).outcome
     assert outcome is not None
     assert "has no base that drives" in outcome.text
 
 
-def test_cancelled_it_brakes(robot: MovedRobot) -> None:
+def test_cancelled_motion_brakes(robot: MovedRobot) -> None:
     motion = robot.drive(-3.0, 0.0, math.pi)
     robot.world.motions.add(motion)
     while abs(robot.robot.velocity()[0]) < 0.5:
@@ -149,7 +149,7 @@ def test_cancelled_it_brakes(robot: MovedRobot) -> None:
     assert max(map(abs, robot.robot.velocity())) < 0.01
 
 
-def test_one_that_takes_the_place_of_another_brakes_first(cart: World) -> None:
+def test_replacing_motion_brakes_first(cart: World) -> None:
     first = driven(cart, 4.0)
     while cart.robots[CART].velocity()[0] < 0.75:
         cart.step()
@@ -166,7 +166,7 @@ def test_one_that_takes_the_place_of_another_brakes_first(cart: World) -> None:
 
 
 @pytest.mark.parametrize("ahead", [1.0, 1.5])
-def test_what_comes_into_its_way_is_driven_round(cart: World, ahead: float) -> None:
+def test_base_avoids_a_new_obstacle(cart: World, ahead: float) -> None:
     motion = driven(cart, 4.0)
     while cart.robots[CART].velocity()[0] < 0.75:
         cart.step()
@@ -179,7 +179,7 @@ def test_what_comes_into_its_way_is_driven_round(cart: World, ahead: float) -> N
     assert max(aside) > 0.5
 
 
-def test_it_waits_for_what_goes_away_again(cart: World) -> None:
+def test_base_waits_for_a_temporary_obstacle(cart: World) -> None:
     cart.add_body(product("test:thing", at(1.5, 0.0, 0.025)))
     motion = driven(cart, 1.5)
     cart.step(1200)
@@ -190,14 +190,14 @@ def test_it_waits_for_what_goes_away_again(cart: World) -> None:
     succeeded(motion.outcome)
 
 
-def test_it_gives_up_with_what_blocks_it(cart: World) -> None:
+def test_blocked_base_aborts_and_names_the_obstacle(cart: World) -> None:
     cart.add_body(product("test:thing", at(1.5, 0.0, 0.025)))
     (outcome,) = all_run(cart, [driven(cart, 1.5)])
     assert outcome.state is State.ABORTED
     assert outcome.text == "blocked for 15 s: the goal is inside 'test:thing'"
 
 
-def test_where_there_will_never_be_a_way_it_gives_up_at_once(cart: World) -> None:
+def test_base_aborts_immediately_behind_fixed_obstacles(cart: World) -> None:
     for name, x, y, sx, sy in (("n", 4, 1, 3, 0.1), ("s", 4, -1, 3, 0.1), ("e", 2.5, 0, 0.1, 2), ("w", 5.5, 0, 0.1, 2)):
         cart.add_body(block(name, x, y, sx, sy))
     (outcome,) = all_run(cart, [driven(cart, 4.0)])
@@ -206,7 +206,7 @@ def test_where_there_will_never_be_a_way_it_gives_up_at_once(cart: World) -> Non
     assert cart.time < 0.5
 
 
-def test_what_it_runs_into_ends_it(robot: MovedRobot) -> None:
+def test_collision_aborts_the_motion(robot: MovedRobot) -> None:
     world = robot.world
     world.add_body(
         dataclasses.replace(block("bar", -1.5, 0.0, 0.1, 4.0), pose=at(-1.5, 0.0, 1.35), size=(0.1, 4.0, 0.1))
@@ -219,7 +219,7 @@ def test_what_it_runs_into_ends_it(robot: MovedRobot) -> None:
     assert "the robot has run into something, it touches test:bar (" in outcome.text
 
 
-def test_what_it_carries_is_not_in_its_way(robot: MovedRobot) -> None:
+def test_carried_object_is_not_an_obstacle(robot: MovedRobot) -> None:
     world = robot.world
     succeeded(robot.run(robot.drive(1.05, 1.75)))
     x, y, z = world.pose_of(PRODUCTS[0]).position
@@ -231,7 +231,7 @@ def test_what_it_carries_is_not_in_its_way(robot: MovedRobot) -> None:
     assert world.pose_of(PRODUCTS[0]).position[2] > z + 0.08
 
 
-def test_two_robots_that_meet_pass_each_other() -> None:
+def test_two_robots_pass_each_other() -> None:
     with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, math.pi)) as world:
         goals = Pose2D(6.0, 0.0, 0.0), Pose2D(0.0, 0.0, math.pi)
         motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
@@ -239,7 +239,7 @@ def test_two_robots_that_meet_pass_each_other() -> None:
             succeeded(outcome)
 
 
-def test_three_robots_whose_ways_cross_all_arrive() -> None:
+def test_three_robots_with_crossing_paths_arrive() -> None:
     with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, -3.0, math.pi / 2), Pose2D(6.0, 0.1, math.pi)) as world:
         goals = Pose2D(6.0, 0.0, 0.0), Pose2D(3.0, 3.0, math.pi / 2), Pose2D(0.0, 0.0, math.pi)
         motions = [BaseMotion(world, robot, goal) for robot, goal in zip(world.robots.values(), goals, strict=True)]
@@ -247,20 +247,20 @@ def test_three_robots_whose_ways_cross_all_arrive() -> None:
             succeeded(outcome)
 
 
-def test_a_robot_that_does_not_go_away_is_told() -> None:
+def test_standing_robot_is_named_as_obstacle() -> None:
     with carts(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, 0.0, 0.0)) as world:
         (outcome,) = all_run(world, [driven(world, 3.0)])
     assert outcome.text == "blocked for 15 s: the goal is inside 'cora:Robot-1'"
 
 
-def test_one_that_what_it_carries_shakes_stands_all_the_same(
+def test_base_with_a_shaking_load_comes_to_rest(
     robot: MovedRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot.robot, "velocity", lambda: (0.02, 0.0, 0.02))
     succeeded(robot.run(robot.drive(0.5, 0.0)))
 
 
-def test_a_base_that_does_not_get_on_says_so(robot: MovedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stuck_base_aborts_with_reason(robot: MovedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot.robot, "set_base_velocity", lambda *velocity: None)
     outcome = robot.run(robot.drive(1.0, 0.0))
     assert (outcome.state, outcome.text) == (State.ABORTED, "the base does not get on")

@@ -1,4 +1,4 @@
-"""Boxes of known size fitted to points on the sides that a camera would see."""
+"""Fitting boxes of known size to points on their visible sides."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def seen_from(eye: Points, pose: Pose, size: Vector) -> Points:
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 1.3, -2.5])
-def test_a_box_is_found_where_it_is(size: Vector, yaw: float) -> None:
+def test_fit_finds_the_pose_of_a_box(size: Vector, yaw: float) -> None:
     pose = Pose((0.05, -0.03, 0.1), from_euler(0.0, 0.0, yaw))
     fit = fit_box(seen_from(EYE, pose, size), size)
     assert math.dist(fit.pose.position, pose.position) < 0.003
@@ -58,7 +58,7 @@ def test_a_box_is_found_where_it_is(size: Vector, yaw: float) -> None:
 
 
 @pytest.mark.parametrize("turn", [(math.pi / 2, 0.0, 0.3), (0.0, math.pi / 2, 1.0), (0.2, -0.25, 0.7)])
-def test_a_box_that_lies_on_another_side_or_is_tilted_is_found_so(turn: Vector) -> None:
+def test_fit_finds_lying_and_tilted_boxes(turn: Vector) -> None:
     size = (0.04, 0.06, 0.1)
     pose = Pose((0.0, 0.02, 0.0), from_euler(*turn))
     fit = fit_box(seen_from(EYE, pose, size), size)
@@ -66,7 +66,7 @@ def test_a_box_that_lies_on_another_side_or_is_tilted_is_found_so(turn: Vector) 
     assert turn_between(fit.pose, pose, size) < 0.02
 
 
-def test_noise_of_the_points_averages_out() -> None:
+def test_fit_averages_noise() -> None:
     size = (0.05, 0.05, 0.05)
     pose = Pose((0.0, 0.0, 0.0), from_euler(0.0, 0.0, 0.5))
     points = seen_from(EYE, pose, size)
@@ -77,12 +77,12 @@ def test_noise_of_the_points_averages_out() -> None:
     assert fit.error == pytest.approx(0.002, rel=0.3)
 
 
-def test_three_points_are_enough_for_an_answer() -> None:
+def test_fit_accepts_three_points() -> None:
     fit = fit_box(np.array(((0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0))), (0.05, 0.05, 0.05))
     assert all(map(math.isfinite, (*fit.pose.position, *fit.pose.orientation)))
 
 
-def test_all_points_at_one_place_give_an_answer_too() -> None:
+def test_fit_accepts_identical_points() -> None:
     fit = fit_box(np.zeros((50, 3)), (0.05, 0.05, 0.05))
     assert fit.error < 0.001
 
@@ -93,14 +93,14 @@ def test_all_points_at_one_place_give_an_answer_too() -> None:
     (1.0, (0.04, 0.05, 0.08), 1.0),
     (3.0, (0.04, 0.05, 0.08), 3.0 - math.pi),
 ])  # fmt: skip
-def test_of_orientations_that_look_the_same_the_least_turned_is_given(
+def test_fit_returns_the_smallest_equivalent_rotation(
     yaw: float, size: Vector, expected: float
 ) -> None:
     found = least_turned(from_euler(0.0, 0.0, yaw), size)
     assert angle_between(found, from_euler(0.0, 0.0, expected)) < 1e-6
 
 
-def test_the_least_rectangle_lies_as_its_points_do() -> None:
+def test_minimum_rectangle_is_aligned_with_the_points() -> None:
     corners = corners_of((0.4, 0.2, 0.0))[:, :2]
     cos, sin = math.cos(0.3), math.sin(0.3)
     angle, middle = least_rectangle(corners @ np.array(((cos, sin), (-sin, cos))) + (1.0, 2.0))
@@ -108,14 +108,14 @@ def test_the_least_rectangle_lies_as_its_points_do() -> None:
     assert middle == pytest.approx((1.0, 2.0))
 
 
-def test_the_hull_leaves_out_what_is_within() -> None:
+def test_hull_omits_inner_points() -> None:
     hull = convex_hull(np.array(((0, 0), (2, 0), (1, 0.5), (2, 1), (1, 0), (0, 1), (0, 0)), float))
     assert sorted(map(tuple, hull)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     assert area_of(hull) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -0.8, 2.0), (math.pi, 0.0, 0.0), (0.0, 0.0, math.pi)])
-def test_a_rotation_matrix_and_its_quaternion_turn_alike(turn: Vector) -> None:
+def test_quaternion_equals_the_rotation_matrix(turn: Vector) -> None:
     q = from_euler(*turn)
     columns = np.stack([rotated(q, tuple(axis)) for axis in np.eye(3)], axis=1)
     assert angle_between(quaternion_of(columns), q) < 1e-6

@@ -1,4 +1,4 @@
-"""Pictures of a small world without robots: a table, and cubes on it."""
+"""Images of a small world without robots: a table with cubes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_depth_is_the_distance_along_the_axis_in_metres(world: World) -> None:
     assert picture.depth[cube].min() == pytest.approx(0.95, abs=1e-3)
 
 
-def test_each_pixel_tells_its_element_and_shows_its_colour(world: World) -> None:
+def test_pixels_have_element_and_colour(world: World) -> None:
     picture = picture_of(world, ABOVE.id)
     assert {TABLE.id, RED.id} <= set(picture.ids)
     cube = picture.rgb[picture.pixels_of(RED.id)]
@@ -52,7 +52,7 @@ def test_each_pixel_tells_its_element_and_shows_its_colour(world: World) -> None
     assert not picture.pixels_of("skiros:Product-99").any()
 
 
-def test_points_lie_on_what_is_seen(world: World) -> None:
+def test_points_lie_on_the_visible_surface(world: World) -> None:
     picture = picture_of(world, ABOVE.id)
     points = picture.points(picture.pixels_of(RED.id))
     in_map = np.array([rotated(picture.pose.orientation, tuple(p)) for p in points]) + picture.pose.position
@@ -61,7 +61,7 @@ def test_points_lie_on_what_is_seen(world: World) -> None:
     assert np.abs(beyond.max(axis=1)).max() < 1e-3
 
 
-def test_the_matrix_leads_from_a_point_to_its_pixel(world: World) -> None:
+def test_camera_matrix_projects_points_to_pixels(world: World) -> None:
     picture = picture_of(world, ABOVE.id)
     pixels = picture.pixels_of(RED.id)
     points = picture.points(pixels)
@@ -71,7 +71,7 @@ def test_the_matrix_leads_from_a_point_to_its_pixel(world: World) -> None:
     assert columns_rows == pytest.approx(np.stack((columns, rows), axis=1), abs=1e-6)
 
 
-def test_where_nothing_is_there_is_no_depth_and_no_element(world: World) -> None:
+def test_background_has_no_depth_and_no_element(world: World) -> None:
     picture = picture_from(world, looking_at((0.0, 0.0, 2.0), (1.0, 0.0, 3.0)), Lens(32, 24))
     assert np.isnan(picture.depth).all()
     assert (picture.segments < 0).all()
@@ -79,13 +79,13 @@ def test_where_nothing_is_there_is_no_depth_and_no_element(world: World) -> None
     assert len(picture.points(np.ones((24, 32), bool))) == 0
 
 
-def test_the_same_world_gives_the_same_picture(world: World) -> None:
+def test_rendering_is_deterministic(world: World) -> None:
     once, again = picture_of(world, ABOVE.id), picture_of(world, ABOVE.id)
     assert np.array_equal(once.rgb, again.rgb)
     assert np.array_equal(once.depth, again.depth, equal_nan=True)
 
 
-def test_a_picture_from_anywhere_looks_at_its_target(world: World) -> None:
+def test_free_camera_looks_at_its_target(world: World) -> None:
     pose = looking_at((1.0, -1.0, 1.5), RED.pose.position)
     picture = picture_from(world, pose, Lens(101, 101, math.radians(40)), shadow=True)
     rows, columns = np.nonzero(picture.pixels_of(RED.id))
@@ -96,7 +96,7 @@ def test_a_picture_from_anywhere_looks_at_its_target(world: World) -> None:
 
 
 @pytest.mark.parametrize("target", [(0.0, 0.0, 1.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)])
-def test_a_view_of_the_eye_itself_or_of_no_point_is_refused(target: tuple[float, float, float]) -> None:
+def test_invalid_view_is_rejected(target: tuple[float, float, float]) -> None:
     with pytest.raises(WrongValue, match="expected two points apart"):
         looking_at((0.0, 0.0, 1.0), target)
 
@@ -104,17 +104,17 @@ def test_a_view_of_the_eye_itself_or_of_no_point_is_refused(target: tuple[float,
 @pytest.mark.parametrize(
     ("width", "height", "angle"), [(0, 10, 1.0), (10, -1, 1.0), (10**6, 10, 1.0), (10, 10, 0.0), (10, 10, math.nan)]
 )
-def test_a_lens_that_there_is_not_is_refused(width: int, height: int, angle: float) -> None:
+def test_invalid_lens_is_rejected(width: int, height: int, angle: float) -> None:
     with pytest.raises(WrongValue, match="expected"):
         Lens(width, height, angle)
 
 
-def test_a_camera_that_is_not_there_is_named(world: World) -> None:
+def test_unknown_camera_is_rejected(world: World) -> None:
     with pytest.raises(UnknownName, match="DepthCamera-9"):
         picture_of(world, "skiros:DepthCamera-9")
 
 
-def test_a_picture_is_saved(world: World, tmp_path: Path) -> None:
+def test_picture_is_saved_as_png(world: World, tmp_path: Path) -> None:
     file = tmp_path / "pictures" / "above.png"
     picture = picture_of(world, ABOVE.id)
     save_png(picture, file)

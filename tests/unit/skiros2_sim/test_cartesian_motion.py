@@ -1,4 +1,4 @@
-"""Straight motions of a simulated tool, stiff and compliant, until it is there or touches something."""
+"""Straight motions of a simulated tool under position control and compliance."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def refused(motion: CartesianMotion, code: int, said: str) -> None:
 
 
 @CONTROLLERS
-def test_it_goes_straight_and_turns_evenly(robot: MovedRobot, controller: str) -> None:
+def test_tool_moves_straight_and_rotates_evenly(robot: MovedRobot, controller: str) -> None:
     start = robot.arm.tool_pose()
     target = Pose((0.45, -0.3, 0.65), multiplied(from_euler(0.0, 0.3, 0.8), DOWN))
     way = np.subtract(target.position, start.position)
@@ -58,7 +58,7 @@ def test_it_goes_straight_and_turns_evenly(robot: MovedRobot, controller: str) -
 
 
 @CONTROLLERS
-def test_it_holds_its_place_afterwards(robot: MovedRobot, controller: str) -> None:
+def test_tool_holds_its_pose_afterwards(robot: MovedRobot, controller: str) -> None:
     succeeded(robot.run(robot.line(FREE, controller=controller)))
     before = robot.arm.tool_pose()
     robot.world.step(240)
@@ -66,7 +66,7 @@ def test_it_holds_its_place_afterwards(robot: MovedRobot, controller: str) -> No
     assert max(map(abs, robot.arm.velocities())) < 0.01
 
 
-def test_switching_makes_no_jump(robot: MovedRobot) -> None:
+def test_controller_switch_is_smooth(robot: MovedRobot) -> None:
     moved: list[float] = []
     before = robot.arm.tool_pose()
     for name in ("compliant", "position", "compliant"):
@@ -80,7 +80,7 @@ def test_switching_makes_no_jump(robot: MovedRobot) -> None:
         robot.controller.switch("magic")
 
 
-def test_switching_makes_no_jump_while_something_is_held(robot: MovedRobot) -> None:
+def test_controller_switch_is_smooth_with_a_load(robot: MovedRobot) -> None:
     x, y, z = robot.world.pose_of(PRODUCTS[0]).position
     succeeded(robot.run(robot.line((x, y, z + 0.1))))
     succeeded(robot.run(robot.line((x, y, z))))
@@ -92,7 +92,7 @@ def test_switching_makes_no_jump_while_something_is_held(robot: MovedRobot) -> N
     assert distances(robot.arm.tool_pose(), before)[0] < 0.001, "it carries the weight"
 
 
-def test_a_compliant_tool_carries_what_it_has_taken_up() -> None:
+def test_compliant_tool_compensates_its_load() -> None:
     scene = bench()
     heavy = dataclasses.replace(scene.bodies[-1], mass=0.8)
     with World(dataclasses.replace(scene, bodies=(*scene.bodies[:-1], heavy))) as world:
@@ -106,7 +106,7 @@ def test_a_compliant_tool_carries_what_it_has_taken_up() -> None:
         succeeded(robot.run(robot.line((x, y + 0.05, z + 0.1))))
 
 
-def test_an_arm_with_a_light_hand_is_compliant_without_trembling() -> None:
+def test_compliance_is_stable_with_a_light_hand() -> None:
     kuka = ArmSpec(ARM, "arm", "kuka_iiwa/model.urdf", Pose((0.0, 0.0, 0.3), IDENTITY.orientation))
     with World(SceneSpec((), (RobotSpec(ROBOT, "kuka", arms=(kuka,)),))) as world:
         arm = world.arms[ARM]
@@ -119,7 +119,7 @@ def test_an_arm_with_a_light_hand_is_compliant_without_trembling() -> None:
         assert max(map(abs, arm.velocities())) < 0.01
 
 
-def test_a_compliant_tool_gives_way_and_comes_back(robot: MovedRobot) -> None:
+def test_compliant_tool_yields_and_returns(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.line(FREE, controller="compliant", stiffness=(300.0, 600.0, 600.0, 30.0, 30.0, 30.0))))
     before = np.array(robot.arm.tool_pose().position)
     robot.world.push(robot.gripper.id, (15.0, 0.0, 0.0), duration=2.0)
@@ -132,7 +132,7 @@ def test_a_compliant_tool_gives_way_and_comes_back(robot: MovedRobot) -> None:
 
 
 @CONTROLLERS
-def test_it_moves_until_contact(robot: MovedRobot, controller: str) -> None:
+def test_motion_ends_at_contact(robot: MovedRobot, controller: str) -> None:
     x, y, _ = FREE
     succeeded(robot.run(robot.line((x, y, TABLE_TOP + 0.05), controller=controller)))
     motion = robot.line((x, y, TABLE_TOP - 0.05), speed=0.05, contact_force=5.0)
@@ -146,13 +146,13 @@ def test_it_moves_until_contact(robot: MovedRobot, controller: str) -> None:
     succeeded(robot.run(robot.line((x, y, TABLE_TOP + 0.05), max_force=1.0)))  # less than it feels: it may go away
 
 
-def test_a_motion_until_contact_that_meets_nothing_fails(robot: MovedRobot) -> None:
+def test_motion_without_expected_contact_fails(robot: MovedRobot) -> None:
     outcome = robot.run(robot.line(FREE, contact_force=5.0))
     assert (outcome.state, outcome.code) == (State.ABORTED, codes.NO_CONTACT)
     assert "without a contact of 5 N" in outcome.text
 
 
-def test_what_it_carries_is_no_contact(robot: MovedRobot) -> None:
+def test_load_is_not_a_contact(robot: MovedRobot) -> None:
     x, y, z = robot.world.pose_of(PRODUCTS[0]).position
     succeeded(robot.run(robot.line((x, y, z))))
     succeeded(robot.run(robot.grip(0.0)))
@@ -162,7 +162,7 @@ def test_what_it_carries_is_no_contact(robot: MovedRobot) -> None:
     assert robot.world.pose_of(PRODUCTS[0]).position[2] == pytest.approx(0.42 + EDGE / 2, abs=0.006), "on the tray"
 
 
-def test_too_much_force_ends_it_with_what_it_touches(robot: MovedRobot) -> None:
+def test_force_limit_names_the_contact(robot: MovedRobot) -> None:
     x, y, _ = FREE
     succeeded(robot.run(robot.line((x, y, TABLE_TOP + 0.05))))
     outcome = robot.run(robot.line((x, y, TABLE_TOP - 0.1), speed=0.1, max_force=20.0))
@@ -172,7 +172,7 @@ def test_too_much_force_ends_it_with_what_it_touches(robot: MovedRobot) -> None:
     assert np.linalg.norm(robot.arm.wrench()[:3]) < 5.0, "it has gone back"
 
 
-def test_a_compliant_tool_that_does_not_get_there_is_blocked(robot: MovedRobot) -> None:
+def test_compliant_tool_without_progress_is_blocked(robot: MovedRobot) -> None:
     x, y, _ = FREE
     succeeded(robot.run(robot.line((x, y, TABLE_TOP + 0.03), controller="compliant")))
     outcome = robot.run(robot.line((x, y, TABLE_TOP - 0.05), speed=0.1))
@@ -180,14 +180,14 @@ def test_a_compliant_tool_that_does_not_get_there_is_blocked(robot: MovedRobot) 
     assert re.search(rf"stays 0.0\d\d m .* from its target, it touches {TABLE_1} ", outcome.text)
 
 
-def test_it_is_not_waited_for_longer_than_its_time(robot: MovedRobot) -> None:
+def test_motion_ends_at_its_timeout(robot: MovedRobot) -> None:
     outcome = robot.run(robot.line(FREE, speed=0.1, timeout=0.5))
     assert (outcome.state, outcome.code) == (State.ABORTED, codes.TIMED_OUT)
     assert "not there after 0.50 s: 0." in outcome.text
 
 
 @CONTROLLERS
-def test_cancelled_it_brakes_on_its_line(robot: MovedRobot, controller: str) -> None:
+def test_cancelled_motion_brakes_on_its_line(robot: MovedRobot, controller: str) -> None:
     motion = robot.line(FREE, controller=controller)
     robot.world.motions.add(motion)
     robot.world.step(200)
@@ -199,7 +199,7 @@ def test_cancelled_it_brakes_on_its_line(robot: MovedRobot, controller: str) -> 
     assert distances(robot.arm.tool_pose(), Pose(FREE, DOWN))[0] > 0.02
 
 
-def test_a_target_out_of_reach_is_refused_with_how_far(robot: MovedRobot) -> None:
+def test_unreachable_target_is_rejected_with_the_distance(robot: MovedRobot) -> None:
     before = robot.arm.positions()
     refused(robot.line((2.0, 0.0, 0.6)), codes.UNREACHABLE, r"no joint positions put the tool there: .* within 1\.\d")
     refused(robot.line((0.0, 0.0, 0.1)), codes.UNREACHABLE, "within 0.")
@@ -207,7 +207,7 @@ def test_a_target_out_of_reach_is_refused_with_how_far(robot: MovedRobot) -> Non
     assert robot.arm.positions() == pytest.approx(before, abs=1e-4)
 
 
-def test_a_line_through_what_is_out_of_reach_is_refused(robot: MovedRobot) -> None:
+def test_unreachable_line_is_rejected(robot: MovedRobot) -> None:
     refused(
         robot.line((-0.45, 0.1, 0.6)),
         codes.UNREACHABLE,
@@ -231,7 +231,7 @@ def test_a_line_through_what_is_out_of_reach_is_refused(robot: MovedRobot) -> No
         ({"timeout": math.nan}, "timeout nan"),
     ],
 )
-def test_numbers_and_names_that_cannot_be_are_refused(robot: MovedRobot, change: dict[str, object], said: str) -> None:
+def test_invalid_numbers_and_names_are_rejected(robot: MovedRobot, change: dict[str, object], said: str) -> None:
     refused(robot.line(FREE, **change), codes.INVALID_GOAL, said)
     assert robot.controller.active == "position"
 
@@ -244,26 +244,26 @@ def test_numbers_and_names_that_cannot_be_are_refused(robot: MovedRobot, change:
         (Pose((1e300, 0.0, 0.5), DOWN), "farther than 1000 m"),
     ],
 )
-def test_targets_that_cannot_be_are_refused(robot: MovedRobot, target: Pose, said: str) -> None:
+def test_invalid_targets_are_rejected(robot: MovedRobot, target: Pose, said: str) -> None:
     motion = CartesianMotion(robot.controller, CartesianGoal(target))
     assert motion.outcome is not None
     assert motion.outcome.state is State.REJECTED
     assert said in motion.outcome.text
 
 
-def test_stiffness_is_checked_also_when_it_is_set_alone(robot: MovedRobot) -> None:
+def test_invalid_stiffness_is_rejected(robot: MovedRobot) -> None:
     robot.controller.stiffness = (100.0,) * 3 + (10.0,) * 3
     assert robot.controller.stiffness == (100.0,) * 3 + (10.0,) * 3
     with pytest.raises(WrongValue, match=r"stiffness -1\.0 of rz: expected 0 to 80"):
         robot.controller.stiffness = (50.0,) * 5 + (-1.0,)
 
 
-def test_where_it_is_already_it_is_at_once(robot: MovedRobot) -> None:
+def test_motion_to_the_current_pose_ends_immediately(robot: MovedRobot) -> None:
     motion = CartesianMotion(robot.controller, CartesianGoal(robot.arm.tool_pose()))
     succeeded(robot.run(motion))
 
 
-def test_slerp_takes_the_shorter_way_round() -> None:
+def test_slerp_takes_the_shorter_direction() -> None:
     quarter = from_euler(0.0, 0.0, math.pi / 2)
     half = slerp((0.0, 0.0, 0.0, 1.0), tuple(-c for c in quarter), 0.5)  # type: ignore[arg-type]
     assert distances(Pose((0, 0, 0), half), Pose((0, 0, 0), from_euler(0.0, 0.0, math.pi / 4)))[1] < 1e-9

@@ -1,4 +1,4 @@
-"""Ways of a base past what stands on the floor: they touch nothing, or are refused with what blocks them."""
+"""Paths of a base around obstacles."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def end_of(start: Pose2D, legs: list[Leg]) -> tuple[float, float]:
     return (legs[-1].x, legs[-1].y) if legs else (start.x, start.y)
 
 
-def test_a_free_way_is_straight() -> None:
+def test_free_path_is_straight() -> None:
     assert Floor(HUSKY, [TABLE]).find_path(Pose2D(-1.0, 0.0, 2.0), Pose2D(1.0, 0.0, 0.0)) == [Leg(1.0, 0.0, False)]
 
 
-def test_where_it_stands_it_only_turns() -> None:
+def test_path_to_the_same_position_is_a_turn() -> None:
     assert Floor(HUSKY, []).find_path(Pose2D(1.0, 1.0, 0.0), Pose2D(1.0, 1.0, 2.0)) == []
 
 
-def test_round_a_table_it_backs_out_and_comes_in_straight() -> None:
+def test_path_around_a_table_backs_out_and_enters_straight() -> None:
     start, goal = Pose2D(1.05, 0.0, 0.0), Pose2D(2.95, 0.0, math.pi)
     floor = Floor(HUSKY, [TABLE])
     legs = floor.find_path(start, goal)
@@ -47,23 +47,23 @@ def test_round_a_table_it_backs_out_and_comes_in_straight() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2])
-def test_a_goal_inside_something_is_refused(yaw: float) -> None:
+def test_goal_inside_an_obstacle_is_rejected(yaw: float) -> None:
     with pytest.raises(Refused, match="the goal is inside 'table'"):
         Floor(HUSKY, [TABLE]).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(1.5, 0.3, yaw))
 
 
-def test_the_rectangle_counts_not_the_circle() -> None:
+def test_goal_is_checked_with_the_rectangle() -> None:
     beside = Pose2D(1.2, 0.0, math.pi / 2)
     assert Floor(HUSKY, [TABLE]).collision_at(beside) is None
     assert Floor(HUSKY, [TABLE]).collision_at(beside._replace(yaw=0.0)) == "table"
 
 
-def test_no_way_is_refused_with_what_is_around() -> None:
+def test_missing_path_names_the_obstacles() -> None:
     with pytest.raises(Refused, match=r"no way there, 'east', .*and 1 more are in the way"):
         Floor(HUSKY, walls(3.0)).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(6.0, 0.0, 0.0))
 
 
-def test_a_place_that_it_cannot_get_out_of_is_refused() -> None:
+def test_start_without_exit_is_rejected() -> None:
     cage = [
         Obstacle("left", 0.0, 0.5, 0.0, 1.5, 0.05),
         Obstacle("right", 0.0, -0.5, 0.0, 1.5, 0.05),
@@ -74,7 +74,7 @@ def test_a_place_that_it_cannot_get_out_of_is_refused() -> None:
         Floor(HUSKY, cage).find_path(Pose2D(0.0, 0.0, 0.0), Pose2D(5.0, 0.0, 0.0))
 
 
-def test_out_of_what_it_stands_in_it_may_drive() -> None:
+def test_base_may_leave_an_obstacle() -> None:
     floor = Floor(HUSKY, [TABLE])
     start = Pose2D(1.2, 0.0, 0.0)
     assert floor.collision_at(start) == "table"
@@ -83,14 +83,14 @@ def test_out_of_what_it_stands_in_it_may_drive() -> None:
     assert floor.first_collision(start, legs, 10.0) is None
 
 
-def test_what_comes_into_the_way_is_seen_as_far_as_it_looks() -> None:
+def test_collision_check_respects_its_range() -> None:
     floor = Floor(HUSKY, [Obstacle("box", 3.0, 0.0, 0.5, 0.2, 0.2)])
     legs = [Leg(5.0, 0.0, False)]
     assert floor.first_collision(Pose2D(0.0, 0.0, 0.0), legs, 1.5) is None
     assert floor.first_collision(Pose2D(1.5, 0.0, 0.0), legs, 1.5) == "box"
 
 
-def test_a_far_place_does_not_make_the_map_endless() -> None:
+def test_distant_goal_does_not_enlarge_the_map() -> None:
     start, goal = Pose2D(0.0, 0.0, 0.0), Pose2D(100.0, 0.0, 0.0)
     floor = Floor(HUSKY, [Obstacle("wall", 50.0, 0.0, 0.0, 1.0, 20.0)])
     legs = floor.find_path(start, goal)
@@ -111,7 +111,7 @@ things = st.lists(
 
 @settings(max_examples=60, deadline=None)
 @given(start=poses, goal=poses, obstacles=things)
-def test_every_way_ends_at_its_goal_and_touches_nothing(start: Pose2D, goal: Pose2D, obstacles: list[Obstacle]) -> None:
+def test_paths_reach_the_goal_without_collision(start: Pose2D, goal: Pose2D, obstacles: list[Obstacle]) -> None:
     floor = Floor(HUSKY, obstacles)
     try:
         legs = floor.find_path(start, goal)

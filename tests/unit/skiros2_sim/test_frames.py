@@ -1,4 +1,4 @@
-"""The frames of a robot that are told to tf: those that have moved."""
+"""The frames of a robot to publish on tf."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Told:
         return True
 
 
-def test_all_frames_are_told_first(world: World) -> None:
+def test_first_call_yields_all_frames(world: World) -> None:
     told = Told(world)
     links = {f"{NAME}/{link}" for link in world.robots[ROBOT].link_poses()}
     assert told.go_on() == links | {f"{NAME}/odom"}
     assert told.is_right()
 
 
-def test_then_the_base_alone_until_the_arm_moves(world: World) -> None:
+def test_later_calls_yield_moved_frames_only(world: World) -> None:
     told = Told(world)
     told.go_on()
     world.set_pose(ROBOT, Pose((0.5, -0.3, 0.0), IDENTITY.orientation))
@@ -61,7 +61,7 @@ def test_then_the_base_alone_until_the_arm_moves(world: World) -> None:
     assert told.is_right()
 
 
-def test_they_are_right_after_a_reset(world: World) -> None:
+def test_frames_are_correct_after_a_reset(world: World) -> None:
     told = Told(world)
     arm = world.arms[ARM]
     arm.drive([position + 0.2 for position in arm.positions()])

@@ -1,4 +1,4 @@
-"""Opening and closing a simulated gripper: to a width, on something, with so much force, and losing it."""
+"""Motions of a simulated gripper: widths, objects, lost objects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def holding(robot: MovedRobot) -> MovedRobot:
     return robot
 
 
-def test_it_goes_to_a_width(robot: MovedRobot) -> None:
+def test_gripper_reaches_a_width(robot: MovedRobot) -> None:
     for width in (0.03, 0.0, 0.08):
         motion = robot.grip(width)
         succeeded(robot.run(motion))
@@ -32,7 +32,7 @@ def test_it_goes_to_a_width(robot: MovedRobot) -> None:
         assert motion.width == pytest.approx(width, abs=0.001)
 
 
-def test_it_closes_on_something_and_holds_it(holding: MovedRobot) -> None:
+def test_gripper_holds_an_object(holding: MovedRobot) -> None:
     assert holding.gripper.width() == pytest.approx(EDGE, abs=0.002)
     holding.world.step(480)
     assert holding.gripper.width() == pytest.approx(EDGE, abs=0.002)
@@ -47,7 +47,7 @@ def test_it_closes_on_something_and_holds_it(holding: MovedRobot) -> None:
     assert "keeps the fingers 0.05" in again.outcome.text
 
 
-def test_what_it_loses_is_seen_by_the_width(holding: MovedRobot) -> None:
+def test_lost_object_changes_the_width(holding: MovedRobot) -> None:
     holding.world.faults.set("slipping_gripper", holding.gripper.id, 0.0)
     for _ in range(1000):
         if holding.gripper.width() < 0.01:
@@ -59,7 +59,7 @@ def test_what_it_loses_is_seen_by_the_width(holding: MovedRobot) -> None:
     assert motion.reached_goal, "there is nothing between the fingers"
 
 
-def test_cancelled_it_stays_as_it_is(robot: MovedRobot) -> None:
+def test_cancelled_gripper_stops(robot: MovedRobot) -> None:
     motion = robot.grip(0.0)
     robot.world.motions.add(motion)
     robot.world.step(60)
@@ -72,7 +72,7 @@ def test_cancelled_it_stays_as_it_is(robot: MovedRobot) -> None:
     assert motion.width == pytest.approx(width, abs=0.002)
 
 
-def test_cancelled_it_does_not_let_go(holding: MovedRobot) -> None:
+def test_cancelled_gripper_keeps_its_object(holding: MovedRobot) -> None:
     motion = holding.grip(0.0, 15.0)
     holding.world.motions.add(motion)
     holding.world.step(2)
@@ -92,7 +92,7 @@ def test_cancelled_it_does_not_let_go(holding: MovedRobot) -> None:
         (0.05, -1.0, "effort -1.0 N: expected a number, 0 or more"),
     ],
 )
-def test_what_cannot_be_is_refused(robot: MovedRobot, width: float, effort: float, said: str) -> None:
+def test_invalid_command_is_rejected(robot: MovedRobot, width: float, effort: float, said: str) -> None:
     motion = GripperMotion(robot.world, robot.gripper, width, effort)
     assert motion.outcome is not None
     assert motion.outcome.state is State.REJECTED

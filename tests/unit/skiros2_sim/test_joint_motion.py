@@ -1,4 +1,4 @@
-"""Trajectories on a simulated arm: followed, waited for, cancelled, refused, and ended by what is hit."""
+"""Trajectories of a simulated arm: execution, waiting, cancelling, rejection, collisions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def goal(robot: MovedRobot, *points: JointPoint, **more: object) -> JointMotion:
     return JointMotion(robot.controller, dataclasses.replace(made, **more))  # type: ignore[arg-type]
 
 
-def test_it_follows_a_trajectory_closely(robot: MovedRobot) -> None:
+def test_arm_follows_a_trajectory(robot: MovedRobot) -> None:
     end = np.array(turned(robot, 0.8))
     off: list[float] = []
     motion = robot.trajectory(end, 2.0)
@@ -43,20 +43,20 @@ def test_it_follows_a_trajectory_closely(robot: MovedRobot) -> None:
     assert desired.positions - actual.positions == pytest.approx(error.positions)
 
 
-def test_the_arm_stands_there_afterwards(robot: MovedRobot) -> None:
+def test_arm_is_at_rest_afterwards(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.trajectory(turned(robot, 0.3), 1.0)))
     before = robot.arm.positions()
     robot.world.step(120)
     assert robot.arm.positions() == pytest.approx(before, abs=0.001)
 
 
-def test_names_may_have_the_arms_name_before_them(robot: MovedRobot) -> None:
+def test_joint_names_may_have_the_arm_prefix(robot: MovedRobot) -> None:
     names = tuple("arm/" + name for name in robot.joints)
     points = (JointPoint(0.5, turned(robot, 0.1)),)
     succeeded(robot.run(JointMotion(robot.controller, JointGoal(names, points))))
 
 
-def test_one_that_begins_later_waits(robot: MovedRobot) -> None:
+def test_later_trajectory_waits(robot: MovedRobot) -> None:
     start = robot.world.time + 0.5
     before = robot.arm.positions()
     motion = goal(robot, JointPoint(1.0, turned(robot, 0.3)), start=start)
@@ -67,7 +67,7 @@ def test_one_that_begins_later_waits(robot: MovedRobot) -> None:
     assert robot.world.time == pytest.approx(start + 1.0, abs=0.05)
 
 
-def test_of_one_that_began_earlier_the_rest_is_driven(robot: MovedRobot) -> None:
+def test_earlier_trajectory_continues_with_its_remaining_points(robot: MovedRobot) -> None:
     robot.world.step(240)
     begin = robot.world.time
     points = JointPoint(0.5, turned(robot, 0.1)), JointPoint(2.0, turned(robot, 0.3))
@@ -75,7 +75,7 @@ def test_of_one_that_began_earlier_the_rest_is_driven(robot: MovedRobot) -> None
     assert robot.world.time - begin == pytest.approx(1.0, abs=0.05)
 
 
-def test_one_that_is_over_is_refused(robot: MovedRobot) -> None:
+def test_past_trajectory_is_rejected(robot: MovedRobot) -> None:
     robot.world.step(240)
     outcome = goal(robot, JointPoint(0.5, turned(robot, 0.1)), start=0.1).outcome
     assert outcome is not None
@@ -83,7 +83,7 @@ def test_one_that_is_over_is_refused(robot: MovedRobot) -> None:
     assert "was to begin 1.150 s ago and to end 0.650 s ago" in outcome.text
 
 
-def test_cancelled_it_brakes_gently_on_its_path(robot: MovedRobot) -> None:
+def test_cancelled_trajectory_brakes_on_its_path(robot: MovedRobot) -> None:
     motion = robot.trajectory(turned(robot, 1.0), 2.0)
     robot.world.motions.add(motion)
     robot.world.step(200)
@@ -115,7 +115,7 @@ def test_cancelled_it_brakes_gently_on_its_path(robot: MovedRobot) -> None:
         ({"goal_tolerance": {"x": JointTolerance(0.1)}}, codes.INVALID_JOINTS, "goal tolerance for 'arm/x'"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_moves(
+def test_invalid_trajectory_is_rejected_before_motion(
     robot: MovedRobot, change: dict[str, object], code: int, said: str
 ) -> None:
     before = robot.arm.positions()
@@ -128,7 +128,7 @@ def test_what_cannot_be_is_refused_before_anything_moves(
     assert robot.arm.positions() == pytest.approx(before, abs=1e-4)
 
 
-def test_a_compliant_arm_follows_no_trajectory(robot: MovedRobot) -> None:
+def test_compliant_arm_rejects_trajectories(robot: MovedRobot) -> None:
     robot.controller.switch("compliant")
     outcome = robot.trajectory(turned(robot, 0.1)).outcome
     assert outcome is not None
@@ -137,7 +137,7 @@ def test_a_compliant_arm_follows_no_trajectory(robot: MovedRobot) -> None:
     succeeded(robot.run(robot.trajectory(turned(robot, 0.1))))
 
 
-def test_switching_to_compliance_ends_it(robot: MovedRobot) -> None:
+def test_switch_to_compliance_aborts_a_trajectory(robot: MovedRobot) -> None:
     motion = robot.trajectory(turned(robot, 0.5))
     robot.world.motions.add(motion)
     robot.world.step(50)
@@ -147,7 +147,7 @@ def test_switching_to_compliance_ends_it(robot: MovedRobot) -> None:
     assert "'compliant' was switched on meanwhile" in outcome.text
 
 
-def test_when_it_hits_something_it_says_what_and_stops_pressing(robot: MovedRobot) -> None:
+def test_collision_is_named_and_released(robot: MovedRobot) -> None:
     world = robot.world
     into_the_table = Pose((0.55, -0.3, 0.3), DOWN)
     found = robot.controller.kinematics.inverse(
@@ -163,7 +163,7 @@ def test_when_it_hits_something_it_says_what_and_stops_pressing(robot: MovedRobo
     assert max(map(abs, robot.arm.velocities())) < 0.01, "it holds still"
 
 
-def test_an_arm_that_hits_its_own_base_says_so() -> None:
+def test_collision_with_the_own_base_is_named() -> None:
     with World(cell()) as world:
         world.step(60)
         robot = MovedRobot(world)
@@ -172,7 +172,7 @@ def test_an_arm_that_hits_its_own_base_says_so() -> None:
         assert "it touches mobile_manipulator/base/" in outcome.text
 
 
-def test_a_goal_that_is_not_reached_in_time_is_told(robot: MovedRobot) -> None:
+def test_missed_goal_tolerance_aborts(robot: MovedRobot) -> None:
     exact = {"panda_joint1": JointTolerance(1e-9)}
     motion = goal(robot, JointPoint(0.5, turned(robot, 0.2)), goal_tolerance=exact, goal_time_tolerance=0.3)
     outcome = robot.run(motion)
@@ -180,7 +180,7 @@ def test_a_goal_that_is_not_reached_in_time_is_told(robot: MovedRobot) -> None:
     assert "0.30 s after the trajectory's end: arm/panda_joint1 is" in outcome.text
 
 
-def test_tolerances_below_zero_are_none(robot: MovedRobot) -> None:
+def test_negative_tolerances_are_unlimited(robot: MovedRobot) -> None:
     world, arm = robot.world, robot.arm
     free = {name: JointTolerance(-1.0, -1.0) for name in robot.joints}
     motion = goal(robot, JointPoint(0.5, turned(robot, 0.1)), path_tolerance=free, goal_tolerance=free)

@@ -1,4 +1,4 @@
-"""Trajectories of joints: what is refused, with joint, point and number, and how the way runs between the points."""
+"""Trajectories of joints: checks, and interpolation between the points."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def point(time: float, *positions: float) -> JointPoint:
     return JointPoint(time, positions)
 
 
-def test_it_goes_through_its_points_in_the_order_of_the_arm() -> None:
+def test_path_passes_its_points() -> None:
     way = path(point(2.0, 0.5, 0.2), point(4.0, 0.7, 0.4), joints=("b", "a"))
     assert way.duration == 4.0
     assert way.at(2.0)[0] == pytest.approx([0.2, 0.5])
@@ -36,7 +36,7 @@ def test_it_goes_through_its_points_in_the_order_of_the_arm() -> None:
     assert way.at(-1.0)[0] == pytest.approx(REST)
 
 
-def test_without_velocities_it_is_smooth_and_does_not_overshoot() -> None:
+def test_path_without_velocities_does_not_overshoot() -> None:
     way = path(point(2.0, 0.5, 0.5), point(4.0, 1.5, 0.5), point(7.0, 0.0, 0.5))
     times = np.linspace(0.0, 7.0, 701)
     positions = np.array([way.at(time)[0] for time in times])
@@ -49,7 +49,7 @@ def test_without_velocities_it_is_smooth_and_does_not_overshoot() -> None:
     assert way.at(2.0)[1][0] > 0.1, "it does not stop in between"
 
 
-def test_velocities_and_accelerations_are_kept_where_they_are_given() -> None:
+def test_path_keeps_given_velocities_and_accelerations() -> None:
     ends = JointPoint(2.0, (0.5, 0.0), (0.4, 0.0), (0.2, 0.0)), JointPoint(4.0, (1.0, 0.0), (0.1, 0.0), (-0.3, 0.0))
     way = path(JointPoint(0.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), *ends)
     for end in ends:
@@ -85,7 +85,7 @@ def test_velocities_and_accelerations_are_kept_where_they_are_given() -> None:
         ),
     ],
 )
-def test_what_cannot_be_is_refused_with_joint_point_and_number(points: tuple[JointPoint, ...], said: str) -> None:
+def test_errors_name_joint_point_and_value(points: tuple[JointPoint, ...], said: str) -> None:
     with pytest.raises(WrongValue, match=said):
         path(*points)
 
@@ -99,28 +99,28 @@ def test_what_cannot_be_is_refused_with_joint_point_and_number(points: tuple[Joi
         ((), "joint a, b is missing"),
     ],
 )
-def test_the_joints_are_those_of_the_arm(joints: tuple[str, ...], said: str) -> None:
+def test_unknown_joints_are_rejected(joints: tuple[str, ...], said: str) -> None:
     with pytest.raises(UnknownName, match=said):
         path(JointPoint(1.0, (0.0,) * len(joints)), joints=joints)
 
 
-def test_tolerances_are_of_the_arms_joints() -> None:
+def test_tolerances_of_unknown_joints_are_rejected() -> None:
     goal = JointGoal(("a", "b"), (point(1.0, 0.0, 0.0),), path_tolerance={"c": JointTolerance(0.1)})
     with pytest.raises(UnknownName, match="path tolerance for 'c'"):
         JointPath(goal, ARM, REST, REST)
 
 
-def test_a_joint_that_stands_beyond_its_limit_may_come_back() -> None:
+def test_joint_beyond_its_limit_may_return() -> None:
     way = path(point(2.0, 1.8, 0.0), start=np.array([2.05, 0.0]))
     assert way.end == pytest.approx([1.8, 0.0])
 
 
-def test_a_joint_whose_model_has_no_speed_limit_may_be_fast() -> None:
+def test_zero_speed_limit_is_unlimited() -> None:
     arm = (joint("a", velocity=0.0, effort=0.0), joint("b"))
     goal = JointGoal(("a", "b"), (point(0.1, 1.0, 0.0),))
     assert JointPath(goal, arm, REST, REST).duration == 0.1
 
 
-def test_errors_are_of_the_platform() -> None:
+def test_errors_are_platform_errors() -> None:
     with pytest.raises(SkirosError):
         path()

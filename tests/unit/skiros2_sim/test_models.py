@@ -1,4 +1,4 @@
-"""Models: where they are looked for, what is wrong with those that do not load, and how robots are made of them."""
+"""Models: search, errors, and merged robots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def stl(*numbers: float, triangles: int = 1) -> bytes:
     return b"\0" * 80 + struct.pack("<I", triangles) + struct.pack("<12fH", *(numbers or (0.0,) * 12), 0)
 
 
-def test_models_are_found_in_the_workspace_then_among_those_of_pybullet(tmp_path: Path) -> None:
+def test_workspace_is_searched_before_pybullet_data(tmp_path: Path) -> None:
     own = tmp_path / "franka_panda" / "panda.urdf"
     assert find_model(PANDA).name == "panda.urdf"
     assert find_model(PANDA, (tmp_path,)) == find_model(PANDA)
@@ -51,7 +51,7 @@ def test_models_are_found_in_the_workspace_then_among_those_of_pybullet(tmp_path
 
 
 @pytest.mark.parametrize("name", ["", "none.urdf", "package://nobody/x", "package://../x", "a\0b", "/none.urdf", "."])
-def test_a_model_that_is_not_there_is_told_with_its_name(name: str) -> None:
+def test_missing_model_is_named(name: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         find_model(name)
     assert (name if "\0" not in name else "'a\\x00b'") in str(caught.value)
@@ -81,7 +81,7 @@ def test_a_model_that_is_not_there_is_told_with_its_name(name: str) -> None:
         (urdf(LINK.replace("m.obj", "model.urdf")), ".obj"),
     ],
 )
-def test_a_urdf_that_cannot_be_loaded_is_told_with_file_and_reason(tmp_path: Path, text: str, reason: str) -> None:
+def test_invalid_urdf_is_reported_with_file_and_reason(tmp_path: Path, text: str, reason: str) -> None:
     file = tmp_path / "model.urdf"
     file.write_text(text)
     with pytest.raises(ConfigurationError) as caught:
@@ -110,7 +110,7 @@ def test_a_urdf_that_cannot_be_loaded_is_told_with_file_and_reason(tmp_path: Pat
         ("m.png", b"", "expected one of"),
     ],
 )
-def test_a_mesh_that_cannot_be_loaded_is_told_with_file_and_reason(
+def test_invalid_mesh_is_reported_with_file_and_reason(
     tmp_path: Path, name: str, content: bytes, reason: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
@@ -131,7 +131,7 @@ def test_a_mesh_that_cannot_be_loaded_is_told_with_file_and_reason(
     ],
     ids=["mesh", "urdf"],
 )
-def test_a_model_that_only_pybullet_finds_wrong_is_told_and_the_world_goes_on(
+def test_model_rejected_by_pybullet_is_reported(
     tmp_path: Path, name: str, content: str
 ) -> None:
     (tmp_path / name).write_text(content)
@@ -144,7 +144,7 @@ def test_a_model_that_only_pybullet_finds_wrong_is_told_and_the_world_goes_on(
         assert set(world.bodies) == {"t:P-2"}
 
 
-def test_a_model_that_ends_the_process_ends_one_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crashing_model_ends_a_separate_process_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = tmp_path / "crash.py"
     program.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     (tmp_path / "m.obj").write_text(TRIANGLE)
@@ -152,7 +152,7 @@ def test_a_model_that_ends_the_process_ends_one_of_its_own(tmp_path: Path, monke
     assert load_test.load_error(tmp_path / "m.obj") == "PyBullet crashes on it (signal 11)"
 
 
-def test_models_that_do_not_load_become_boxes_and_the_rest_is_there(tmp_path: Path) -> None:
+def test_invalid_models_become_boxes(tmp_path: Path) -> None:
     (tmp_path / "broken.urdf").write_text("<robot")
     (tmp_path / "broken.obj").write_text("v 0 0\n")
     (tmp_path / "picture.png").touch()
@@ -197,7 +197,7 @@ _MASS = '<inertial><origin xyz="0.02 0 0"/><mass value="0.3"/><inertia ixx="1e-4
         ),
     ],
 )
-def test_a_robot_is_made_of_the_models_that_load(
+def test_robot_omits_invalid_models(
     model: RobotSpec, arms: int, mobile: bool, problems: list[str]
 ) -> None:
     composed = merge_models(model)
@@ -211,7 +211,7 @@ def test_a_robot_is_made_of_the_models_that_load(
         assert robot.pose().position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
-def test_an_iiwa_carries_a_gripper_of_its_own_model() -> None:
+def test_iiwa_has_a_separate_gripper_model() -> None:
     gripper = GripperSpec(GRIPPER, "hand", "package://skiros2_sim/models/parallel_gripper.urdf")
     arm = ArmSpec(ARM, "iiwa", "kuka_iiwa/model.urdf", at(0.0, 0.0, 0.1), gripper)
     panda = dataclasses.replace(fixed_panda().arms[0], id="rparts:ArmDevice-9", pose=at(0.0, 1.0, 0.0), gripper=None)

@@ -1,4 +1,4 @@
-"""The parameters of the simulator's node."""
+"""The parameters of the simulator node."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def options(**parameters: Any) -> Options:
     return read_options(lambda name, default: parameters.get(name.lstrip("~"), default))
 
 
-def test_without_parameters_it_runs_in_real_time() -> None:
+def test_default_rate_is_real_time() -> None:
     assert options() == Options()
 
 
-def test_parameters_are_taken() -> None:
+def test_parameters_are_read() -> None:
     read = options(scene=" cell.ttl ", workspace="/here", seed=7, rate=0, paused=True, detection="truth", noise=0.002)
     assert (read.scene, read.workspace, read.seed, read.rate, read.paused) == ("cell.ttl", "/here", 7, 0.0, True)
     assert (read.detection, read.noise.position, read.noise.angle) == (Source.TRUTH, 0.002, 0.02)
@@ -43,6 +43,6 @@ def test_parameters_are_taken() -> None:
         ("detection", ["camera"]),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(name: str, value: Any) -> None:
+def test_invalid_parameter_is_named(name: str, value: Any) -> None:
     with pytest.raises(ConfigurationError, match=f"~{name} is .{{,60}}expected"):
         options(**{name: value})

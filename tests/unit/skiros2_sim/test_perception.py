@@ -1,4 +1,4 @@
-"""Objects found in pictures of a table, beside where they truly are."""
+"""Detected objects compared with their true poses."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def scattered(world: World, random: np.random.Generator) -> None:
         )
 
 
-def test_what_lies_before_the_camera_is_found_with_its_type_and_label(world: World) -> None:
+def test_visible_object_has_type_and_label(world: World) -> None:
     found = detect(world, CAMERA.id)
     assert [(d.id, d.type, d.label) for d in found] == [
         (CUBE, "skiros:Product", "Product 0"),
@@ -91,7 +91,7 @@ def test_what_lies_before_the_camera_is_found_with_its_type_and_label(world: Wor
     assert all(0.8 < d.confidence <= 1 for d in found)
 
 
-def test_poses_are_right_to_a_millimetre_and_a_hundredth_of_a_radian(world: World) -> None:
+def test_poses_are_accurate(world: World) -> None:
     random = np.random.default_rng(7)
     of_all = []
     for _ in range(12):
@@ -106,7 +106,7 @@ def test_poses_are_right_to_a_millimetre_and_a_hundredth_of_a_radian(world: Worl
     assert angles.max() < 0.05
 
 
-def test_noisy_depth_makes_poses_worse_but_not_by_much(world: World) -> None:
+def test_pose_error_with_noisy_depth_is_bounded(world: World) -> None:
     random = np.random.default_rng(8)
     of_all = []
     for _ in range(8):
@@ -119,7 +119,7 @@ def test_noisy_depth_makes_poses_worse_but_not_by_much(world: World) -> None:
     assert np.median(angles) < 0.1
 
 
-def test_a_product_that_has_fallen_over_is_found_lying(world: World) -> None:
+def test_fallen_object_is_found_lying(world: World) -> None:
     pose = Pose((0.0, 0.0, TOP + 0.025), from_euler(0.0, math.pi / 2, 0.6))
     world.set_pose(TALL, pose)
     far, turned = errors(world, by_id(detect(world, CAMERA.id))[TALL])
@@ -128,20 +128,20 @@ def test_a_product_that_has_fallen_over_is_found_lying(world: World) -> None:
 
 
 @pytest.mark.parametrize("source", Source)
-def test_only_what_is_wanted_is_reported(world: World, source: Source) -> None:
+def test_filter_selects_the_reported_objects(world: World, source: Source) -> None:
     assert [d.id for d in detect(world, CAMERA.id, lambda body: body.label == "Product 1", source)] == [TALL]
     assert detect(world, CAMERA.id, lambda body: False, source) == []
 
 
 @pytest.mark.parametrize("source", Source)
-def test_what_is_hidden_or_out_of_the_picture_is_not_found(world: World, source: Source) -> None:
+def test_hidden_object_is_not_found(world: World, source: Source) -> None:
     world.set_pose(CUBE, Pose((0.0, 0.0, 0.1), IDENTITY.orientation))  # in the table
     world.set_pose(FLAT, Pose((3.0, 0.0, 0.025), IDENTITY.orientation))
     assert [d.id for d in detect(world, CAMERA.id, source=source)] == [TALL]
 
 
 @pytest.mark.parametrize("source", Source)
-def test_what_is_partly_hidden_is_reported_with_less_confidence(world: World, source: Source) -> None:
+def test_partly_hidden_object_has_less_confidence(world: World, source: Source) -> None:
     whole = by_id(detect(world, CAMERA.id, source=source))[CUBE].confidence
     eye, (x, y, z) = np.array(CAMERA.pose.position), world.pose_of(CUBE).position
     before = np.array((x, y, z)) + 0.35 * (eye - (x, y, z)) + (0.0, 0.02, 0.0)
@@ -150,7 +150,7 @@ def test_what_is_partly_hidden_is_reported_with_less_confidence(world: World, so
     assert partly is None or partly.confidence < whole - 0.2
 
 
-def test_the_truth_with_noise_is_as_wrong_as_asked(world: World) -> None:
+def test_truth_noise_has_the_given_deviation(world: World) -> None:
     noise = Noise(position=0.004, angle=0.05)
     found = [d for _ in range(100) for d in detect(world, CAMERA.id, source=Source.TRUTH, noise=noise)]
     distances, angles = np.array([errors(world, detection) for detection in found]).T
@@ -159,7 +159,7 @@ def test_the_truth_with_noise_is_as_wrong_as_asked(world: World) -> None:
 
 
 @pytest.mark.parametrize("source", Source)
-def test_the_same_seed_sees_the_same(world: World, source: Source) -> None:
+def test_detection_is_deterministic_for_a_seed(world: World, source: Source) -> None:
     noise = Noise(depth=0.002, position=0.002, angle=0.02)
     world.reset(seed=5)
     once = detect(world, CAMERA.id, source=source, noise=noise)
@@ -170,6 +170,6 @@ def test_the_same_seed_sees_the_same(world: World, source: Source) -> None:
 
 
 @pytest.mark.parametrize("source", Source)
-def test_a_camera_that_is_not_there_is_named(world: World, source: Source) -> None:
+def test_unknown_camera_is_rejected(world: World, source: Source) -> None:
     with pytest.raises(UnknownName, match="DepthCamera-9"):
         detect(world, "skiros:DepthCamera-9", source=source)

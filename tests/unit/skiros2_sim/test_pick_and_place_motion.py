@@ -1,4 +1,4 @@
-"""The whole pick and place by motions alone: drive there, grip, drive away, put down."""
+"""Pick and place by motions alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def world() -> Iterator[World]:
 
 
 @pytest.mark.parametrize(("seed", "controller"), [(1, "position"), (2, "compliant")])
-def test_a_product_is_brought_to_another_tray(world: World, seed: int, controller: str) -> None:
+def test_motions_bring_a_product_to_another_tray(world: World, seed: int, controller: str) -> None:
     world.reset(seed)
     bring(world, controller)
     x, y, z = world.pose_of(PRODUCT).position

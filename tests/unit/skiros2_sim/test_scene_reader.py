@@ -1,4 +1,4 @@
-"""What is simulated of a scene of the world model, and what is told of one that is wrong."""
+"""Reading a simulated world from a scene, and problems of scenes."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def robot(**properties: Any) -> list[Element]:
 # -- scenes that are right --------------------------------------------------------------------------------------------
 
 
-def test_things_have_their_place_in_the_map_and_what_can_be_taken_moves() -> None:
+def test_bodies_have_map_poses_and_manipulatables_are_movable() -> None:
     turned = Pose((2.0, 1.0, 0.4), from_euler(0.0, 0.0, math.pi / 2))
     scene = read(
         element(SCENE, contains=(TABLE, "skiros:Location-8")),
@@ -96,7 +96,7 @@ def test_things_have_their_place_in_the_map_and_what_can_be_taken_moves() -> Non
     assert bolt.pose.position == pytest.approx((2.0, 1.3, 0.85))
 
 
-def test_a_pose_may_be_given_in_the_frame_of_another_element_or_in_the_map() -> None:
+def test_pose_may_be_in_another_element_or_the_map() -> None:
     scene = read(
         element(SCENE, contains=(TABLE,), FrameId="world"),
         element(TABLE, "", at(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), FrameId="table"),
@@ -108,7 +108,7 @@ def test_a_pose_may_be_given_in_the_frame_of_another_element_or_in_the_map() -> 
     assert [body.pose.position[0] for body in scene.bodies] == pytest.approx([1.0, 1.1, 0.1, 1.2])
 
 
-def test_a_robot_has_its_parts_and_the_names_that_follow_from_the_rule() -> None:
+def test_robot_has_parts_and_default_names() -> None:
     scene = read(element(SCENE, contains=(ROBOT,)), *robot())
     assert scene.problems == ()
     assert scene.bodies == ()
@@ -132,7 +132,7 @@ def test_a_robot_has_its_parts_and_the_names_that_follow_from_the_rule() -> None
     assert camera.depth_topic == "/mobile_manipulator/camera/depth/image_raw"
 
 
-def test_names_that_elements_give_come_before_the_rule() -> None:
+def test_names_in_elements_override_defaults() -> None:
     parts = robot(NavigationExe="/drive")
     for key in ("MotionExe", "CartesianGoalAction", "CartesianWrenchTopic", "CartesianStiffnessTopic"):
         parts[2].setProperty(f"skiros:{key}", f"/{key}")
@@ -149,7 +149,7 @@ def test_names_that_elements_give_come_before_the_rule() -> None:
     assert (arm.gripper.action, made.cameras[0].rgb_topic) == ("/grip", "/rgb")
 
 
-def test_a_camera_may_hang_on_a_thing_or_in_the_map() -> None:
+def test_camera_may_be_mounted_on_a_body_or_the_map() -> None:
     scene = read(
         element(SCENE, contains=(TABLE, "skiros:DepthCamera-8")),
         element(TABLE, "", at(1.0, 0.0, 0.5), (1.0, 1.0, 1.0), has=(CAMERA,)),
@@ -172,7 +172,7 @@ def test_a_camera_may_hang_on_a_thing_or_in_the_map() -> None:
         "skiros2_sim_skills/owl/three_robots_scene.ttl",
     ],
 )
-def test_the_scenes_of_the_libraries_stand_as_they_are(file: str) -> None:
+def test_library_scenes_are_stable(file: str) -> None:
     path = LIBRARY / file
     scene = load_scene(path.name, path.parent)
     assert scene.robots
@@ -189,14 +189,14 @@ def test_the_scenes_of_the_libraries_stand_as_they_are(file: str) -> None:
 
 
 @pytest.mark.parametrize("file", ["none.ttl", "", "../../x.ttl", "broken.ttl"])
-def test_a_file_that_is_no_scene_is_an_error_that_names_it(tmp_path: Path, file: str) -> None:
+def test_invalid_scene_file_is_named(tmp_path: Path, file: str) -> None:
     (tmp_path / "broken.ttl").write_text("@prefix")
     with pytest.raises(ConfigurationError) as caught:
         load_scene(file, tmp_path)
     assert file in str(caught.value)
 
 
-def test_a_scene_without_poses_is_a_world_of_what_is_left() -> None:
+def test_scene_without_poses_omits_bodies() -> None:
     scene = read(
         element(SCENE, pose=None, contains=(ROBOT, TABLE)),
         element(TABLE, "", None, (1.0, 1.0, 1.0), contains=(PRODUCT,)),
@@ -228,20 +228,20 @@ def test_a_scene_without_poses_is_a_world_of_what_is_left() -> None:
         (None, IDENTITY, "neither a size nor a model"),
     ],
 )
-def test_a_product_that_cannot_be_there_is_left_out(size: Any, pose: Pose, expected: str) -> None:
+def test_product_without_shape_is_omitted(size: Any, pose: Pose, expected: str) -> None:
     scene = read(element(SCENE, contains=(PRODUCT,)), element(PRODUCT, "", pose, size))
     assert any(expected in reason for reason in problems_of(scene, PRODUCT))
     assert scene.bodies == ()
 
 
 @pytest.mark.parametrize("weight", [NAN, 0.0, -1.0, float("inf")])
-def test_a_weight_that_is_none_is_not_used(weight: float) -> None:
+def test_invalid_weight_is_ignored(weight: float) -> None:
     scene = read(element(PRODUCT, "", IDENTITY, (0.1, 0.1, 0.1), Weight=weight))
     assert "weight" in problems_of(scene, PRODUCT)[0]
     assert scene.bodies[0].mass is None
 
 
-def test_two_robots_of_one_name_are_told_and_both_there() -> None:
+def test_duplicate_robot_name_is_numbered() -> None:
     scene = read(element(ROBOT, "demo:r"), element("cora:Robot-8", "other:r"))
     assert [made.name for made in scene.robots] == ["r", "r_8"]
     assert problems_of(scene, "cora:Robot-8") == ["it is called r_8: something else is called r"]
@@ -249,7 +249,7 @@ def test_two_robots_of_one_name_are_told_and_both_there() -> None:
         assert len(world.robots) == 2
 
 
-def test_parts_of_one_name_and_parts_too_many_are_told() -> None:
+def test_duplicate_and_surplus_parts_are_reported() -> None:
     parts = [
         element(ROBOT, "demo:r", has=(BASE, "rparts:RoboticBase-8", ARM, "rparts:ArmDevice-9")),
         element(BASE, "Base"),
@@ -269,7 +269,7 @@ def test_parts_of_one_name_and_parts_too_many_are_told() -> None:
     assert arm.gripper.name == "arm_4"
 
 
-def test_addresses_that_are_no_names_or_taken_are_told_and_made_by_the_rule() -> None:
+def test_invalid_and_duplicate_interface_names_use_the_default() -> None:
     parts = robot(NavigationExe="no name!")
     parts[2].setProperty("skiros:MotionExe", "/go")
     parts[2].setProperty("skiros:CartesianGoalAction", "/go")
@@ -283,7 +283,7 @@ def test_addresses_that_are_no_names_or_taken_are_told_and_made_by_the_rule() ->
     assert "skiros:CartesianGoalAction '/go' is taken" in told[ARM]
 
 
-def test_a_camera_on_what_is_left_out_is_left_out_too() -> None:
+def test_camera_on_an_omitted_body_is_omitted() -> None:
     parts = robot()
     parts[2].setProperty("skiros:CadModel", "nowhere.urdf")
     with World(read(*parts)) as world:
@@ -291,7 +291,7 @@ def test_a_camera_on_what_is_left_out_is_left_out_too() -> None:
         assert CAMERA in [problem.element for problem in world.problems]
 
 
-def test_circles_are_opened() -> None:
+def test_parent_cycles_are_broken() -> None:
     scene = read(
         element(TABLE, "", at(1.0, 0.0, 0.0), (1.0, 1.0, 1.0), contains=(PRODUCT,)),
         element(PRODUCT, "", at(1.0, 0.0, 0.0), (0.1, 0.1, 0.1), contains=(TABLE,)),
@@ -304,7 +304,7 @@ def test_circles_are_opened() -> None:
     assert [body.pose.position[0] for body in scene.bodies] == [1.0, 2.0]
 
 
-def test_a_thing_inside_another_is_told_and_moved_out() -> None:
+def test_overlap_is_reported_and_resolved() -> None:
     scene = read(
         element(TABLE, "", at(0.0, 0.0, 0.25), (1.0, 1.0, 0.5)),
         element(PRODUCT, "", at(0.0, 0.0, 0.48), (0.1, 0.1, 0.1)),

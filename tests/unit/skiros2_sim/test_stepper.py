@@ -45,7 +45,7 @@ def reached(stepper: Stepper, count: int) -> threading.Event:
     return event
 
 
-def test_a_paused_world_steps_when_asked_and_as_often_as_asked(make: Make) -> None:
+def test_paused_world_makes_requested_steps(make: Make) -> None:
     stepper = make(paused=True)
     stepper.step(7)
     stepper.step(0)
@@ -55,7 +55,7 @@ def test_a_paused_world_steps_when_asked_and_as_often_as_asked(make: Make) -> No
 
 
 @pytest.mark.parametrize("rate", [0.0, 1.0])
-def test_a_world_steps_by_itself_until_it_is_paused(rate: float) -> None:
+def test_world_steps_until_it_is_paused(rate: float) -> None:
     with World(SceneSpec((CUBE,))) as world:
         stepper = Stepper(world, rate)
         event = reached(stepper, 24)
@@ -67,7 +67,7 @@ def test_a_world_steps_by_itself_until_it_is_paused(rate: float) -> None:
         stepper.close()
 
 
-def test_steps_that_are_waited_for_come_in_the_order_they_were_asked_for(make: Make) -> None:
+def test_step_requests_are_served_in_order(make: Make) -> None:
     stepper = make(paused=True)
     counts: list[int] = []
 
@@ -84,14 +84,14 @@ def test_steps_that_are_waited_for_come_in_the_order_they_were_asked_for(make: M
     assert stepper.count == 60
 
 
-def test_calls_return_what_the_function_returns_and_raise_what_it_raises(make: Make) -> None:
+def test_call_returns_result_and_raises_errors(make: Make) -> None:
     stepper = make(paused=True)
     assert stepper.call(lambda world: world.pose_of("cube").position) == (0.0, 0.0, 1.0)
     with pytest.raises(UnknownName, match="nobody"):
         stepper.call(lambda world: world.pose_of("nobody"))
 
 
-def test_hooks_are_called_after_each_step_in_the_thread_that_steps(make: Make) -> None:
+def test_hooks_run_after_each_step_in_the_stepping_thread(make: Make) -> None:
     threads: list[str] = []
     stepper = make((lambda: threads.append(threading.current_thread().name),), paused=True)
     stepper.step(3)
@@ -99,19 +99,19 @@ def test_hooks_are_called_after_each_step_in_the_thread_that_steps(make: Make) -
 
 
 @pytest.mark.parametrize("steps", [-1, MAX_STEPS + 1])
-def test_absurd_numbers_of_steps_are_refused(make: Make, steps: int) -> None:
+def test_step_count_out_of_range_is_rejected(make: Make, steps: int) -> None:
     with pytest.raises(WrongValue, match="expected 0 to 864000"):
         make(paused=True).step(steps)
 
 
 @pytest.mark.parametrize("rate", [float("nan"), float("inf"), -1.0, 1e9])
-def test_absurd_rates_are_refused(make: Make, rate: float) -> None:
+def test_rate_out_of_range_is_rejected(make: Make, rate: float) -> None:
     stepper = make(paused=True)
     with pytest.raises(WrongValue, match="expected times real time"):
         stepper.set_rate(rate)
 
 
-def test_a_world_that_is_not_paused_is_not_stepped_by_others(make: Make) -> None:
+def test_running_world_rejects_step_requests(make: Make) -> None:
     with pytest.raises(Refused, match="not paused"):
         make().step(1)
 
@@ -125,7 +125,7 @@ class _Bomb:
         raise ZeroDivisionError("in the middle of a step")
 
 
-def test_a_step_that_fails_stops_the_world_with_a_reason_until_it_is_reset() -> None:
+def test_failed_step_stops_the_world_until_reset() -> None:
     with World(SceneSpec((CUBE,))) as world:
         stepper = Stepper(world, paused=True)
         told: list[str] = []
@@ -150,7 +150,7 @@ def test_a_step_that_fails_stops_the_world_with_a_reason_until_it_is_reset() -> 
         stepper.close()
 
 
-def test_who_waits_for_steps_is_told_when_the_world_goes_on_or_ends(make: Make) -> None:
+def test_step_request_fails_when_the_world_resumes_or_ends(make: Make) -> None:
     for end, reason in ((lambda s: s.pause(False), "resumed"), (lambda s: s.close(), "ended")):
         inside = threading.Event()
         stepper = make((inside.set,), paused=True)
@@ -171,14 +171,14 @@ def test_who_waits_for_steps_is_told_when_the_world_goes_on_or_ends(make: Make) 
         assert reason in refusals[0]
 
 
-def test_a_world_that_has_ended_refuses_calls(make: Make) -> None:
+def test_ended_world_rejects_calls(make: Make) -> None:
     stepper = make()
     stepper.close()
     with pytest.raises(Refused, match="ended"):
         stepper.call(lambda world: world.steps)
 
 
-def test_a_world_that_cannot_keep_up_says_so_once_and_does_not_catch_up_in_a_burst(
+def test_slow_world_warns_once_and_does_not_catch_up(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with World(SceneSpec((CUBE,))) as world:

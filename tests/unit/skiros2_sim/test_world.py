@@ -1,4 +1,4 @@
-"""The simulated world: things fall and lie, robots drive, collide and hold what they grip; each run is the same."""
+"""The simulated world: bodies, robots, contacts, faults, reproducibility."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def grip(world: World, lift: float = 0.2) -> None:
 # -- things -----------------------------------------------------------------------------------------------------------
 
 
-def test_products_lie_in_their_trays(world: World) -> None:
+def test_products_rest_in_their_trays(world: World) -> None:
     world.step(240)
     for eid, tray in zip(PRODUCTS, (TRAYS[0], TRAYS[1], TRAYS[3]), strict=True):
         start = next(body.pose for body in world.scene.bodies if body.id == eid)
@@ -83,7 +83,7 @@ def test_products_lie_in_their_trays(world: World) -> None:
     assert world.time == pytest.approx(1.0)
 
 
-def test_a_thing_falls_where_it_was_put(world: World) -> None:
+def test_placed_body_falls(world: World) -> None:
     world.set_pose(PRODUCT, at(0.0, 3.0, 1.0))
     assert world.pose_of(PRODUCT).position == pytest.approx((0.0, 3.0, 1.0))
     world.step(24)
@@ -95,7 +95,7 @@ def test_a_thing_falls_where_it_was_put(world: World) -> None:
     assert (contact.first, contact.second) == (GROUND, PRODUCT)
 
 
-def test_a_push_moves_a_thing_as_long_as_it_lasts(world: World) -> None:
+def test_push_acts_for_its_duration(world: World) -> None:
     world.set_pose(PRODUCT, at(0.0, 3.0, 5.0))
     world.push(PRODUCT, (0.4, 0.0, 0.0), duration=0.1)
     world.step(48)
@@ -103,7 +103,7 @@ def test_a_push_moves_a_thing_as_long_as_it_lasts(world: World) -> None:
     assert speed == pytest.approx(0.4 / 0.2 * 0.1, rel=0.02)
 
 
-def test_what_is_pushed_and_taken_away_is_forgotten(world: World) -> None:
+def test_push_ends_with_its_body(world: World) -> None:
     world.add_body(product("skiros:Product-99", at(0.0, 3.0, 1.0)))
     world.push("skiros:Product-99", (1.0, 0.0, 0.0), duration=10.0)
     world.step(2)
@@ -142,7 +142,7 @@ NAN = float("nan")
         (lambda w: w.grippers[GRIPPER].drive(0.0, -1.0), WrongValue, GRIPPER),
     ],
 )
-def test_what_cannot_be_done_is_an_error_that_says_why(
+def test_invalid_operations_are_rejected_with_reason(
     shared_cell: World, call: Callable[[World], object], error: type[Exception], text: str
 ) -> None:
     before = state_of(shared_cell)
@@ -167,7 +167,7 @@ def eventful(world: World) -> list[object]:
     return found
 
 
-def test_the_same_seed_gives_the_same_run_after_a_reset_and_in_a_new_world(world: World) -> None:
+def test_runs_with_the_same_seed_are_identical(world: World) -> None:
     start = state_of(world)
     first = eventful(world)
     world.reset()
@@ -180,7 +180,7 @@ def test_the_same_seed_gives_the_same_run_after_a_reset_and_in_a_new_world(world
         assert eventful(other) == first
 
 
-def test_a_seed_places_things_a_little_elsewhere(world: World) -> None:
+def test_position_noise_depends_on_the_seed(world: World) -> None:
     with World(cell(), seed=3, position_noise=0.01, yaw_noise=0.2) as noisy:
         first = {eid: noisy.pose_of(eid) for eid in PRODUCTS}
         noisy.reset()
@@ -222,7 +222,7 @@ def test_a_motion_is_updated_before_each_step_until_it_has_an_outcome(world: Wor
     assert len(world.motions) == 0
 
 
-def test_an_error_of_a_motion_comes_out_and_ends_that_motion_alone(world: World) -> None:
+def test_error_of_a_motion_propagates_and_ends_that_motion(world: World) -> None:
     broken, sound = Counting(WrongValue("broken")), Counting()
     world.motions.add(sound)
     world.motions.add(broken)
@@ -236,7 +236,7 @@ def test_an_error_of_a_motion_comes_out_and_ends_that_motion_alone(world: World)
 # -- robots -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_base_drives_as_it_is_told_in_its_own_frame(world: World) -> None:
+def test_base_velocity_is_in_its_own_frame(world: World) -> None:
     robot = world.robots[ROBOT]
     world.set_pose(ROBOT, Pose((-1.0, 0.0, 0.0), from_euler(0.0, 0.0, math.pi / 2)))
     robot.set_base_velocity(0.5)
@@ -254,7 +254,7 @@ def test_a_base_drives_as_it_is_told_in_its_own_frame(world: World) -> None:
     assert to_euler(robot.pose().orientation)[2] == pytest.approx(math.pi / 2 + 0.4, abs=0.05)
 
 
-def test_a_base_that_meets_a_table_stands(world: World) -> None:
+def test_table_stops_the_base(world: World) -> None:
     robot = world.robots[ROBOT]
     world.set_pose(ROBOT, at(0.6, 1.5, 0.0))
     robot.set_base_velocity(0.5)
@@ -267,7 +267,7 @@ def test_a_base_that_meets_a_table_stands(world: World) -> None:
     assert sum(c.force for c in world.contacts(ROBOT)) > 100
 
 
-def test_the_arm_rides_on_the_base_and_holds_its_posture(world: World) -> None:
+def test_arm_keeps_its_posture_while_driving(world: World) -> None:
     arm, robot = world.arms[ARM], world.robots[ROBOT]
     robot.set_base_velocity(0.5, 0.0, 0.5)
     world.step(240)
@@ -288,7 +288,7 @@ def test_the_arm_rides_on_the_base_and_holds_its_posture(world: World) -> None:
     assert robot.radius == pytest.approx(0.6, abs=0.1)
 
 
-def test_gravity_is_what_the_motors_hold(world: World) -> None:
+def test_motor_efforts_compensate_gravity(world: World) -> None:
     world.step(240)
     arm = world.arms[ARM]
     assert arm.bias() == pytest.approx(arm.efforts(), abs=0.05)
@@ -302,7 +302,7 @@ def test_gravity_is_what_the_motors_hold(world: World) -> None:
     assert arm.positions() != pytest.approx(arm.rest, abs=0.02), "torques are for one step: it falls"
 
 
-def test_an_arm_meets_the_base_that_it_stands_on(world: World) -> None:
+def test_arm_collides_with_its_base(world: World) -> None:
     arm = world.arms[ARM]
     folded = (2.9, 1.3, 0.0, -1.7, 0.0, 3.0, 0.785)
     for step in range(2 * 240):
@@ -314,7 +314,7 @@ def test_an_arm_meets_the_base_that_it_stands_on(world: World) -> None:
     assert all(name.startswith("mobile_manipulator/") for pair in touched for name in pair)
 
 
-def test_a_fixed_robot_does_not_drive(panda: World) -> None:
+def test_fixed_robot_rejects_velocities(panda: World) -> None:
     robot = panda.robots[ROBOT]
     assert not robot.mobile
     assert robot.velocity() == (0.0, 0.0, 0.0)
@@ -324,7 +324,7 @@ def test_a_fixed_robot_does_not_drive(panda: World) -> None:
     assert panda.pose_of(ARM).position[2] == pytest.approx(1.3, abs=0.01)
 
 
-def test_a_gripped_thing_is_lifted_weighed_and_put_back(panda: World) -> None:
+def test_wrist_measures_the_weight_of_a_lifted_object(panda: World) -> None:
     panda.step(60)
     height = panda.pose_of(PRODUCT).position[2]
     grip(panda)
@@ -348,7 +348,7 @@ def test_a_gripped_thing_is_lifted_weighed_and_put_back(panda: World) -> None:
     ]
 
 
-def test_the_wrist_feels_what_the_fingers_press_on(panda: World) -> None:
+def test_wrist_measures_contact_of_the_fingers(panda: World) -> None:
     arm = panda.arms[ARM]
     assert arm.wrench() == (0.0,) * 6
     reach(panda, (0.5, -0.1, 0.5))
@@ -363,7 +363,7 @@ def test_the_wrist_feels_what_the_fingers_press_on(panda: World) -> None:
 # -- faults -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_gripper_that_slips_loses_what_it_holds(panda: World) -> None:
+def test_slipping_gripper_loses_its_object(panda: World) -> None:
     grip(panda)
     lifted = panda.pose_of(PRODUCT).position[2]
     panda.faults.set("slipping_gripper", GRIPPER, duration=1.0)
@@ -379,7 +379,7 @@ def test_a_gripper_that_slips_loses_what_it_holds(panda: World) -> None:
     assert panda.pose_of(PRODUCT).position[2] == pytest.approx(lifted, abs=0.01), "the grip is back"
 
 
-def test_an_obstacle_stands_in_the_way_until_the_fault_is_over(world: World) -> None:
+def test_blocked_path_removes_its_obstacle_at_the_end(world: World) -> None:
     robot = world.robots[ROBOT]
     robot.set_base_velocity(-0.5)
     world.step(60)
@@ -394,7 +394,7 @@ def test_an_obstacle_stands_in_the_way_until_the_fault_is_over(world: World) -> 
     assert robot.velocity()[0] == pytest.approx(-0.5, abs=0.01)
 
 
-def test_a_fault_may_be_changed_and_taken_away(world: World) -> None:
+def test_fault_is_replaced_and_cleared(world: World) -> None:
     world.faults.set("late_sensor", ARM, 0.5)
     world.faults.set("late_sensor", ARM, 0.2)
     assert world.faults.lag(ARM) == 0.2
@@ -421,7 +421,7 @@ def test_a_fault_may_be_changed_and_taken_away(world: World) -> None:
         (("late_sensor", ARM, 1e9), WrongValue, "0 to 60"),
     ],
 )
-def test_a_fault_that_cannot_be_is_an_error_that_says_what_was_expected(
+def test_invalid_fault_names_the_expected_values(
     shared_cell: World, arguments: tuple[object, ...], error: type[Exception], text: str
 ) -> None:
     before = shared_cell.faults.active
@@ -430,7 +430,7 @@ def test_a_fault_that_cannot_be_is_an_error_that_says_what_was_expected(
     assert shared_cell.faults.active == before
 
 
-def test_seeds_and_noise_that_are_none_are_refused(world: World) -> None:
+def test_invalid_seed_and_noise_are_rejected(world: World) -> None:
     with pytest.raises(WrongValue, match="seed"):
         World(SceneSpec(), seed=-1)
     with pytest.raises(WrongValue, match="noise"):
@@ -440,7 +440,7 @@ def test_seeds_and_noise_that_are_none_are_refused(world: World) -> None:
     assert world.seed == 0
 
 
-def test_ids_that_are_there_twice_and_cameras_on_nothing_are_told() -> None:
+def test_duplicate_ids_and_detached_cameras_are_problems() -> None:
     twins = (product(PRODUCT, at(0.0, 0.0, 1.0)), product(PRODUCT, at(0.0, 1.0, 1.0)))
     lost = CameraSpec("skiros:DepthCamera-9", "camera", parent="rparts:ArmDevice-99")
     with World(SceneSpec(twins, cameras=(lost,))) as world:
@@ -449,7 +449,7 @@ def test_ids_that_are_there_twice_and_cameras_on_nothing_are_told() -> None:
         assert world.cameras == {}
 
 
-def test_an_empty_world_goes_on() -> None:
+def test_empty_world_steps() -> None:
     with World(SceneSpec()) as world:
         world.step(3)
         assert world.steps == 3
@@ -457,7 +457,7 @@ def test_an_empty_world_goes_on() -> None:
     world.close()
 
 
-def test_a_window_without_a_display_is_refused_and_the_process_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_window_without_display_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":9999")
     with pytest.raises(Refused, match=":9999"):
         World(SceneSpec(), gui=True)

@@ -1,4 +1,4 @@
-"""What has changed in the world is told in words that need no ontology."""
+"""Descriptions of changes in the world."""
 
 import json
 from typing import Any
@@ -23,30 +23,30 @@ def world(*elements: Any) -> WorldState:
     return WorldState.of(made)
 
 
-def test_nothing_changed_is_no_line() -> None:
+def test_equal_states_have_no_changes() -> None:
     assert changes(world(*scene()), world(*scene())) == []
 
 
-def test_a_thing_in_another_place_is_told_once_with_both_places() -> None:
+def test_moved_thing_is_one_line_with_both_places() -> None:
     after = [*scene()[1:2], element(TRAY_A, "Tray A", ContainerState=["Full"])]
     product = element(PRODUCT, "Product A", [(TRAY_B, "skiros:contain", "-1")], PositionX=[0.0])
     assert changes(world(*scene()), world(*after, product)) == ["Product A is in Tray B; it was in Tray A"]
 
 
-def test_where_a_robot_is_is_told_of_the_robot() -> None:
+def test_location_is_described_for_the_robot() -> None:
     places = [element(HERE, "Dock"), element(THERE, "Table")]
     before = world(*places, element(ROBOT, "demo:robot", [("-1", "skiros:at", HERE)]))
     after = world(*places, element(ROBOT, "demo:robot", [("-1", "skiros:at", THERE)]))
     assert changes(before, after) == ["robot is at Table; it was at Dock"]
 
 
-def test_a_property_is_told_with_both_values() -> None:
+def test_changed_property_has_both_values() -> None:
     before, after = world(element(TRAY_A, "Tray A", ContainerState=["Full"])), world(element(TRAY_A, "Tray A"))
     assert changes(before, after) == ["Tray A has ContainerState nothing; it was Full"]
     assert changes(after, before) == ["Tray A has ContainerState Full; it was nothing"]
 
 
-def test_a_new_pose_is_one_line() -> None:
+def test_changed_pose_is_one_line() -> None:
     def at(x: float, turned: float) -> WorldState:
         pose = {"PositionX": [x], "PositionY": [0.0], "PositionZ": [0.1], "OrientationZ": [turned]}
         return world(element(PRODUCT, "Product A", **pose, BaseFrameId=[str(x)], TfTimeStamp=[x]))
@@ -57,7 +57,7 @@ def test_a_new_pose_is_one_line() -> None:
     assert changes(at(0.5, 0.7), at(0.503, 0.704)) == [], "as a camera sees it from look to look"
 
 
-def test_new_and_removed_things_and_other_relations_are_told() -> None:
+def test_added_and_removed_things_and_relations_are_described() -> None:
     before = world(element(HERE, "Dock"), element(THERE, "Table"), element(ROBOT, "robot"))
     after = world(
         element(HERE, "Dock"),

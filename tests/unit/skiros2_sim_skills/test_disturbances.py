@@ -1,4 +1,4 @@
-"""Disturbances strike once, when their time has come."""
+"""Disturbances of the demo occur once, at their time."""
 
 from random import Random
 from types import SimpleNamespace
@@ -64,7 +64,7 @@ def node(label: str, state: int) -> Any:
     return SimpleNamespace(label=label, state=state, RUNNING=RUNNING)
 
 
-def test_the_product_is_put_into_an_empty_tray_beside_its_own_while_the_robot_drives() -> None:
+def test_moved_puts_the_product_into_an_empty_neighbour_tray() -> None:
     control = FakeHand()
     moved = Moved(control, world(), "skiros:Product-5", "demo:Tray-9", Random(1))
     assert moved.steps([step("drive", "waiting")]) == ""
@@ -77,7 +77,7 @@ def test_the_product_is_put_into_an_empty_tray_beside_its_own_while_the_robot_dr
     assert pose.position[2] == pytest.approx(0.832)  # not in the tray
 
 
-def test_where_exactly_is_left_to_chance_but_the_same_for_a_seed() -> None:
+def test_moved_pose_depends_on_the_seed() -> None:
     poses = []
     for seed in (1, 1, 2):
         control = FakeHand()
@@ -87,12 +87,12 @@ def test_where_exactly_is_left_to_chance_but_the_same_for_a_seed() -> None:
 
 
 @pytest.mark.parametrize(("neighbour", "goal"), [(False, ""), (True, "demo:Tray-3")])
-def test_without_another_empty_tray_there_is_no_such_disturbance(neighbour: bool, goal: str) -> None:
+def test_moved_needs_another_empty_tray(neighbour: bool, goal: str) -> None:
     with pytest.raises(Refused, match="no other empty tray on the workstation where Product A is"):
         Moved(FakeHand(), world(neighbour), "skiros:Product-5", goal, Random(0))
 
 
-def test_the_gripper_slips_while_the_arm_lifts_until_the_failure_is_known() -> None:
+def test_slip_lasts_from_the_lift_to_the_failure() -> None:
     control = FakeHand()
     slip = Slip(control, Thing("rparts:Gripper-4", "rparts:GripperEffector", "Gripper"))
     assert slip.tree([node("approach", RUNNING), node("lift", IDLE)]) == ""

@@ -1,4 +1,4 @@
-"""A product counts as put down only when it lies in the tray, upright, at rest, and nobody holds it."""
+"""Checking the placement of a product by true poses."""
 
 import math
 
@@ -20,7 +20,7 @@ def wrong(body: Body, velocity=STILL, spin=STILL, touched_by=()) -> list[str]:
     return [finding.text for finding in check_placement(body, TRAY, velocity, spin, touched_by) if not finding.holds]
 
 
-def test_a_product_that_stands_in_the_tray_is_there() -> None:
+def test_placed_product_passes() -> None:
     assert wrong(product()) == []
     assert [finding.text for finding in check_placement(product(), TRAY, STILL, STILL, ())] == [
         "Product A is within Tray B, 0 mm from its middle",
@@ -32,11 +32,11 @@ def test_a_product_that_stands_in_the_tray_is_there() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.3, 2.0, -1.0])
-def test_how_it_is_turned_about_the_vertical_does_not_matter(yaw: float) -> None:
+def test_yaw_does_not_matter(yaw: float) -> None:
     assert wrong(product(yaw=yaw)) == []
 
 
-def test_a_tray_with_a_rim_has_its_floor_lower() -> None:
+def test_tray_with_a_rim_has_a_lower_floor() -> None:
     assert wrong(product(z=0.80)) == []
 
 
@@ -51,26 +51,26 @@ def test_a_tray_with_a_rim_has_its_floor_lower() -> None:
         (product(roll=math.pi / 2), "upright"),  # on its side
     ],
 )
-def test_one_that_is_elsewhere_or_otherwise_is_not(body: Body, words: str) -> None:
+def test_misplaced_product_fails(body: Body, words: str) -> None:
     assert any(words in text for text in wrong(body))
 
 
-def test_a_cube_stands_upright_on_any_of_its_sides() -> None:
+def test_cube_is_upright_on_any_side() -> None:
     for roll, pitch in ((math.pi / 2, 0.0), (0.0, -math.pi / 2), (math.pi, 0.0)):
         cube = Body("Product A", Pose((2.0, -1.5, 0.815), from_euler(roll, pitch, 0.3)), (0.05, 0.05, 0.05))
         assert wrong(cube) == []
 
 
-def test_one_that_moves_is_not_there_yet() -> None:
+def test_moving_product_fails() -> None:
     assert wrong(product(), velocity=(0.0, 0.02, 0.0)) == ["it is at rest: it moves with 20.0 mm/s"]
     assert len(wrong(product(), spin=(0.0, 0.0, 0.2))) == 1
 
 
-def test_one_that_a_robot_holds_is_not_put_down() -> None:
+def test_held_product_fails() -> None:
     assert wrong(product(), touched_by=["robot/b", "robot/a"]) == ["it is held by robot/a, robot/b"]
 
 
-def test_a_pose_that_is_no_pose_never_counts() -> None:
+def test_invalid_pose_fails() -> None:
     nan = Body("Product A", Pose((math.nan,) * 3, IDENTITY.orientation), SIZE)
     assert len(wrong(nan, velocity=(math.nan,) * 3)) >= 3
     turned = Body("Product A", Pose((2.0, -1.5, 0.83), (math.nan,) * 4), SIZE)

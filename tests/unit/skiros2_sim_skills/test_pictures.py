@@ -1,4 +1,4 @@
-"""Pictures are taken once for each moment; one that cannot be taken is told of and ends nothing."""
+"""Pictures of a run."""
 
 import math
 from pathlib import Path
@@ -22,7 +22,7 @@ class FakePhotographer:
         raise Refused(f"no picture came on {topic}")
 
 
-def test_each_moment_has_its_pictures_once(tmp_path: Path) -> None:
+def test_pictures_are_taken_once_per_moment(tmp_path: Path) -> None:
     by, said = FakePhotographer(), []
     pictures = Pictures(by, tmp_path, PLACES, "/camera", said.append)
     for moment in ("before", "during", "during", "after"):
@@ -34,13 +34,13 @@ def test_each_moment_has_its_pictures_once(tmp_path: Path) -> None:
     ]
 
 
-def test_a_robot_without_a_camera_takes_none(tmp_path: Path) -> None:
+def test_robot_without_camera_takes_no_picture(tmp_path: Path) -> None:
     said: list[str] = []
     Pictures(FakePhotographer(), tmp_path, PLACES, "", said.append).take("before")
     assert len(said) == 1
 
 
-def test_the_eye_looks_at_the_middle_of_all_from_above_and_away() -> None:
+def test_overview_looks_at_the_centre() -> None:
     eye, target = camera_view(PLACES)
     assert target == (1.0, 0.0, 0.3)
     assert eye[2] > 1.5

@@ -1,4 +1,4 @@
-"""Where a gripper takes and puts things: from above, across the narrow side, as the arm stands."""
+"""Poses for grasping and placing objects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def axis(pose: Pose, index: int) -> Vector:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, -0.7, 1.2, 2.0, 3.1])
-def test_the_tool_points_down_and_turns_by_at_most_an_eighth_for_a_cube(yaw: float) -> None:
+def test_grasp_of_a_cube_points_down_with_small_yaw(yaw: float) -> None:
     grasp = grasp_of(Box(turned(yaw), CUBE), AHEAD)
     assert grasp.position == pytest.approx((0.5, 0.1, 0.6))
     assert axis(grasp, 2) == pytest.approx((0.0, 0.0, -1.0), abs=1e-9)
@@ -33,7 +33,7 @@ def test_the_tool_points_down_and_turns_by_at_most_an_eighth_for_a_cube(yaw: flo
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 1.5, -2.5])
 @pytest.mark.parametrize(("size", "narrow"), [((0.04, 0.07, 0.05), 0), ((0.07, 0.04, 0.05), 1)])
-def test_the_fingers_close_across_the_narrower_side(yaw: float, size: Vector, narrow: int) -> None:
+def test_grasp_is_across_the_narrower_side(yaw: float, size: Vector, narrow: int) -> None:
     pose = turned(yaw)
     grasp = grasp_of(Box(pose, size), AHEAD)
     fingers, side = axis(grasp, 1), axis(pose, narrow)
@@ -41,21 +41,21 @@ def test_the_fingers_close_across_the_narrower_side(yaw: float, size: Vector, na
     assert axis(grasp, 0)[0] >= -1e-9, "never backwards"
 
 
-def test_a_box_that_lies_on_its_side_is_taken_across_what_is_level_now() -> None:
+def test_grasp_of_a_lying_box_uses_its_horizontal_edges() -> None:
     # Its long edge, z, lies along the y axis of the scene.
     pose = turned(0.0, roll=math.pi / 2)
     grasp = grasp_of(Box(pose, (0.05, 0.05, 0.12)), AHEAD)
     assert abs(axis(grasp, 1)[0]) == pytest.approx(1.0)
 
 
-def test_a_tall_thing_is_taken_near_its_top() -> None:
+def test_tall_object_is_grasped_near_its_top() -> None:
     grasp = grasp_of(Box(turned(0.0), (0.05, 0.05, 0.2)), AHEAD)
     assert grasp.position[2] == pytest.approx(0.6 + 0.1 - 0.04)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, -1.0])
 @pytest.mark.parametrize("size", [CUBE, (0.04, 0.06, 0.15)])
-def test_what_was_grasped_stands_in_the_middle_of_the_tray_when_it_is_released(yaw: float, size: Vector) -> None:
+def test_released_object_is_centred_in_the_tray(yaw: float, size: Vector) -> None:
     thing = Box(turned(yaw), size)
     held = Box(in_grasp(thing, grasp_of(thing, AHEAD)), size)
     tray = Box(Pose((1.0, -2.0, 0.5), from_euler(0.0, 0.0, 0.2)), (0.3, 0.25, 0.02))
@@ -78,13 +78,13 @@ def test_what_was_grasped_stands_in_the_middle_of_the_tray_when_it_is_released(y
         ((0.0, 0.0, -0.05), False),
     ],
 )
-def test_a_thing_is_on_a_box_when_its_middle_is_above_its_top(position: Vector, on: bool) -> None:
+def test_object_above_the_top_is_on_a_box(position: Vector, on: bool) -> None:
     tray = Box(Pose((3.0, 1.0, 0.5), from_euler(0.0, 0.0, 1.0)), (0.3, 0.25, 0.02))
     there = composed(tray.pose, Pose(position, IDENTITY.orientation))
     assert is_on(Box(there, CUBE), tray) is on
 
 
-def test_a_pose_is_that_in_the_frame_of_the_scene_by_way_of_all_that_it_hangs_on() -> None:
+def test_pose_in_scene_composes_all_ancestors() -> None:
     def place(parent: object, label: str, x: float, yaw: float) -> object:
         q = from_euler(0.0, 0.0, yaw)
         numbers = dict(zip(("PositionX", "PositionY", "PositionZ"), (x, 0.0, 0.0), strict=True))

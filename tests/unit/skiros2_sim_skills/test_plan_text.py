@@ -1,4 +1,4 @@
-"""Plans can be read in a terminal, and in a log."""
+"""Plans as text."""
 
 import pytest
 
@@ -9,18 +9,18 @@ from support.recorded_run import PLAN, PRODUCT, TRAY_B
 NAMES = {PRODUCT: "Product A", TRAY_B: "Tray B"}
 
 
-def test_a_plan_is_a_numbered_line_for_each_step_without_the_robot() -> None:
+def test_plan_has_one_numbered_line_per_step() -> None:
     assert plan_lines(steps_of(PLAN), lambda i: NAMES.get(i, i)) == [
         "1. pick     Object: Product A",
         "2. place    Container: Tray B",
     ]
 
 
-def test_no_text_has_no_steps() -> None:
+def test_empty_text_has_no_steps() -> None:
     assert steps_of("") == []
 
 
 @pytest.mark.parametrize("text", ["{", "{}x", "5", "[{}]", '[{"number": "1"}]', "[5]"])
-def test_a_text_that_is_no_plan_is_refused(text: str) -> None:
+def test_invalid_plan_is_rejected(text: str) -> None:
     with pytest.raises(WrongValue, match="the plan cannot be read"):
         steps_of(text)

@@ -1,4 +1,4 @@
-"""What is told of a goal: the plan, why it was made anew, and what was done; between trees that are drawn in place."""
+"""The report of a goal: plans, reasons for new plans, step states."""
 
 import io
 import json
@@ -34,30 +34,30 @@ def report(out: io.StringIO) -> ProgressReport:
     return ProgressReport(out, lambda thing: NAMES.get(thing, thing))
 
 
-def test_a_plan_is_told_once(report: ProgressReport, out: io.StringIO) -> None:
+def test_plan_is_printed_once(report: ProgressReport, out: io.StringIO) -> None:
     report.feedback(feedback("planning"))
     for states in (("waiting", "waiting"), ("running", "waiting")):
         report.feedback(feedback("running", "a plan of 2 steps", PLAN, *states))
     assert out.getvalue().count("1. pick     Object: Product A") == 1
-    assert "anew" not in out.getvalue()
+    assert "New plan" not in out.getvalue()
     assert report.reasons == []
 
 
-def test_the_steps_come_with_their_states(report: ProgressReport) -> None:
+def test_feedback_returns_step_states(report: ProgressReport) -> None:
     steps = report.feedback(feedback("running", "", PLAN, "running"))
     assert [(step["label"], step["state"]) for step in steps] == [("pick", "running"), ("place", "waiting")]
 
 
-def test_why_it_is_planned_anew_is_told_with_the_new_plan(report: ProgressReport, out: io.StringIO) -> None:
+def test_new_plan_is_printed_with_its_reason(report: ProgressReport, out: io.StringIO) -> None:
     report.feedback(feedback("running", "", PLAN))
     report.feedback(feedback("planning", "the world has become such that the plan does not lead to the goal", PLAN))
     report.feedback(feedback("running", "a plan of 2 steps", AGAIN))
     assert report.reasons == ["the world has become such that the plan does not lead to the goal"]
-    assert "\nPlanned anew, for the world has become such" in out.getvalue()
+    assert "\nNew plan: the world has become such" in out.getvalue()
     assert out.getvalue().count("1. pick") == 2
 
 
-def test_the_reason_is_what_the_step_says_with_names_for_ids(report: ProgressReport) -> None:
+def test_reason_has_names_instead_of_ids(report: ProgressReport) -> None:
     report.feedback(feedback("running", "", PLAN, "running"))
     failed = feedback("planning", "step 1 (much text) has failed", PLAN, "failed")
     message = f"skiros:Pick-pick(Failure): {TRAY_B}-Tray B holds no {PRODUCT}"
@@ -67,7 +67,7 @@ def test_the_reason_is_what_the_step_says_with_names_for_ids(report: ProgressRep
     assert report.reasons == ["pick has failed: Tray B holds no Product A"]
 
 
-def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:
+def test_terminal_texts_wait_for_the_tree() -> None:
     out = Terminal()
     report = ProgressReport(out, str)
     report.tree(tree("pick", RUNNING, ended=False))
@@ -80,7 +80,7 @@ def test_on_a_terminal_nothing_is_said_into_a_tree_that_is_drawn() -> None:
     assert shown.index("failure") < shown.index("  ! a hand comes")
 
 
-def test_what_waits_for_a_tree_is_said_at_the_end_at_the_latest() -> None:
+def test_waiting_texts_are_printed_at_the_end() -> None:
     out = Terminal()
     report = ProgressReport(out, str)
     report.tree(tree("pick", RUNNING, ended=False))

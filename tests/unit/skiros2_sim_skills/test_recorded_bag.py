@@ -1,4 +1,4 @@
-"""A bag that was recorded once stays readable, and proves what happened then."""
+"""Checks of a stored bag."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ def run() -> GoalRun:
     return read_run(BAG)
 
 
-def test_the_recorded_run_is_proven(run: GoalRun) -> None:
+def test_recorded_run_passes_all_checks(run: GoalRun) -> None:
     found = check(run)
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
@@ -28,19 +28,19 @@ def test_the_recorded_run_is_proven(run: GoalRun) -> None:
     ]
 
 
-def test_the_world_before_and_after_is_known(run: GoalRun) -> None:
+def test_world_before_and_after_is_read(run: GoalRun) -> None:
     told = changes(run.before, run.after)
     assert "Product A is in Tray B; it was in Tray A" in told
     assert "mobile_manipulator is at Workstation 2; it was at Charging station" in told
     assert {run.after.name(i) for i in run.after.things} >= {"Tray A", "Tray B", "Product B", "Product C", "Gripper"}
 
 
-def test_a_product_that_had_not_arrived_would_be_noticed(run: GoalRun) -> None:
+def test_missing_product_fails_the_check(run: GoalRun) -> None:
     run.after.relations = run.before.relations
     assert [finding.text for finding in check(run) if not finding.holds] == ["at the end: Product A is in Tray B"]
 
 
-def test_a_skill_that_had_failed_would_be_noticed(run: GoalRun) -> None:
+def test_failed_skill_fails_the_check(run: GoalRun) -> None:
     states = run.tasks[-1].root.states
     states[-1] = replace(states[-1], state=FAILURE)
     told = "drive, pick, drive, place (failed); said is: drive, pick, drive, place"

@@ -1,4 +1,4 @@
-"""A run counts as proven only when the bag shows the plan, the success of every skill, and the goal at the end."""
+"""Checking from a bag that a goal was reached."""
 
 import json
 import os
@@ -46,7 +46,7 @@ def with_tree(nodes: list[Any]) -> list[tuple[str, Any]]:
     return messages
 
 
-def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
+def test_successful_run_passes(tmp_path: Path) -> None:
     found = findings(tmp_path, good_run())
     assert all(finding.holds for finding in found)
     assert [finding.text for finding in found] == [
@@ -57,22 +57,22 @@ def test_a_run_that_went_well_is_proven(tmp_path: Path) -> None:
     ]
 
 
-def test_a_product_that_is_elsewhere_at_the_end_is_no_proof(tmp_path: Path) -> None:
+def test_misplaced_product_fails(tmp_path: Path) -> None:
     messages = [message for message in good_run() if message[0] != "change" or message[1].action == "reset"]
     assert failed(tmp_path, messages) == "at the end: Product A is in Tray B"
 
 
-def test_a_skill_that_did_not_succeed_is_named(tmp_path: Path) -> None:
+def test_failed_skill_is_named(tmp_path: Path) -> None:
     told = failed(tmp_path, with_tree(tree("place", FAILURE)))
     assert told == "/robot did: pick, place (failed); said is: pick, place"
 
 
 @pytest.mark.parametrize("state", [SUCCESS, RUNNING])
-def test_a_task_whose_end_is_not_in_the_bag_is_no_proof(tmp_path: Path, state: int) -> None:
+def test_task_without_recorded_end_fails(tmp_path: Path, state: int) -> None:
     assert "place (did not end)" in failed(tmp_path, with_tree(tree("place", state, ended=False)))
 
 
-def test_a_step_that_failed_before_the_goal_was_reached_on_another_way_is_told(tmp_path: Path) -> None:
+def test_failed_step_of_an_earlier_plan_is_reported(tmp_path: Path) -> None:
     again = [{**step, "number": step["number"] + 1} for step in json.loads(PLAN)]
     steps = [*json.loads(done("failed", "succeeded")), *({**step, "state": "succeeded"} for step in again)]
     steps = [step for step in steps if (step["number"], step["label"]) != (2, "place")]
@@ -83,42 +83,42 @@ def test_a_step_that_failed_before_the_goal_was_reached_on_another_way_is_told(t
     assert [finding.text for finding in findings(tmp_path, messages) if finding.holds] == [
         "the bag has all of the run from its start",
         "a plan was made: pick, place",
-        "a plan was made anew: place",
+        "another plan was made: place",
         "/robot did: pick (failed), pick, place",
         "at the end: Product A is in Tray B",
     ]
 
 
-def test_skills_that_nobody_told_of_are_no_proof(tmp_path: Path) -> None:
+def test_unreported_skills_fail(tmp_path: Path) -> None:
     messages = good_run()
     messages[-1] = ("result", ("goal-1", "succeeded", json.dumps(json.loads(done("succeeded", "succeeded"))[:1])))
     assert failed(tmp_path, messages) == "/robot did: pick, place; said is: pick"
 
 
 @pytest.mark.parametrize("absent", [(), ("progress",)])
-def test_a_plan_that_was_not_run_is_no_proof(tmp_path: Path, absent: tuple[str, ...]) -> None:
+def test_unexecuted_plan_fails(tmp_path: Path, absent: tuple[str, ...]) -> None:
     found = check(read_run(write_bag(tmp_path / "run.bag", without("progress"), absent)))
     assert Finding(False, "/robot did: nothing; said is: pick, place") in found
 
 
-def test_what_was_run_before_the_goal_does_not_count(tmp_path: Path) -> None:
+def test_tasks_before_the_goal_are_ignored(tmp_path: Path) -> None:
     first, *rest = without("progress")
     told = failed(tmp_path, [first, ("progress", tree("pick")), ("progress", tree("place")), *rest])
     assert told == "/robot did: nothing; said is: pick, place"
 
 
-def test_only_the_answer_to_the_last_goal_counts(tmp_path: Path) -> None:
+def test_only_the_last_goal_is_checked(tmp_path: Path) -> None:
     messages = good_run()
     messages.insert(2, ("goal", ("goal-2", GOAL)))
     assert "did not answer" in failed(tmp_path, messages)
 
 
-def test_a_goal_that_was_not_reached_is_told_with_the_reason(tmp_path: Path) -> None:
+def test_unreached_goal_has_a_reason(tmp_path: Path) -> None:
     messages = [*good_run()[:2], ("result", ("goal-1", "impossible", "[]"))]
     assert "the goal ended as impossible: says so" in failed(tmp_path, messages)
 
 
-def test_a_goal_that_was_reached_already_needs_no_task(tmp_path: Path) -> None:
+def test_already_reached_goal_passes_without_task(tmp_path: Path) -> None:
     reached = f"(skiros:contain {TRAY_A} {PRODUCT})"
     messages = [good_run()[0], ("goal", ("goal-1", reached)), ("result", ("goal-1", "nothing_to_do", "[]"))]
     assert failed(tmp_path, messages) == ""
@@ -136,41 +136,41 @@ def test_a_goal_that_was_reached_already_needs_no_task(tmp_path: Path) -> None:
         (f"{GOAL}, (skiros:contain {TRAY_A} {PRODUCT})", False),
     ],
 )
-def test_goals_about_relations_are_judged(tmp_path: Path, goal: str, reached: bool) -> None:
+def test_goals_about_relations_are_checked(tmp_path: Path, goal: str, reached: bool) -> None:
     messages = good_run()
     messages[1] = ("goal", ("goal-1", goal))
     assert all(finding.holds for finding in findings(tmp_path, messages)) == reached
 
 
 @pytest.mark.parametrize("goal", ["(forall (?x - skiros:Product) (skiros:contain demo:Tray-12 ?x))", "(Painted x)"])
-def test_goals_of_other_kinds_are_refused(tmp_path: Path, goal: str) -> None:
+def test_goals_of_other_kinds_are_rejected(tmp_path: Path, goal: str) -> None:
     messages = good_run()
     messages[1] = ("goal", ("goal-1", goal))
     with pytest.raises(BagError, match="only goals about relations"):
         findings(tmp_path, messages)
 
 
-def test_a_goal_about_something_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_goal_with_an_unknown_element_is_rejected(tmp_path: Path) -> None:
     messages = good_run()
     messages[1] = ("goal", ("goal-1", "(skiros:contain demo:Tray-99 skiros:Product-14)"))
     with pytest.raises(BagError, match="demo:Tray-99"):
         findings(tmp_path, messages)
 
 
-def test_a_bag_without_a_goal_is_refused(tmp_path: Path) -> None:
+def test_bag_without_a_goal_is_rejected(tmp_path: Path) -> None:
     messages = without("goal")
     with pytest.raises(BagError, match=r"run\.bag: no goal was given to a task manager to be achieved"):
         read_run(write_bag(tmp_path / "run.bag", messages))
 
 
-def test_a_bag_that_lacks_the_beginning_of_a_task_is_no_proof(tmp_path: Path) -> None:
+def test_bag_without_the_start_of_a_task_fails(tmp_path: Path) -> None:
     messages = good_run()
     for node in messages[3][1]:
         node.progress_time = 5.0
     assert "it was running before" in failed(tmp_path, messages)
 
 
-def test_a_bag_that_is_cut_off_is_no_proof(tmp_path: Path) -> None:
+def test_truncated_bag_is_rejected(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "run.bag", good_run())
     bag.write_bytes(bag.read_bytes()[:-1])
     with pytest.raises(BagError, match=r"run\.bag"):
@@ -178,14 +178,14 @@ def test_a_bag_that_is_cut_off_is_no_proof(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("at", [2, -1], ids=["plan", "result"])
-def test_a_plan_that_cannot_be_read_is_refused(tmp_path: Path, at: int) -> None:
+def test_invalid_plan_is_rejected(tmp_path: Path, at: int) -> None:
     messages = good_run()
     messages[at] = (messages[at][0], (*messages[at][1][:-1], PLAN[:-5]))
     with pytest.raises(BagError, match="the plan cannot be read"):
         findings(tmp_path, messages)
 
 
-def test_the_proof_needs_no_ros() -> None:
+def test_check_needs_no_ros() -> None:
     code = "import sys, skiros2_demo.run_check; print([m for m in sys.modules if m in ('rospy', 'rosbag', 'genpy')])"
     shown = subprocess.run(
         [sys.executable, "-c", code],

@@ -1,4 +1,4 @@
-"""The skills of the simulated robot and their scene are all that planning needs."""
+"""Planning with the skills and the scene of the simulated robot."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ def planner(wmi: LocalWorldModel) -> Iterator[TaskPlanner]:
         yield planner
 
 
-def test_a_robot_looks_before_it_works_and_again_where_it_has_come_to(planner: TaskPlanner) -> None:
+def test_plan_looks_at_each_workstation(planner: TaskPlanner) -> None:
     plan = steps(planner, f"(skiros:contain {TRAY_B} {PRODUCT_A})")
     assert plan == ["drive", "look", "pick", "drive", "look", "place"]
 
 
-def test_one_look_is_enough_for_what_is_done_at_one_workstation(planner: TaskPlanner) -> None:
+def test_plan_looks_once_per_workstation(planner: TaskPlanner) -> None:
     assert steps(planner, f"(skiros:contain {TRAY_C} {PRODUCT_A})") == ["drive", "look", "pick", "place"]
 
 
-def test_a_full_tray_is_emptied_before_something_is_placed_in_it(planner: TaskPlanner) -> None:
+def test_plan_empties_a_full_tray_first(planner: TaskPlanner) -> None:
     plan = steps(planner, f"(skiros:contain {TRAY_D} {PRODUCT_A})")
     assert plan.count("pick") == plan.count("place") == 2
 
 
-def test_nobody_drives_to_where_another_robot_stands(planner: TaskPlanner, wmi: LocalWorldModel) -> None:
+def test_plan_avoids_occupied_places(planner: TaskPlanner, wmi: LocalWorldModel) -> None:
     (station,) = [e for e in wmi.get_scene_elements() if e.label == "Workstation 2"]
     station.setProperty("demo:Free", False)
     wmi.update_element_properties(station)
@@ -51,5 +51,5 @@ def test_nobody_drives_to_where_another_robot_stands(planner: TaskPlanner, wmi: 
     assert result.verdict is Verdict.IMPOSSIBLE
 
 
-def test_the_scene_has_no_word_that_is_not_known(wmi: LocalWorldModel) -> None:
+def test_scene_uses_known_names_only(wmi: LocalWorldModel) -> None:
     assert [str(finding) for finding in wmi.validate().findings] == []

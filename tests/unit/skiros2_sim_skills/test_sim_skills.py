@@ -1,4 +1,4 @@
-"""The skills of the simulated robot on drivers that stand in: what they ask, what they tell, why they fail."""
+"""The skills of the simulated robot with scripted drivers: goals, changes, failures."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def gripped(width: float, stalled: bool = True) -> Any:
     return ends(SUCCEEDED, GripperCommandResult(position=width, stalled=stalled))
 
 
-def test_a_product_is_brought_to_the_other_workstation(cell: Cell) -> None:
+def test_skills_bring_a_product_to_the_other_workstation(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.done("Pick", Object="Product A")
     assert cell.holder("Product A") == "Gripper"
@@ -98,7 +98,7 @@ def test_a_product_is_brought_to_the_other_workstation(cell: Cell) -> None:
     assert cell.place_in_map("Product A")[:2] == pytest.approx((1.85, -1.25), abs=1e-6)
 
 
-def test_driving_frees_one_place_takes_the_other_and_forgets_what_was_seen(cell: Cell) -> None:
+def test_drive_updates_free_and_observed(cell: Cell) -> None:
     cell.ready_to_pick()
     assert cell.is_observed("Workstation 1")
     assert not cell.element("Workstation 1").value_of("demo:Free")
@@ -111,14 +111,14 @@ def test_driving_frees_one_place_takes_the_other_and_forgets_what_was_seen(cell:
     assert pose_of(goal.pose).position == pytest.approx((1.0, 1.5, 0.0))
 
 
-def test_no_robot_drives_to_where_another_one_is(cell: Cell) -> None:
+def test_drive_to_an_occupied_place_is_refused(cell: Cell) -> None:
     station = cell.element("Workstation 1")
     station.setProperty("demo:Free", False)
     cell.wmi.update_element_properties(station)
     assert "TargetFree" in cell.why("Drive", TargetLocation="Workstation 1")
 
 
-def test_the_gripper_comes_from_above_opens_and_goes_down_slowly_with_a_limit_of_force(cell: Cell) -> None:
+def test_pick_sends_the_expected_motions(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.done("Pick", Object="Product A")
     high, low, lift = cell.drivers.sent_to(ARM)
@@ -134,7 +134,7 @@ def test_the_gripper_comes_from_above_opens_and_goes_down_slowly_with_a_limit_of
     assert switched[-3:] == ["position", "compliant", "position"]
 
 
-def test_a_product_that_was_moved_is_found_where_it_is(cell: Cell) -> None:
+def test_look_updates_a_moved_product(cell: Cell) -> None:
     product = cell.element("Product A").id
     cell.drivers.things[product] = (Pose((1.87, 1.22, 0.545), (0.0, 0.0, 0.0, 1.0)), 0.05)
     cell.ready_to_pick()
@@ -146,7 +146,7 @@ def test_a_product_that_was_moved_is_found_where_it_is(cell: Cell) -> None:
     assert "ObjectInContainer" in why
 
 
-def test_a_product_beside_the_trays_lies_on_the_table_and_can_be_picked_from_there(cell: Cell) -> None:
+def test_look_finds_a_product_on_the_table(cell: Cell) -> None:
     product = cell.element("Product A").id
     cell.drivers.things[product] = (Pose((2.1, 1.6, 0.525), (0.0, 0.0, 0.38268343, 0.92387953)), 0.05)
     cell.ready_to_pick()
@@ -155,7 +155,7 @@ def test_a_product_beside_the_trays_lies_on_the_table_and_can_be_picked_from_the
     assert cell.holder("Product A") == "Gripper"
 
 
-def test_a_product_that_is_gone_is_taken_out_of_its_tray_after_a_second_look(cell: Cell) -> None:
+def test_look_removes_a_missing_product_after_two_detections(cell: Cell) -> None:
     cell.drivers.missing.add(cell.element("Product A").id)
     cell.done("Drive", TargetLocation="Workstation 1")
     task = cell.do("Look", Workstation="Workstation 1")
@@ -166,13 +166,13 @@ def test_a_product_that_is_gone_is_taken_out_of_its_tray_after_a_second_look(cel
     assert "Product A is not in Tray A any more" in task.node("detect_objects").progress_msg
 
 
-def test_what_is_on_the_floor_is_in_no_container(cell: Cell) -> None:
+def test_product_on_the_floor_has_no_container(cell: Cell) -> None:
     cell.drivers.things[cell.element("Product A").id] = (Pose((1.5, 1.5, 0.025), (0.0, 0.0, 0.0, 1.0)), 0.05)
     cell.ready_to_pick()
     assert cell.holder("Product A") == "Simulated cell"
 
 
-def test_a_pick_that_closes_on_nothing_fails_and_asks_for_another_look(cell: Cell) -> None:
+def test_pick_of_nothing_fails_and_resets_observed(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.drivers.answer(GRIPPER, None, gripped(0.0, stalled=False))
     assert "Product A is not between the fingers: they have closed" in cell.why("Pick", Object="Product A")
@@ -182,14 +182,14 @@ def test_a_pick_that_closes_on_nothing_fails_and_asks_for_another_look(cell: Cel
     assert "WorkstationObserved" in cell.why("Pick", Object="Product A")
 
 
-def test_a_pick_that_closes_on_something_else_fails(cell: Cell) -> None:
+def test_pick_of_another_width_fails(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.drivers.answer(GRIPPER, None, gripped(0.075))
     assert "75 mm wide, and Product A is 50 x 50 x 50 mm" in cell.why("Pick", Object="Product A")
 
 
 @pytest.mark.parametrize("check", [0, 1])
-def test_a_product_that_slips_is_not_in_the_gripper(cell: Cell, check: int) -> None:
+def test_slipped_product_leaves_the_gripper(cell: Cell, check: int) -> None:
     cell.ready_to_pick()
 
     def slips(goal: Any) -> Any:
@@ -203,7 +203,7 @@ def test_a_product_that_slips_is_not_in_the_gripper(cell: Cell, check: int) -> N
     cell.done("Pick", Object="Product A")
 
 
-def test_a_product_that_is_lost_on_the_way_stops_the_drive(cell: Cell) -> None:
+def test_lost_product_stops_the_drive(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.done("Pick", Object="Product A")
     cell.drivers.answer(MOVE, ends(GoalStatus.ACTIVE, None))
@@ -215,7 +215,7 @@ def test_a_product_that_is_lost_on_the_way_stops_the_drive(cell: Cell) -> None:
     assert cell.related("demo:mobile_manipulator", "skiros:at") == ["Workstation 1"]
 
 
-def test_what_the_gripper_holds_is_not_seen_as_lying_on_the_table(cell: Cell) -> None:
+def test_look_ignores_a_held_product(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.done("Pick", Object="Product A")
     held = pose_in_scene(cell.wmi, cell.element("Product A"))[1]
@@ -225,7 +225,7 @@ def test_what_the_gripper_holds_is_not_seen_as_lying_on_the_table(cell: Cell) ->
     assert cell.holder("Product A") == "Gripper"
 
 
-def test_what_has_fallen_from_the_gripper_is_seen_where_it_lies(cell: Cell) -> None:
+def test_look_finds_a_dropped_product(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.done("Pick", Object="Product A")
     cell.drivers.things[cell.element("Product A").id] = (Pose((1.85, 1.25, 0.545), (0.0, 0.0, 0.0, 1.0)), 0.05)
@@ -235,7 +235,7 @@ def test_what_has_fallen_from_the_gripper_is_seen_where_it_lies(cell: Cell) -> N
     assert cell.element("Gripper").value_of("skiros:ContainerState") == "Empty"
 
 
-def test_a_place_where_the_product_does_not_stay_fails(cell: Cell) -> None:
+def test_place_fails_if_the_product_is_not_there(cell: Cell) -> None:
     cell.ready_to_place()
 
     def rolled_away(goal: Any) -> Any:
@@ -248,7 +248,7 @@ def test_a_place_where_the_product_does_not_stay_fails(cell: Cell) -> None:
     assert cell.element("Tray B").value_of("skiros:ContainerState") == "Empty"
 
 
-def test_nothing_is_placed_in_a_tray_that_is_full(cell: Cell) -> None:
+def test_place_into_a_full_tray_is_refused(cell: Cell) -> None:
     cell.ready_to_place()
     assert "ContainerNotFull" in cell.why("Place", Object="Product A", Container="Tray D")
 
@@ -261,7 +261,7 @@ def test_nothing_is_placed_in_a_tray_that_is_full(cell: Cell) -> None:
         (CartesianMotionGoal.BLOCKED, "something is in the way of the arm"),
     ],
 )
-def test_a_motion_of_the_tool_that_fails_tells_why_in_words(cell: Cell, code: int, words: str) -> None:
+def test_failed_tool_motion_has_a_reason(cell: Cell, code: int, words: str) -> None:
     cell.ready_to_pick()
     result = CartesianMotionResult(error_code=code, error_string="the driver's own words")
     cell.drivers.answer(ARM, ends(ABORTED, result))
@@ -269,21 +269,21 @@ def test_a_motion_of_the_tool_that_fails_tells_why_in_words(cell: Cell, code: in
     assert f"Moving above Product A failed: {words} (the driver's own words)" in why
 
 
-def test_a_base_that_does_not_get_there_tells_why(cell: Cell) -> None:
+def test_failed_base_motion_has_a_reason(cell: Cell) -> None:
     cell.drivers.answer(MOVE, ends(ABORTED, None, "blocked after 1.2 m"))
     assert "Driving to Workstation 1 failed: blocked after 1.2 m" in cell.why("Drive", TargetLocation="Workstation 1")
     assert cell.related("demo:mobile_manipulator", "skiros:at") == ["Charging station"]
     cell.done("Drive", TargetLocation="Workstation 1")
 
 
-def test_a_camera_that_does_not_answer_tells_why(cell: Cell) -> None:
+def test_failed_detection_has_a_reason(cell: Cell) -> None:
     cell.done("Drive", TargetLocation="Workstation 1")
     cell.drivers.answer(DETECT, lambda request: DetectResponse(ok=False, message="no picture yet"))
     assert "Camera sees nothing: no picture yet" in cell.why("Look", Workstation="Workstation 1")
     assert not cell.is_observed("Workstation 1")
 
 
-def test_detections_of_what_nobody_knows_or_nowhere_change_nothing(cell: Cell) -> None:
+def test_invalid_detections_are_ignored(cell: Cell) -> None:
     cell.done("Drive", TargetLocation="Workstation 1")
 
     def odd(request: Any) -> Any:
@@ -297,7 +297,7 @@ def test_detections_of_what_nobody_knows_or_nowhere_change_nothing(cell: Cell) -
     assert cell.holder("Product B") == "Tray D"
 
 
-def test_a_tray_without_a_pose_and_a_product_without_a_size_do_not_keep_the_robot_from_looking(cell: Cell) -> None:
+def test_look_accepts_elements_without_pose_or_size(cell: Cell) -> None:
     for label, key in (("Tray D", "skiros:PositionX"), ("Product A", "skiros:SizeX")):
         element = cell.element(label)
         element.removeProperty(key)
@@ -316,7 +316,7 @@ def test_a_tray_without_a_pose_and_a_product_without_a_size_do_not_keep_the_robo
         ("demo:JointNames", "[", "expected a JSON list"),
     ],
 )
-def test_postures_that_are_none_are_told(cell: Cell, key: str, value: str, words: str) -> None:
+def test_invalid_postures_are_reported(cell: Cell, key: str, value: str, words: str) -> None:
     arm = cell.element("Arm")
     arm.setProperty(key, value)
     cell.wmi.update_element_properties(arm)
@@ -327,7 +327,7 @@ def test_postures_that_are_none_are_told(cell: Cell, key: str, value: str, words
     assert not cell.drivers.sent_to(JOINTS)
 
 
-def test_a_product_without_a_size_cannot_be_picked_and_the_reason_names_it(cell: Cell) -> None:
+def test_pick_without_size_fails_with_reason(cell: Cell) -> None:
     cell.ready_to_pick()
     product = cell.element("Product A")
     product.setProperty("skiros:SizeX", 0.0)
@@ -335,7 +335,7 @@ def test_a_product_without_a_size_cannot_be_picked_and_the_reason_names_it(cell:
     assert "'Product A' has no size" in cell.why("Pick", Object="Product A")
 
 
-def test_a_product_that_is_too_wide_is_told_before_the_arm_moves(cell: Cell) -> None:
+def test_pick_of_a_wide_product_fails_before_motion(cell: Cell) -> None:
     cell.ready_to_pick()
     for label, key, value in (("Product A", "skiros:SizeX", 0.09), ("Product A", "skiros:SizeY", 0.12)):
         element = cell.element(label)
@@ -346,7 +346,7 @@ def test_a_product_that_is_too_wide_is_told_before_the_arm_moves(cell: Cell) -> 
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
-def test_a_gripper_that_opens_to_nothing_is_told(cell: Cell, value: float) -> None:
+def test_invalid_opening_is_reported(cell: Cell, value: float) -> None:
     cell.ready_to_pick()
     gripper = cell.element("Gripper")
     gripper.setProperty("demo:Opening", value)
@@ -354,7 +354,7 @@ def test_a_gripper_that_opens_to_nothing_is_told(cell: Cell, value: float) -> No
     assert "demo:Opening is" in cell.why("Pick", Object="Product A")
 
 
-def test_a_stopped_pick_leaves_the_product_in_its_tray(cell: Cell) -> None:
+def test_preempted_pick_leaves_the_product_in_its_tray(cell: Cell) -> None:
     cell.ready_to_pick()
     cell.drivers.answer(ARM, None, ends(GoalStatus.ACTIVE, None))
     task = cell.command("Pick", Object=cell.element("Product A"))

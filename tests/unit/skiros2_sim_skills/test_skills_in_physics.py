@@ -1,4 +1,4 @@
-"""The skills in the simulated world, in one process: what they do to things, and what they notice."""
+"""The skills in the simulated world, in one process."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def runs(task: Any, label: str) -> bool:
     return any(node.label == label and node.state is State.Running for node in task.nodes())
 
 
-def test_a_product_is_brought_from_tray_to_tray_wherever_it_lies_in_it(make_cell: Callable[..., Cell]) -> None:
+def test_skills_bring_a_displaced_product_to_another_tray(make_cell: Callable[..., Cell]) -> None:
     cell = make_cell(seed=7, position_noise=0.03, yaw_noise=0.5)
     cell.done("Drive", TargetLocation="Workstation 1")
     cell.done("Look", Workstation="Workstation 1")
@@ -82,7 +82,7 @@ def test_a_product_is_brought_from_tray_to_tray_wherever_it_lies_in_it(make_cell
     assert math.dist(true.position, pose_in_scene(cell.wmi, cell.element("Product A"))[1].position) < 0.005
 
 
-def test_a_product_that_slips_while_it_is_lifted_is_found_and_picked_again(make_cell: Callable[..., Cell]) -> None:
+def test_slipped_product_is_found_and_picked_again(make_cell: Callable[..., Cell]) -> None:
     cell = make_cell()
     cell.done("Drive", TargetLocation="Workstation 1")
     cell.done("Look", Workstation="Workstation 1")
@@ -101,7 +101,7 @@ def test_a_product_that_slips_while_it_is_lifted_is_found_and_picked_again(make_
     assert cell.world.pose_of(PRODUCT).position[2] > 0.7
 
 
-def test_a_product_out_of_reach_is_seen_and_told_to_be_so(make_cell: Callable[..., Cell]) -> None:
+def test_unreachable_product_has_a_reason(make_cell: Callable[..., Cell]) -> None:
     cell = make_cell()
     cell.done("Drive", TargetLocation="Workstation 1")
     cell.world.set_pose(PRODUCT, Pose((2.2, 1.2, 0.525), (0.0, 0.0, 0.0, 1.0)))

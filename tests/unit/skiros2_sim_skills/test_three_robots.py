@@ -1,4 +1,4 @@
-"""The cell of three robots: its scene in the simulator, the plan for its goal, and the robot that stands still."""
+"""The cell of three robots: scene, plan, and the robot that cannot drive."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def plan() -> Iterator[PlanningResult]:
     processes.close()
 
 
-def test_one_goal_takes_all_three_robots(plan: PlanningResult) -> None:
+def test_plan_uses_all_three_robots(plan: PlanningResult) -> None:
     assert plan.verdict is Verdict.PLANNED, plan.message
     assert {call.manager for call in plan.calls} == {"/mobile_1", "/mobile_2", "/stationary"}
     placed = {call.manager: dict(call.arguments)["Object"].label for call in plan.calls if call.label == "place"}
@@ -45,7 +45,7 @@ def test_one_goal_takes_all_three_robots(plan: PlanningResult) -> None:
     assert {placed["/mobile_1"], placed["/mobile_2"]} == {"Product A", "Product B"}
 
 
-def test_only_one_robot_at_a_time_is_at_the_delivery(plan: PlanningResult) -> None:
+def test_plan_has_one_robot_at_the_delivery_at_a_time(plan: PlanningResult) -> None:
     assert plan.schedule is not None
     stays = []
     for robot in ("/mobile_1", "/mobile_2"):
@@ -61,12 +61,12 @@ def test_only_one_robot_at_a_time_is_at_the_delivery(plan: PlanningResult) -> No
     assert all(left <= came for (_, left), (came, _) in pairwise(sorted(stays)))
 
 
-def test_the_robots_work_side_by_side(plan: PlanningResult) -> None:
+def test_plan_is_parallel(plan: PlanningResult) -> None:
     assert plan.schedule is not None
     assert plan.schedule.makespan < 0.7 * sum(step.end - step.start for step in plan.schedule.steps)
 
 
-def test_the_scene_is_simulated_as_it_is_written() -> None:
+def test_scene_has_no_problems_in_the_simulator() -> None:
     scene = load_scene(SCENE, OWL)
     with World(scene) as world:
         assert not world.problems
@@ -98,17 +98,17 @@ def stand(place: str, **moved: float) -> tuple[State, str]:
     return skill.state, skill.progress_msg
 
 
-def test_a_robot_that_cannot_drive_is_where_it_stands() -> None:
+def test_stand_still_succeeds_at_its_place() -> None:
     assert stand("Packing table") == (State.Success, "At Packing table")
 
 
-def test_nowhere_else() -> None:
+def test_stand_still_fails_elsewhere() -> None:
     state, message = stand("Delivery")
     assert state is State.Failure
     assert message == "demo:stationary cannot drive, and Delivery is 4.12 m away"
 
 
-def test_nor_where_it_was_before_somebody_moved_it() -> None:
+def test_stand_still_fails_after_a_move() -> None:
     state, message = stand("Packing table", PositionX=-0.8)
     assert state is State.Failure
     assert "0.30 m away" in message

@@ -1,4 +1,4 @@
-"""Poses, sizes and spatial relations of elements; what the reasoner does with changes, without a ROS master."""
+"""Poses, sizes and spatial relations of elements, and the reaction to changes, without a ROS master."""
 
 import math
 import threading
@@ -72,7 +72,7 @@ def added(wm, parent=SCENE, **pose):
 
 
 @pytest.mark.parametrize("values", [[1, 2.5, 3], (1, 2.5, 3), np.array([1, 2.5, 3])])
-def test_lists_tuples_and_arrays_are_taken_and_lists_given(reasoner, values):
+def test_set_data_accepts_sequences_and_get_data_returns_lists(reasoner, values):
     element = Element("skiros:Product")
     element.setData(":Position", values)
     assert element.getData(":Position") == [1.0, 2.5, 3.0]
@@ -80,7 +80,7 @@ def test_lists_tuples_and_arrays_are_taken_and_lists_given(reasoner, values):
     assert element.value_of("skiros:PositionY") == 2.5
 
 
-def test_an_element_gains_the_properties_of_its_reasoner(reasoner):
+def test_element_gets_the_properties_of_its_reasoner(reasoner):
     element = Element("skiros:Product")
     element.setData(":Position", [1, 2, 3])
     assert element.hasProperty("skiros:DiscreteReasoner", "AauSpatialReasoner")
@@ -90,7 +90,7 @@ def test_an_element_gains_the_properties_of_its_reasoner(reasoner):
     assert element.available_properties == []
 
 
-def test_what_is_missing_reads_as_none(reasoner):
+def test_missing_data_is_none(reasoner):
     element = Element("skiros:Product")
     element.setProperty("skiros:PositionX", 1.5)
     assert element.getData(":Position") == [1.5, None, None]
@@ -101,13 +101,13 @@ def test_what_is_missing_reads_as_none(reasoner):
     assert not element.hasData(":Pose")
 
 
-def test_none_takes_a_value_away(reasoner):
+def test_none_removes_a_value(reasoner):
     element = placed(position=(1, 2, 3))
     element.setData(":Position", [1, None, 3])
     assert element.getData(":Position") == [1.0, None, 3.0]
 
 
-def test_texts_of_numbers_as_scenes_have_them_are_read(reasoner):
+def test_numbers_as_text_are_read(reasoner):
     element = Element("skiros:Product")
     for axis, value in zip("XYZ", ("0.5", "1", ""), strict=True):
         element.setProperty(f"skiros:Size{axis}", value)
@@ -124,7 +124,7 @@ def test_euler_angles_are_about_fixed_axes(reasoner):
     assert element.hasData(":OrientationEuler")
 
 
-def test_a_pose_is_a_message_and_back(reasoner):
+def test_pose_message_round_trip(reasoner):
     element = placed(position=(1, 2, 3), orientation=QUARTER, base="table")
     element.setProperty("skiros:FrameId", "cup")
     element.setProperty("skiros:TfTimeStamp", 12.5)
@@ -142,7 +142,7 @@ def test_a_pose_is_a_message_and_back(reasoner):
     assert other.value_of("skiros:BaseFrameId") == "table"
 
 
-def test_a_message_of_half_a_pose_is_refused(reasoner):
+def test_message_of_incomplete_pose_is_rejected(reasoner):
     element = Element("skiros:Product", "cup")
     element.setProperty("skiros:PositionX", 1.0)
     with pytest.raises(WrongValue, match="cup has no complete pose"):
@@ -161,14 +161,14 @@ def test_a_message_of_half_a_pose_is_refused(reasoner):
         (":PoseMsg", [1, 2, 3]),
     ],
 )
-def test_data_of_another_shape_are_refused(reasoner, code, value):
+def test_data_of_wrong_shape_is_rejected(reasoner, code, value):
     element = placed(position=(1, 2, 3))
     with pytest.raises(SkirosError, match="expected"):
         element.setData(code, value)
     assert element.getData(":Position") == [1.0, 2.0, 3.0]
 
 
-def test_an_unknown_code_is_a_key_error(reasoner):
+def test_unknown_code_is_a_key_error(reasoner):
     with pytest.raises(KeyError):
         placed().getData(":NoSuchCode")
     with pytest.raises(UnknownName, match=":NoSuchCode"):
@@ -178,7 +178,7 @@ def test_an_unknown_code_is_a_key_error(reasoner):
 # -- relations -----------------------------------------------------------------------------------------------------
 
 
-def test_relations_are_one_on_each_axis_and_one_of_orientation(reasoner):
+def test_relations_are_one_per_axis_and_orientation(reasoner):
     subject = placed(size=[1, 1, 1])
     apart = placed(position=(3, 3, 0), orientation=QUARTER, size=[1, 1, 2])
     assert reasoner.computeRelations(subject, apart) == [":pX", ":pY", ":dZ", ":pA"]
@@ -194,25 +194,25 @@ def test_relations_are_one_on_each_axis_and_one_of_orientation(reasoner):
         (1.0009, 1, "m"), (1.0011, 1, "p"), (0.9995, 1, "o"),
     ],
 )  # fmt: skip
-def test_the_box_of_the_subject_stands_so_to_that_of_the_object(reasoner, x, size, name):
+def test_relation_is_from_subject_to_object(reasoner, x, size, name):
     found = reasoner.computeRelations(placed(size=[1, 1, 1]), placed(position=(x, 0, 0), size=[size, 1, 1]))
     assert found[0] == f":{name}X"
 
 
-def test_the_axes_are_those_of_the_subject(reasoner):
+def test_relations_use_the_axes_of_the_subject(reasoner):
     turned = placed(orientation=QUARTER, size=[1, 1, 1])
     ahead = placed(position=(0, 2, 0), orientation=QUARTER, size=[1, 1, 1])
     assert reasoner.computeRelations(turned, ahead) == [":pX", ":eqY", ":eqZ", ":eqA"]
 
 
-def test_with_metrics_each_has_its_distance(reasoner):
+def test_relations_with_metrics_have_distances(reasoner):
     found = dict(reasoner.computeRelations(placed(size=[1, 1, 1]), placed(position=(3, 0, 0), size=[1, 1, 1]), True))
     assert found[":pX"] == pytest.approx(2.0)
     assert found[":eqY"] == 0.0
     assert found[":eqA"] == pytest.approx(0.0)
 
 
-def test_small_turns_are_none(reasoner):
+def test_small_rotations_are_equal(reasoner):
     def relation(angle):
         other = placed()
         other.setData(":OrientationEuler", [0, 0, angle])
@@ -221,13 +221,13 @@ def test_small_turns_are_none(reasoner):
     assert (relation(0.049), relation(-0.049), relation(0.051)) == (":eqA", ":eqA", ":pA")
 
 
-def test_where_no_transform_is_known_the_relation_is_unknown(reasoner):
+def test_relation_without_transform_is_unknown(reasoner):
     for other in (placed(base="elsewhere"), Element("skiros:Product")):
         assert reasoner.computeRelations(placed(), other) == [":unknownT"]
     assert reasoner.computeRelations(placed(), placed(base="elsewhere"), True) == [(":unknownT", -1.0)]
 
 
-def test_relations_are_found_through_the_frames_of_the_scene(wm, reasoner):
+def test_relations_use_the_frames_of_the_scene(wm, reasoner):
     box = {"size": [1, 1, 1]}
     table = added(wm, position=(1, 0, 0), orientation=QUARTER, **box)
     cup = added(wm, table, position=(2, 0, 0), orientation=NO_TURN, **box)
@@ -243,7 +243,7 @@ def test_relations_are_found_through_the_frames_of_the_scene(wm, reasoner):
 # -- frames --------------------------------------------------------------------------------------------------------
 
 
-def test_a_new_element_has_its_id_as_frame_and_the_frame_above_as_base(wm):
+def test_new_element_has_default_frame_and_base(wm):
     table = added(wm)
     shelf = Element("skiros:LargeBox", "no place of its own")
     shelf.addRelation(table.id, "skiros:contain", "-1")
@@ -253,7 +253,7 @@ def test_a_new_element_has_its_id_as_frame_and_the_frame_above_as_base(wm):
     assert cup.value_of("skiros:BaseFrameId") == table.id
 
 
-def test_a_pose_in_another_frame_is_expressed_in_the_one_above(wm):
+def test_pose_is_converted_to_the_parent_frame(wm):
     table = added(wm, position=(1, 0, 0), orientation=QUARTER)
     cup = placed(position=(1, 2, 0), base="map")
     cup.addRelation(table.id, "skiros:contain", "-1")
@@ -262,7 +262,7 @@ def test_a_pose_in_another_frame_is_expressed_in_the_one_above(wm):
     assert cup.getData(":Position") == pytest.approx([2.0, 0.0, 0.0])
 
 
-def test_when_the_holder_changes_the_place_in_the_world_stays(wm, reasoner):
+def test_new_parent_keeps_the_world_pose(wm, reasoner):
     table, shelf = added(wm, position=(1, 0, 0), orientation=QUARTER), added(wm, position=(0, 5, 1))
     cup = added(wm, table, position=(2, 0, 0))
     before = reasoner.get_transform("map", cup.id)
@@ -286,7 +286,7 @@ def shelf_between(wm):
 
 
 @pytest.mark.parametrize("call", ["set_relation", "update_element"])
-def test_also_when_what_lies_between_is_moved(wm, reasoner, shelf_between, call):
+def test_moved_ancestor_keeps_the_world_pose(wm, reasoner, shelf_between, call):
     table, other, shelf, cup = shelf_between
     wm.add_listener(reasoner._keeper.on_change)
     if call == "set_relation":
@@ -302,7 +302,7 @@ def test_also_when_what_lies_between_is_moved(wm, reasoner, shelf_between, call)
     assert cup.getData(":Position") == pytest.approx([3.0, -5.0, -1.0])
 
 
-def test_also_when_what_lies_between_gets_and_loses_a_place(wm, reasoner, shelf_between):
+def test_ancestor_with_changing_pose_keeps_the_world_pose(wm, reasoner, shelf_between):
     table, _, shelf, cup = shelf_between
     shelf.setData(":Pose", ((0, 0, 1), NO_TURN))
     shelf.setProperty("skiros:BaseFrameId", table.id)
@@ -316,7 +316,7 @@ def test_also_when_what_lies_between_gets_and_loses_a_place(wm, reasoner, shelf_
     assert wm.get_element(cup.id).value_of("skiros:BaseFrameId") == shelf.id, "where that was is not known any more"
 
 
-def test_also_when_the_frame_above_gets_another_name(wm, reasoner):
+def test_renamed_parent_frame_keeps_the_world_pose(wm, reasoner):
     table = added(wm, position=(1, 0, 0), orientation=QUARTER)
     cup = added(wm, table, position=(2, 0, 0))
     table.setProperty("skiros:FrameId", "kitchen_table")
@@ -327,7 +327,7 @@ def test_also_when_the_frame_above_gets_another_name(wm, reasoner):
     assert cup.getData(":Position") == pytest.approx([2.0, 0.0, 0.0])
 
 
-def test_a_pose_waits_for_the_transform_if_it_is_not_known_yet(wm, reasoner):
+def test_pose_waits_for_an_unknown_transform(wm, reasoner):
     cup = placed(position=(1, 0, 0), base="camera")
     cup.addRelation(SCENE, "skiros:contain", "-1")
     wm.add_element(cup)
@@ -339,7 +339,7 @@ def test_a_pose_waits_for_the_transform_if_it_is_not_known_yet(wm, reasoner):
     assert cup.getData(":Position") == pytest.approx([1.0, 0.0, 2.0])
 
 
-def test_a_linked_element_follows_its_frame(wm, reasoner):
+def test_linked_element_follows_its_frame(wm, reasoner):
     hand = Element("skiros:Product", "in the hand")
     hand.setReasoner("AauSpatialReasoner")
     hand.setProperty("skiros:LinkedToFrameId", "gripper")
@@ -354,14 +354,14 @@ def test_a_linked_element_follows_its_frame(wm, reasoner):
     assert wm.version == version, "nothing has moved: nothing is written"
 
 
-def test_an_element_with_a_velocity_moves(wm, reasoner, clock):
+def test_element_with_velocity_moves(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     for clock.now in (0.25, 0.5, 0.75, 1.0):
         write(reasoner)
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([1.5, 0.0, 0.0])
 
 
-def test_a_velocity_that_is_no_number_is_none(wm, reasoner, clock):
+def test_invalid_velocity_is_zero(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     belt.setProperty("skiros:VelocityX", math.nan)
     belt.setProperty("skiros:VelocityY", math.inf)
@@ -371,7 +371,7 @@ def test_a_velocity_that_is_no_number_is_none(wm, reasoner, clock):
     assert not reasoner._keeper.tracker.busy()
 
 
-def test_where_a_moving_element_is_now_is_known_between_the_writes(wm, reasoner, clock):
+def test_moving_pose_is_known_between_writes(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     cup = added(wm, belt, position=(0, 1, 0))
     clock.now = 2.0
@@ -380,7 +380,7 @@ def test_where_a_moving_element_is_now_is_known_between_the_writes(wm, reasoner,
     assert reasoner.get_transform(belt.id, "map")[0] == pytest.approx((-2.0, 0.0, 0.0))
 
 
-def test_another_change_of_a_moving_element_does_not_take_it_back(wm, reasoner, clock):
+def test_other_change_does_not_reset_a_moving_element(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     clock.now = 2.0
     belt.label = "renamed"
@@ -398,7 +398,7 @@ def test_another_change_of_a_moving_element_does_not_take_it_back(wm, reasoner, 
     assert not reasoner._keeper.tracker.busy()
 
 
-def test_a_moving_element_that_is_put_somewhere_goes_on_from_there(wm, reasoner, clock):
+def test_moving_element_continues_from_a_new_pose(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     clock.now = 2.0
     belt.setData(":Position", [10, 0, 0])
@@ -408,7 +408,7 @@ def test_a_moving_element_that_is_put_somewhere_goes_on_from_there(wm, reasoner,
     assert wm.get_element(belt.id).getData(":Position") == pytest.approx([11.0, 0.0, 0.0])
 
 
-def test_what_is_computed_does_not_overwrite_what_was_written_meanwhile(wm, reasoner, clock):
+def test_computed_pose_does_not_overwrite_a_newer_one(wm, reasoner, clock):
     belt = moving(wm, 0.5)
     clock.now = 2.0
 
@@ -436,7 +436,7 @@ def test_what_is_computed_does_not_overwrite_what_was_written_meanwhile(wm, reas
     assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((10.5, 0.0, 0.0))
 
 
-def test_a_moving_element_that_changes_hands_stays_where_it_is(wm, reasoner, clock):
+def test_moving_element_with_new_parent_keeps_its_world_pose(wm, reasoner, clock):
     belt, shelf = moving(wm, 0.5), added(wm, position=(0, 5, 0))
     clock.now = 2.0
     belt.removeRelation2(SCENE, "skiros:contain", "-1")
@@ -446,7 +446,7 @@ def test_a_moving_element_that_changes_hands_stays_where_it_is(wm, reasoner, clo
     assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((2.0, 0.0, 0.0))
 
 
-def test_when_simulated_time_begins_anew_what_moves_goes_on_from_where_it_is(wm, reasoner, clock):
+def test_moving_element_continues_after_a_clock_reset(wm, reasoner, clock):
     clock.now = 100.0
     belt = moving(wm, 0.5)
     write(reasoner)
@@ -458,7 +458,7 @@ def test_when_simulated_time_begins_anew_what_moves_goes_on_from_where_it_is(wm,
     assert reasoner.get_transform("map", belt.id)[0] == pytest.approx((3.0, 0.0, 0.0))
 
 
-def test_transform_expresses_a_pose_in_another_frame_in_place(wm, reasoner):
+def test_transform_converts_a_pose_in_place(wm, reasoner):
     table = added(wm, position=(1, 0, 0), orientation=QUARTER)
     cup = added(wm, table, position=(2, 0, 0))
     assert reasoner.transform(cup, "map")
@@ -469,7 +469,7 @@ def test_transform_expresses_a_pose_in_another_frame_in_place(wm, reasoner):
     assert cup.value_of("skiros:BaseFrameId") == "map"
 
 
-def test_a_transform_that_is_not_known_is_none_twice(wm, reasoner):
+def test_unknown_transform_is_none_twice(wm, reasoner):
     assert reasoner.get_transform("map", "nowhere", rospy.Duration(0.01)) == (None, None)
     assert reasoner.get_transform("nowhere", "nowhere")[0] == (0.0, 0.0, 0.0)
 
@@ -487,7 +487,7 @@ def test_a_transform_that_is_not_known_is_none_twice(wm, reasoner):
         ({"skiros:LinkedToFrameId": "gripper", "skiros:FrameId": "gripper"}, set()),
     ],
 )
-def test_elements_with_a_finite_pose_are_told_to_tf_under_their_names(wm, reasoner, properties, told):
+def test_finite_poses_are_published_on_tf(wm, reasoner, properties, told):
     cup = placed(base="map")
     for key, value in properties.items():
         cup.setProperty(key, value)
@@ -497,14 +497,14 @@ def test_elements_with_a_finite_pose_are_told_to_tf_under_their_names(wm, reason
     assert set(frame.published_names.values()) == {cup.id if name == "id" else name for name in told}
 
 
-def test_a_part_is_in_the_frame_of_what_it_is_a_part_of(wm):
+def test_part_is_in_the_frame_of_its_parent(wm):
     robot, arm = added(wm, position=(1, 0, 0)), placed(base="")
     arm.addRelation(robot.id, "skiros:hasA", "-1")
     wm.add_element(arm)
     assert arm.value_of("skiros:BaseFrameId") == robot.id
 
 
-def test_a_look_up_waits_as_long_as_it_is_told_to(wm, reasoner):
+def test_lookup_waits_for_its_timeout(wm, reasoner):
     assert reasoner.get_transform("map", "late") == (None, None)
     later = threading.Timer(0.05, lambda: reasoner._transforms.put("map", "late", _pose((1, 2, 3))))
     later.start()
@@ -517,12 +517,12 @@ def test_a_look_up_waits_as_long_as_it_is_told_to(wm, reasoner):
     assert cup.getData(":Position") == pytest.approx([-1.0, -2.0, -3.0])
 
 
-def test_the_reasoner_is_found_by_its_name_codes_and_relations(wm, reasoner):
+def test_reasoner_is_found_by_name_code_and_relation(wm, reasoner):
     for name in ("AauSpatialReasoner", ":Pose", ":pX", ":unknownT", "skiros:PositionX"):
         assert wm.get_reasoner(name) is reasoner
 
 
-def test_a_removed_element_is_forgotten(wm, reasoner):
+def test_removed_element_has_no_frame(wm, reasoner):
     cup = added(wm, position=(1, 0, 0))
     assert reasoner.get_transform("map", cup.id)[0] == (1.0, 0.0, 0.0)
     wm.remove_element(cup)
@@ -530,7 +530,7 @@ def test_a_removed_element_is_forgotten(wm, reasoner):
     assert reasoner.get_transform("map", cup.id) == (None, None)
 
 
-def test_a_frame_that_is_removed_and_added_again_is_known(wm, reasoner):
+def test_frame_can_be_added_again(wm, reasoner):
     cup = added(wm, position=(1, 0, 0))
     eid = cup.id
     wm.remove_element(cup)
@@ -542,7 +542,7 @@ def test_a_frame_that_is_removed_and_added_again_is_known(wm, reasoner):
     assert reasoner.get_transform("map", eid)[0] == (2.0, 0.0, 0.0)
 
 
-def test_a_refused_change_leaves_the_frames_as_they_were(wm, reasoner):
+def test_rejected_change_keeps_the_frames(wm, reasoner):
     cup = added(wm, position=(1, 0, 0))
     moved = wm.get_element(cup.id)
     moved.setData(":Position", [5, 0, 0])

@@ -23,14 +23,14 @@ INVERSE = {"p": "pi", "m": "mi", "o": "oi", "s": "si", "d": "di", "f": "fi", "eq
 
 
 @given(INTERVALS, INTERVALS)
-def test_exactly_the_relation_holds_that_is_defined_so(a, b):
+def test_exactly_the_defined_relation_holds(a, b):
     holding = {name for name, holds in DEFINED.items() if holds(a, b)}
     holding |= {INVERSE[name] for name, holds in DEFINED.items() if holds(b, a)}
     assert {relation(a, b)[0]} == holding
 
 
 @given(INTERVALS, INTERVALS)
-def test_the_inverse_holds_the_other_way_round(a, b):
+def test_inverse_relation_holds_for_swapped_intervals(a, b):
     both = {**INVERSE, **{inverse: name for name, inverse in INVERSE.items()}}
     assert both[relation(a, b)[0]] == relation(b, a)[0]
 
@@ -38,5 +38,5 @@ def test_the_inverse_holds_the_other_way_round(a, b):
 @pytest.mark.parametrize(
     ("one", "other", "equal"), [(0.0, 0.001, True), (0.0, 0.0011, False), (1e4, 1e4 + 0.009, True), (10.0, 10.1, False)]
 )
-def test_lengths_are_the_same_within_a_millimetre_or_a_millionth(one, other, equal):
+def test_lengths_are_equal_within_the_tolerance(one, other, equal):
     assert same(one, other) is same(-other, -one) is equal

@@ -1,4 +1,4 @@
-"""Each frame on tf is connected to its nearest ancestor that is on tf, without a ROS master."""
+"""Connection of frames to their nearest ancestor on tf, without a ROS master."""
 
 import math
 
@@ -79,7 +79,7 @@ def world():
     return World()
 
 
-def test_a_frame_below_one_that_is_not_published_is_connected_to_the_nearest_published_one(world):
+def test_child_of_unpublished_frame_is_connected_to_published_ancestor(world):
     hidden = world.add(position=(1, 0, 0), orientation=QUARTER, published=False)
     also_hidden = world.add(hidden, position=(0, 0, 1), published=False)
     cup = world.add(also_hidden, position=(2, 0, 0))
@@ -89,7 +89,7 @@ def test_a_frame_below_one_that_is_not_published_is_connected_to_the_nearest_pub
     assert pose.orientation == pytest.approx(QUARTER)
 
 
-def test_the_connection_follows_what_happens_to_the_frame_between(world):
+def test_connection_follows_the_intermediate_frame(world):
     shelf = world.add(position=(1, 0, 0), published=False)
     cup = world.add(shelf, position=(2, 0, 0))
     assert world.tf()[cup.id] == ("map", Pose((3.0, 0.0, 0.0), IDENTITY.orientation))
@@ -101,7 +101,7 @@ def test_the_connection_follows_what_happens_to_the_frame_between(world):
     assert world.tf()[cup.id] == ("map", Pose((7.0, 0.0, 0.0), IDENTITY.orientation))
 
 
-def test_a_frame_below_one_that_moves_and_is_not_published_moves_with_it(world):
+def test_child_of_moving_unpublished_frame_moves(world):
     belt = world.add(orientation=QUARTER, published=False, VelocityX=0.5)
     cup = world.add(belt, position=(2, 0, 0), VelocityX=1.0)
     world.now = 2.0
@@ -112,7 +112,7 @@ def test_a_frame_below_one_that_moves_and_is_not_published_moves_with_it(world):
     assert world.tf()[cup.id][1].position == pytest.approx((1.5, 5.0, 0.0))
 
 
-def test_a_frame_below_one_that_another_node_publishes_stays_connected_to_it(world):
+def test_child_of_foreign_frame_stays_connected(world):
     robot = world.add(position=(1, 0, 0), published=False, FrameId="base_link")
     camera = world.add(robot, position=(2, 0, 0))
     assert world.tf()[camera.id][0] == "map"
@@ -121,7 +121,7 @@ def test_a_frame_below_one_that_another_node_publishes_stays_connected_to_it(wor
     assert world.tf()[camera.id] == ("base_link", Pose((2.0, 0.0, 0.0), IDENTITY.orientation))
 
 
-def test_a_frame_below_one_without_a_pose_stays_connected_to_it(world):
+def test_child_of_frame_without_pose_stays_connected(world):
     robot = world.add(position=(1, None, 0), published=False, FrameId="base_link")
     camera = world.add(robot, position=(2, 0, 0))
     assert world.tf()[camera.id][0] == "base_link"
@@ -149,7 +149,7 @@ TURNS = st.sampled_from([(0, 0, 0, 1), QUARTER, from_euler(math.pi / 2, 0, 0)])
 
 @settings(max_examples=30, deadline=None)
 @given(st.data())
-def test_each_frame_on_tf_leads_to_the_root_and_is_where_the_scene_says(data):
+def test_published_frames_are_connected_to_the_root(data):
     world, elements = World(), []
     for _ in range(data.draw(st.integers(1, 6), "elements")):
         parent = data.draw(st.sampled_from([SCENE, *elements]), "parent")

@@ -1,4 +1,4 @@
-"""Quaternions, Euler angles and poses, against matrices and by their laws."""
+"""Quaternions, Euler angles and poses, compared with matrices."""
 
 import math
 
@@ -41,12 +41,12 @@ def same_turn(a, b):
 
 
 @given(TURNS, VECTORS)
-def test_a_turn_by_euler_angles_is_that_of_the_matrices(turn, vector):
+def test_euler_angles_match_rotation_matrices(turn, vector):
     assert rotated(from_euler(*turn), vector) == pytest.approx(tuple(matrix(*turn) @ vector), abs=1e-9)
 
 
 @given(TURNS)
-def test_euler_angles_come_back(turn):
+def test_euler_angles_round_trip(turn):
     assert to_euler(from_euler(*turn)) == pytest.approx(turn, abs=1e-6) or same_turn(
         from_euler(*to_euler(from_euler(*turn))), from_euler(*turn)
     )
@@ -54,7 +54,7 @@ def test_euler_angles_come_back(turn):
 
 @pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
 @pytest.mark.parametrize(("roll", "yaw"), [(0.0, 0.7), (0.4, 0.0), (0.4, -1.1), (3.0, 3.0)])
-def test_straight_up_and_down_the_roll_is_in_the_yaw(pitch, roll, yaw):
+def test_roll_is_zero_at_vertical_pitch(pitch, roll, yaw):
     q = from_euler(roll, pitch, yaw)
     found = to_euler(q)
     assert found[0] == 0.0
@@ -63,37 +63,37 @@ def test_straight_up_and_down_the_roll_is_in_the_yaw(pitch, roll, yaw):
 
 
 @given(TURNS, TURNS, VECTORS)
-def test_a_product_is_one_turn_after_the_other(a, b, vector):
+def test_product_composes_rotations(a, b, vector):
     a, b = from_euler(*a), from_euler(*b)
     assert rotated(multiplied(a, b), vector) == pytest.approx(rotated(a, rotated(b, vector)), abs=1e-8)
 
 
 @given(POSES)
-def test_a_pose_and_its_inverse_make_nothing(pose):
+def test_pose_and_inverse_are_the_identity(pose):
     there_and_back = composed(pose, inverted(pose))
     assert there_and_back.position == pytest.approx((0, 0, 0), abs=1e-8)
     assert same_turn(there_and_back.orientation, IDENTITY.orientation)
 
 
 @given(POSES, POSES, POSES)
-def test_poses_compose_in_any_grouping(a, b, c):
+def test_composition_is_associative(a, b, c):
     left, right = composed(composed(a, b), c), composed(a, composed(b, c))
     assert left.position == pytest.approx(right.position, abs=1e-7)
     assert same_turn(left.orientation, right.orientation)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.05, 1.0, math.pi])
-def test_the_angle_between_orientations_is_that_of_the_turn(angle):
+def test_angle_between_orientations_is_that_of_the_rotation(angle):
     assert angle_between(IDENTITY.orientation, from_euler(0, 0, angle)) == pytest.approx(angle)
     assert angle_between(IDENTITY.orientation, tuple(-c for c in from_euler(0, 0, angle))) == pytest.approx(angle)
 
 
-def test_a_quaternion_without_length_is_no_turn():
+def test_zero_quaternion_is_the_identity():
     assert normalized((0, 0, 0, 0)) == IDENTITY.orientation
     assert normalized((0, 0, 3, 4)) == pytest.approx((0, 0, 0.6, 0.8))
 
 
-def test_a_box_that_is_turned_fills_a_larger_one():
+def test_half_extents_contain_the_rotated_box():
     assert half_extents(IDENTITY.orientation, (2, 4, 6)) == pytest.approx((1, 2, 3))
     assert half_extents(from_euler(0, 0, math.pi / 2), (2, 4, 6)) == pytest.approx((2, 1, 3))
     assert half_extents(from_euler(0, 0, math.pi / 4), (2, 2, 2)) == pytest.approx((math.sqrt(2), math.sqrt(2), 1))

@@ -1,4 +1,4 @@
-"""The spatial reasoner under elements with any values: each change is made or refused by name, and it goes on."""
+"""The spatial reasoner with arbitrary property values."""
 
 from __future__ import annotations
 
@@ -120,13 +120,13 @@ class Poses(RuleBasedStateMachine):
                     assert element.value_of("skiros:FrameId")
 
 
-def test_poses_of_any_values_are_kept_or_refused_by_name() -> None:
+def test_arbitrary_poses_are_stored_or_rejected() -> None:
     run_state_machine_as_test(
         Poses, settings=settings(max_examples=60, stateful_step_count=20, derandomize=True, deadline=None)
     )
 
 
-def test_a_time_that_no_message_can_hold_is_not_known() -> None:
+def test_time_out_of_message_range_is_zero() -> None:
     element = Element("skiros:Product")
     element.setProperty("skiros:DiscreteReasoner", "AauSpatialReasoner")
     reasoner = AauSpatialReasoner()

@@ -1,4 +1,4 @@
-"""Transforms that are packed once: the bytes are those of the message."""
+"""Serialised transforms."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def packed() -> PackedTransforms:
     return packed
 
 
-def test_the_bytes_are_those_of_the_message(packed: PackedTransforms) -> None:
+def test_bytes_equal_the_serialised_message(packed: PackedTransforms) -> None:
     transforms = [
         transform_message("map", "skiros:Part-1", pose(1.0), STAMP),
         transform_message("skiros:Part-1", "größe", pose(2.0), STAMP),
@@ -54,7 +54,7 @@ def test_the_bytes_are_those_of_the_message(packed: PackedTransforms) -> None:
     assert unpacked(PackedTransforms()) == TFMessage()
 
 
-def test_a_pose_is_changed_in_place(packed: PackedTransforms) -> None:
+def test_pose_is_updated_in_place(packed: PackedTransforms) -> None:
     unpacked(packed)
     packed.put("a", "map", "skiros:Part-1", pose(7.0))
     assert positions(packed) == {"skiros:Part-1": 7.0, "größe": 2.0}
@@ -63,7 +63,7 @@ def test_a_pose_is_changed_in_place(packed: PackedTransforms) -> None:
     assert positions(packed) == {"skiros:Part-1": 7.0, "größe": 8.0}
 
 
-def test_what_moves_is_told_where_it_is_now(packed: PackedTransforms) -> None:
+def test_moving_transform_has_its_current_position(packed: PackedTransforms) -> None:
     packed.put("a", "map", "a", pose(1.0), (0.5, 0.0, -1.0), since=10.0)
     assert positions(packed, 10.0)["a"] == 1.0
     moved = unpacked(packed, 14.0).transforms[0].transform
@@ -75,7 +75,7 @@ def test_what_moves_is_told_where_it_is_now(packed: PackedTransforms) -> None:
     assert positions(packed, 20.0)["a"] == 4.0, "it has stopped"
 
 
-def test_what_is_dropped_is_told_no_more(packed: PackedTransforms) -> None:
+def test_removed_transform_is_not_in_the_message(packed: PackedTransforms) -> None:
     packed.put("a", "map", "a", pose(1.0), (0.5, 0.0, 0.0), since=0.0)
     unpacked(packed)
     packed.drop("a")
@@ -85,7 +85,7 @@ def test_what_is_dropped_is_told_no_more(packed: PackedTransforms) -> None:
     assert len(packed) == 0
 
 
-def test_random_changes_lead_to_the_same_as_packing_anew() -> None:
+def test_random_changes_equal_new_serialisation() -> None:
     chance = np.random.default_rng(3)
     packed, held = PackedTransforms(), {}
     for step in range(400):
@@ -98,14 +98,14 @@ def test_random_changes_lead_to_the_same_as_packing_anew() -> None:
             held[key] = ("map" * int(chance.integers(1, 3)), f"f{key}", pose(float(step)), velocity, float(step))
             packed.put(key, *held[key])
         if chance.random() < 0.5:
-            anew = PackedTransforms()
+            fresh = PackedTransforms()
             for key, transform in held.items():
-                anew.put(key, *transform)
+                fresh.put(key, *transform)
             found = sorted(unpacked(packed, step + 1.0).transforms, key=lambda t: t.child_frame_id)
-            assert found == sorted(unpacked(anew, step + 1.0).transforms, key=lambda t: t.child_frame_id)
+            assert found == sorted(unpacked(fresh, step + 1.0).transforms, key=lambda t: t.child_frame_id)
 
 
-def test_an_incoming_message_is_a_tf_message() -> None:
+def test_incoming_message_equals_a_tf_message() -> None:
     sent = TFMessage([TransformStamped(child_frame_id="a")])
     read = IncomingMessage().deserialize(_bytes(sent))
     assert read.transforms == sent.transforms
@@ -113,7 +113,7 @@ def test_an_incoming_message_is_a_tf_message() -> None:
     assert (IncomingMessage._type, IncomingMessage._md5sum) == (TFMessage._type, TFMessage._md5sum)
 
 
-def test_our_own_messages_are_not_read_and_those_of_others_are(packed: PackedTransforms) -> None:
+def test_own_messages_are_ignored(packed: PackedTransforms) -> None:
     transforms = Transforms()
     message = packed.message(STAMP, 0.0)
     transforms.sent(message)

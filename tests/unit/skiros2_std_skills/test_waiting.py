@@ -1,4 +1,4 @@
-"""Waiting goes by the system's clock, counting by ticks."""
+"""Waiting and counting."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def started(cls: type, **params: Any) -> Any:
     return skill
 
 
-def test_waiting_ends_when_the_time_is_over(time: list[float]) -> None:
+def test_wait_ends_after_its_duration(time: list[float]) -> None:
     skill = started(wait, Duration=2.0)
     assert skill.tick() is State.Running
     time[0] += 1.9
@@ -39,11 +39,11 @@ def test_waiting_ends_when_the_time_is_over(time: list[float]) -> None:
     assert skill.tick() is State.Success
 
 
-def test_waiting_for_no_time_ends_at_once(time: list[float]) -> None:
+def test_wait_of_zero_ends_immediately(time: list[float]) -> None:
     assert started(wait).tick() is State.Success
 
 
-def test_waiting_begins_anew_at_each_start(time: list[float]) -> None:
+def test_wait_restarts_at_each_start(time: list[float]) -> None:
     skill = started(wait, Duration=2.0)
     time[0] += 3.0
     assert skill.tick() is State.Success
@@ -51,7 +51,7 @@ def test_waiting_begins_anew_at_each_start(time: list[float]) -> None:
     assert skill.tick() is State.Running
 
 
-def test_waiting_begins_when_simulated_time_does(time: list[float]) -> None:
+def test_wait_starts_with_simulated_time(time: list[float]) -> None:
     time[0] = 0.0
     skill = started(wait, Duration=2.0)
     assert skill.tick() is State.Running
@@ -61,7 +61,7 @@ def test_waiting_begins_when_simulated_time_does(time: list[float]) -> None:
     assert skill.tick() is State.Success
 
 
-def test_a_stopped_wait_is_a_failure(time: list[float]) -> None:
+def test_preempted_wait_fails(time: list[float]) -> None:
     assert started(wait, Duration=2.0).preempt() is State.Failure
 
 
@@ -71,7 +71,7 @@ def test_counting_succeeds_at_the_given_tick(ticks: int) -> None:
     assert [skill.tick() for _ in range(ticks)] == [State.Running] * (ticks - 1) + [State.Success]
 
 
-def test_counting_begins_anew_at_each_start() -> None:
+def test_counting_restarts_at_each_start() -> None:
     skill = started(counter, CountTarget=2)
     skill.tick()
     assert skill.preempt() is State.Failure
@@ -80,13 +80,13 @@ def test_counting_begins_anew_at_each_start() -> None:
     assert skill.tick() is State.Running
 
 
-def test_without_a_ros_node_time_is_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_outside_ros_is_system_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rospy", None)  # type: ignore[arg-type]
     monkeypatch.setattr(clock.time, "monotonic", lambda: 42.0)
     assert clock.now() == 42.0
 
 
-def test_in_a_ros_node_time_is_ros_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_in_a_node_is_ros_time(monkeypatch: pytest.MonkeyPatch) -> None:
     class Rospy:
         class core:
             is_initialized = staticmethod(lambda: True)

@@ -1,4 +1,4 @@
-"""The skills that edit the world model change what they are told to, in one step, and nothing else."""
+"""The skills that edit the world model."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class TestWmSetRelation:
         assert self.set(bench, "tray 1", OldDstToRemove="tray 1").state is State.Success
         assert at(bench, "skiros:robot") == {"tray 1"}
 
-    def test_what_the_world_model_refuses_is_a_failure_with_the_reason(self, bench: SkillBench) -> None:
+    def test_rejected_change_fails_with_reason(self, bench: SkillBench) -> None:
         robot = bench.element("skiros:robot")
         product, tray = bench.element("product"), bench.element("tray 1")
         node = run(bench, "WmSetRelation", Src=product, Dst=tray, Relation="skiros:contain")
@@ -100,14 +100,14 @@ class TestWmSetProperties:
         run(bench, "WmSetProperties", Src=bench.element("product"), Properties={"CadModel": ["a", "b"]})
         assert bench.element("product").getProperty("CadModel").values == ["a", "b"]
 
-    def test_a_value_of_a_wrong_type_fails_and_changes_nothing(self, bench: SkillBench) -> None:
+    def test_value_of_wrong_type_fails_without_change(self, bench: SkillBench) -> None:
         wanted = {"StateProperty": "Idle", "skiros:Weight": "heavy"}
         node = run(bench, "WmSetProperties", Src=bench.element("product"), Properties=wanted)
         assert node.state is State.Failure
         assert "skiros:Weight takes values of type float, got 'heavy'" in node.progress_msg
         assert not bench.element("product").hasProperty("skiros:StateProperty")
 
-    def test_relations_stay(self, bench: SkillBench) -> None:
+    def test_set_properties_keeps_relations(self, bench: SkillBench) -> None:
         run(bench, "WmSetProperties", Src=bench.element("product"), Properties={"skiros:Weight": 0.5})
         assert bench.holder("product") == "tray 1"
 
@@ -117,23 +117,23 @@ class TestWmMoveObject:
     def load(self, bench: SkillBench) -> None:
         bench.library.load(["wm_move_object"])
 
-    def test_the_object_is_at_the_target_and_no_longer_at_the_start(self, bench: SkillBench) -> None:
+    def test_move_object_changes_the_container(self, bench: SkillBench) -> None:
         node = run(bench, "WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
         assert node.state is State.Success
         assert bench.holder("product") == "tray 2"
 
-    def test_the_start_is_empty_and_the_target_full(self, bench: SkillBench) -> None:
+    def test_move_object_updates_container_states(self, bench: SkillBench) -> None:
         run(bench, "WmMoveObject", Object=bench.element("product"), TargetLocation=bench.element("tray 2"))
         states = [bench.element(f"tray {i}").value_of("skiros:ContainerState") for i in (1, 2, 3)]
         assert states == ["Empty", "Full", "Empty"]
 
-    def test_without_a_target_it_is_at_the_start_again(self, bench: SkillBench) -> None:
+    def test_move_object_without_target_returns_to_the_start(self, bench: SkillBench) -> None:
         node = run(bench, "WmMoveObject", Object=bench.element("product"))
         assert node.state is State.Success
         assert bench.holder("product") == "tray 1"
         assert bench.element("tray 1").value_of("skiros:ContainerState") == "Full"
 
-    def test_it_may_be_held_otherwise_than_it_was(self, bench: SkillBench) -> None:
+    def test_move_object_may_change_the_relation(self, bench: SkillBench) -> None:
         run(
             bench,
             "WmMoveObject",
@@ -145,7 +145,7 @@ class TestWmMoveObject:
         assert [r["type"] for r in product.getRelations("", [], "-1")] == ["skiros:hasA"]
         assert bench.holder("product") == "tray 2"
 
-    def test_the_start_is_found_and_unset_at_the_end(self, bench: SkillBench) -> None:
+    def test_move_object_infers_and_clears_the_start(self, bench: SkillBench) -> None:
         task = bench.commands(
             ("WmMoveObject", "", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 2")}),
             ("WmMoveObject", "", {"Object": bench.element("product"), "TargetLocation": bench.element("tray 3")}),
@@ -154,7 +154,7 @@ class TestWmMoveObject:
         assert bench.holder("product") == "tray 3"
         assert not task.root.children[0].params["StartLocation"].isSpecified()
 
-    def test_a_start_where_the_object_is_not_fails_and_changes_nothing(self, bench: SkillBench) -> None:
+    def test_move_object_from_wrong_start_fails_without_change(self, bench: SkillBench) -> None:
         node = run(
             bench,
             "WmMoveObject",
@@ -199,7 +199,7 @@ class TestWmMoveAndTransformObject:
         assert bench.holder("product") == "tray 2"
         assert (product.value_of("skiros:PositionX"), product.value_of("skiros:BaseFrameId")) == (1.0, frame)
 
-    def test_without_a_target_the_frame_is_that_of_the_start(
+    def test_pose_without_target_is_in_the_frame_of_the_start(
         self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         frame = bench.element("tray 1").id
@@ -207,7 +207,7 @@ class TestWmMoveAndTransformObject:
         assert self.move(bench).state is State.Success
         assert bench.element("product").value_of("skiros:BaseFrameId") == frame
 
-    def test_without_a_transform_it_fails_and_nothing_moves(
+    def test_missing_transform_fails_without_change(
         self, bench: SkillBench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(Element, "_getReasoner", lambda self, code: FakeReasoner())
@@ -217,7 +217,7 @@ class TestWmMoveAndTransformObject:
         assert bench.holder("product") == "tray 1"
 
 
-def test_every_skill_is_described_as_libraries_rely_on() -> None:
+def test_skill_descriptions_match_the_contract() -> None:
     expected = {
         "Wait": {"Duration": (float, 0.0, "Required")},
         "Counter": {"CountTarget": (int, None, "Required")},

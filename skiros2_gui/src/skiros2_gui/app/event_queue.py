@@ -30,7 +30,7 @@ class EventQueue:
         self._changes: list[WorldChanged] = []
         self._count = 0
         self._tasks: dict[tuple[str, int], deque[TaskProgress]] = {}
-        self._others: dict[Event, None] = {}
+        self._plain_events: dict[Event, None] = {}
         self._is_empty = True
 
     def put(self, event: Event) -> None:
@@ -48,7 +48,7 @@ class EventQueue:
                 key = (event.manager, event.task)
                 self._tasks.setdefault(key, deque(maxlen=MAX_STATES)).append(event)
             else:
-                self._others[event] = None
+                self._plain_events[event] = None
             was_empty, self._is_empty = self._is_empty, False
         if was_empty:
             self._wake()
@@ -58,9 +58,9 @@ class EventQueue:
         with self._lock:
             changes, self._changes, self._count = self._changes, [], 0
             tasks, self._tasks = self._tasks, {}
-            others, self._others = self._others, {}
+            plain_events, self._plain_events = self._plain_events, {}
             self._is_empty = True
-        batch: list[Event] = sorted(others, key=_rank)
+        batch: list[Event] = sorted(plain_events, key=_rank)
         if changes:
             batch.append(_joined(changes))
         batch += [event for states in tasks.values() for event in states]

@@ -14,7 +14,7 @@ from skiros2_task.core.goal_text import COMPARATORS
 from skiros2_task.core.skills import SkillCondition
 from skiros2_task.core.world import WorldView
 
-RELATION, PROPERTY, VALUE, CLASS, ELEMENT, WORD = "relation", "property", "value", "class", "element", "word"
+RELATION, PROPERTY, VALUE, CLASS, ELEMENT, KEYWORD = "relation", "property", "value", "class", "element", "keyword"
 
 #: The most completions.
 MAX_COMPLETIONS = 60
@@ -80,9 +80,9 @@ def read_vocabulary(world: WorldView) -> Vocabulary:
     """Reads the names of a world. Predicates are ranked: effects of skills, conditions of skills, relations in the
     scene, all others.
     """
-    made, asked = _in_skills(world)
+    effects, conditions = _in_skills(world)
     written = set(world.stated_relations())
-    ranks = {**dict.fromkeys(written, 2), **dict.fromkeys(asked, 1), **dict.fromkeys(made, 0)}
+    ranks = {**dict.fromkeys(written, 2), **dict.fromkeys(conditions, 1), **dict.fromkeys(effects, 0)}
 
     def rank(name: str) -> int:
         return ranks.get(name, 3)
@@ -113,9 +113,9 @@ def _properties_in_skills(world: WorldView) -> set[str]:
 def _in_skills(world: WorldView) -> tuple[set[str], set[str]]:
     """Returns the predicates in effects, and in conditions, of skills."""
     skills = [skill for robot in world.robots for skill in robot.skills]
-    made = {c.name for skill in skills for c in _parts(skill.post)}
-    asked = {c.name for skill in skills for c in _parts((*skill.pre, *skill.hold))}
-    return made - {""}, asked - {""}
+    effects = {c.name for skill in skills for c in _parts(skill.post)}
+    conditions = {c.name for skill in skills for c in _parts((*skill.pre, *skill.hold))}
+    return effects - {""}, conditions - {""}
 
 
 def _parts(conditions: Iterable[SkillCondition]) -> Iterable[SkillCondition]:
@@ -124,8 +124,8 @@ def _parts(conditions: Iterable[SkillCondition]) -> Iterable[SkillCondition]:
         yield from _parts(condition.parts)
 
 
-def _sorted(words: Iterable[Completion]) -> tuple[Completion, ...]:
-    return tuple(sorted(words, key=lambda w: (w.rank, not w.label, w.label.lower(), len(w.text), w.text)))
+def _sorted(completions: Iterable[Completion]) -> tuple[Completion, ...]:
+    return tuple(sorted(completions, key=lambda w: (w.rank, not w.label, w.label.lower(), len(w.text), w.text)))
 
 
 def _element(element: Element) -> Completion:
@@ -150,12 +150,13 @@ def complete(text: str, cursor: int, vocabulary: Vocabulary) -> Completions:
     if tokens and tokens[-1][0] not in "()," and not before[-1:].isspace():
         typed, start = tokens.pop()
     stack, variables = _open_lists([token for token, _ in tokens])
-    words = _expected(stack, variables, vocabulary)
+    completions = _expected(stack, variables, vocabulary)
     typed = typed.lower().replace('"', "")
     if not typed:
-        return Completions(start, tuple(sorted(words, key=lambda word: word.rank)[:MAX_COMPLETIONS]))
-    ranked = [(fit, word.rank, i) for i, word in enumerate(words) if (fit := word.match(typed)) is not None]
-    return Completions(start, tuple(words[i] for _, _, i in nsmallest(MAX_COMPLETIONS, ranked)))
+        return Completions(start, tuple(sorted(completions, key=lambda completion: completion.rank)[:MAX_COMPLETIONS]))
+    matches = ((c.match(typed), c.rank, i) for i, c in enumerate(completions))
+    ranked = [(match, rank, i) for match, rank, i in matches if match is not None]
+    return Completions(start, tuple(completions[i] for _, _, i in nsmallest(MAX_COMPLETIONS, ranked)))
 
 
 def _open_lists(tokens: Iterable[str]) -> tuple[list[list[str]], list[str]]:
@@ -184,22 +185,22 @@ def _declares(stack: list[list[str]]) -> bool:
 
 def _expected(stack: list[list[str]], variables: list[str], vocabulary: Vocabulary) -> list[Completion]:
     if not stack:
-        return [Completion("(", "( a goal", WORD)]
+        return [Completion("(", "( a goal", KEYWORD)]
     inside = stack[-1]
     above = stack[-2] if len(stack) > 1 else []
     if _declares(stack):
         if inside and inside[-1] == "-":
             return list(vocabulary.classes)
         is_named = bool(inside) and inside[-1].startswith("?")
-        return [Completion("-", "-  and a class", WORD) if is_named else Completion("?x", "?x", WORD)]
+        return [Completion("-", "-  and a class", KEYWORD) if is_named else Completion("?x", "?x", KEYWORD)]
     if not inside:
         if above and above[0] in COMPARATORS:
             return list(vocabulary.properties)
-        connectives = [Completion(word, word, WORD, 3) for word in (*_CONNECTIVES, *COMPARATORS)]
+        connectives = [Completion(word, word, KEYWORD, 3) for word in (*_CONNECTIVES, *COMPARATORS)]
         return [*vocabulary.predicates, *connectives]
     head = inside[0].lower()
     if head in (*_CONNECTIVES, *COMPARATORS):
         if head == "=" and inside[-1] == _CHILD:
             return list(vocabulary.values)
-        return [Completion("(", "(", WORD)]
-    return [*(Completion(v, v, WORD) for v in variables), *vocabulary.elements]
+        return [Completion("(", "(", KEYWORD)]
+    return [*(Completion(v, v, KEYWORD) for v in variables), *vocabulary.elements]

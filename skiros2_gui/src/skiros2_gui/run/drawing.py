@@ -53,7 +53,7 @@ class Drawing:
     def is_drawn(self, index: int) -> bool:
         return self._is_drawn[index]
 
-    def shown_for(self, index: int) -> int:
+    def visible_node(self, index: int) -> int:
         """Returns the node, or its folded ancestor if it is not drawn."""
         return next(node for node in reversed(self.shape.path(index)) if self._is_drawn[node])
 

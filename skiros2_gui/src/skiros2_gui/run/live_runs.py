@@ -71,10 +71,10 @@ class LiveRuns:
         for robot in {run.robot for run in silent} & self._window.system.managers.keys():
             manager = self._window.system.managers[robot]
             of_robot = [run for run in silent if run.robot == robot]
-            taken = partial(self._take_alive, of_robot, now)
-            self._window.jobs.run(manager.tasks, taken, lambda error: None, queue=robot)
+            done = partial(self._mark_missing, of_robot, now)
+            self._window.jobs.run(manager.tasks, done, lambda error: None, queue=robot)
 
-    def _take_alive(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
+    def _mark_missing(self, silent: list[TaskRun], asked: float, tasks: list[Any]) -> None:
         alive = {nodes[0].id for nodes in tasks if nodes}
         for run in silent:
             if run.task_id not in alive and run.latest.time < asked and not run.is_finished:

@@ -164,10 +164,10 @@ def _in_order(shape: Shape, indices: list[int]) -> list[int]:
     """Returns indices in pre-order; messages may have another order."""
     if len(indices) < 2:
         return indices
-    wanted, waiting, ordered = set(indices), [0], []
+    selected, waiting, ordered = set(indices), [0], []
     while waiting:
         index = waiting.pop()
-        if index in wanted:
+        if index in selected:
             ordered.append(index)
         waiting.extend(reversed(shape.children[index]))
     return ordered

@@ -21,7 +21,7 @@ from skiros2_gui.skills.task_presenter import TaskListPresenter
 from skiros2_skill.command_line.description import Skill
 
 #: The job queue of previews.
-_QUEUE = "skills: look"
+_QUEUE = "skills: preview"
 
 _MAX_USES = 1_000_000
 

@@ -12,6 +12,7 @@ from typing import Any
 from skiros2_common.core.discrete_reasoner import reasoners
 from skiros2_common.core.errors import SkirosError
 from skiros2_common.core.explanation import GIVEN, INFERENCE, PRE, START, Explanation, Provenance
+from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.params import Param, ParamHandler, ParamTypes
 from skiros2_common.core.world_element import Element
 from skiros2_gui.skills.catalogue import Offer
@@ -20,7 +21,6 @@ from skiros2_skill.command_line.description import KINDS, Parameter, Skill
 from skiros2_skill.core.diagnosis.inference_failure import failure_text, filter_candidates
 from skiros2_skill.core.engine.failures import PRE_FAILED
 from skiros2_skill.core.engine.inference import infer, inferable
-from skiros2_skill.core.manager_names import runs_on
 from skiros2_task.core.actions import ROBOT_KEY
 from skiros2_task.core.preview import make_condition
 from skiros2_task.core.skills import SkillCondition, read_skill

@@ -66,8 +66,8 @@ def _headline(refusal: Explanation) -> str:
     if refusal.candidates:
         emptied = [c for c in refusal.candidates if c.emptied]
         keys = " and ".join(c.key for c in emptied or refusal.candidates)
-        wanted = " together" if not emptied and len(refusal.candidates) > 1 else ""
-        return f"no element of the scene fits {keys}{wanted}."
+        together = " together" if not emptied and len(refusal.candidates) > 1 else ""
+        return f"no element of the scene fits {keys}{together}."
     if refusal.findings:
         return f"{'; '.join(f'{f.label}: {f.found}' for f in refusal.findings)}."
     if refusal.tried:

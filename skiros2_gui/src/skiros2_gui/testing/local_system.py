@@ -226,10 +226,10 @@ class LocalSystem:
             element = Element("cora:Robot", robot)
             element.addRelation("skiros:Scene-0", "skiros:contain", "-1")
             self._wm.add_element(element)
-        made = LocalManager(self._wm, name, skills, self._event_queue.put, robot)
-        self._managers[name] = made
+        manager = LocalManager(self._wm, name, skills, self._event_queue.put, robot)
+        self._managers[name] = manager
         self._event_queue.put(ManagersChanged())
-        return made
+        return manager
 
     def remove_manager(self, name: str) -> None:
         """Removes a manager."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from skiros2_common.core.names import id_order, local_name
-from skiros2_gui.world.details import shown_name
+from skiros2_gui.world.details import display_name
 from skiros2_gui.world.scene import SceneHierarchy
 from skiros2_gui.world.vocabulary import Predicate, Vocabulary
 
@@ -81,12 +81,12 @@ def element_choices(
     :param most: the most elements.
     """
     words = text.lower().split()
-    all_ids = (node.id for node in hierarchy.scene)
+    all_ids = (record.id for record in hierarchy.scene)
     found = hierarchy.find(text, len(hierarchy)) if words else sorted(all_ids, key=id_order)
-    wanted = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
-    if wanted:
-        found.sort(key=lambda eid: (node := hierarchy.scene.record(eid)) is None or node.type not in wanted)
-    chosen = [(eid, shown_name(hierarchy, eid)) for eid in found if eid != without][:most]
+    preferred = {name for etype in types for name in vocabulary.ontology.subclasses(etype)}
+    if preferred:
+        found.sort(key=lambda eid: (record := hierarchy.scene.record(eid)) is None or record.type not in preferred)
+    chosen = [(eid, display_name(hierarchy, eid)) for eid in found if eid != without][:most]
     templates = [name for name in vocabulary.templates() if words and all(word in name.lower() for word in words)]
     return chosen + [(name, f"{local_name(name)}  (template)") for name in templates]
 

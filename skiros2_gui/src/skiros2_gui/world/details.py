@@ -106,7 +106,7 @@ class RelationRow:
 
 
 @dataclass(frozen=True)
-class ShownPose:
+class PoseDetails:
     """The pose of an element.
 
     :param position: x, y, z (m).
@@ -142,16 +142,16 @@ class Details:
     stamp: float
     properties: tuple[PropertyRow, ...]
     relations: tuple[RelationRow, ...]
-    pose: ShownPose | None = None
+    pose: PoseDetails | None = None
 
 
 def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> Details | None:
     """Returns the details of an element; None if it does not exist."""
-    node = hierarchy.scene.record(eid)
-    if node is None:
+    record = hierarchy.scene.record(eid)
+    if record is None:
         return None
     pose = _pose(hierarchy, eid)
-    rows = [property_row(vocabulary, node.type, key, prop) for key, prop in node.properties.items()]
+    rows = [property_row(vocabulary, record.type, key, prop) for key, prop in record.properties.items()]
     if pose is not None:
         turns = zip(ANGLES, pose.angles, _ANGLE_TIPS, strict=True)
         rows += [PropertyRow(name, (_plain(angle),), float, "°", tip) for name, angle, tip in turns]
@@ -159,7 +159,7 @@ def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> D
     incoming = [(pred, src, False) for src, pred, _ in hierarchy.scene.relations(dst=eid)]
     relations = [
         RelationRow(
-            pred, other, shown_name(hierarchy, other), other in hierarchy.scene, is_out, vocabulary.description(pred)
+            pred, other, display_name(hierarchy, other), other in hierarchy.scene, is_out, vocabulary.description(pred)
         )
         for pred, other, is_out in sorted(
             [*outgoing, *incoming], key=lambda r: (r[2], r[0] not in hierarchy.spatial, r[0], id_order(r[1]))
@@ -167,11 +167,11 @@ def details_of(hierarchy: SceneHierarchy, vocabulary: Vocabulary, eid: str) -> D
     ]
     return Details(
         eid,
-        node.type,
-        node.label,
-        vocabulary.description(node.type),
-        node.provenance.author,
-        node.provenance.stamp,
+        record.type,
+        record.label,
+        vocabulary.description(record.type),
+        record.provenance.author,
+        record.provenance.stamp,
         tuple(sorted(rows, key=_property_order)),
         tuple(relations),
         pose,
@@ -184,29 +184,29 @@ def property_row(vocabulary: Vocabulary, etype: str, key: str, prop: Property) -
     return PropertyRow(key, tuple(prop.values), kind, vocabulary.unit(key), vocabulary.description(key))
 
 
-def shown_name(hierarchy: SceneHierarchy, eid: str) -> str:
+def display_name(hierarchy: SceneHierarchy, eid: str) -> str:
     """Returns the displayed name of an element: its label, if it has one, and its id without prefix."""
     if eid == UNPLACED:
         return "Not placed"
-    node = hierarchy.scene.record(eid)
+    record = hierarchy.scene.record(eid)
     short = local_name(eid)
-    if node is None:
+    if record is None:
         return short
     if eid == ROOT:
         return "Scene"
-    label = local_name(node.label)
+    label = local_name(record.label)
     return f"{label}  ({short})" if label else short
 
 
-def _pose(hierarchy: SceneHierarchy, eid: str) -> ShownPose | None:
+def _pose(hierarchy: SceneHierarchy, eid: str) -> PoseDetails | None:
     element = hierarchy.scene.element(eid)
     pose = pose_of(element) if element is not None else None
     if element is None or pose is None:
         return None
     roll, pitch, yaw = map(math.degrees, to_euler(pose.orientation))
     frame = text(element, BASE_FRAME)
-    frame_name = shown_name(hierarchy, frame) if frame in hierarchy.scene else frame
-    return ShownPose(pose.position, (roll, pitch, yaw), frame_name)
+    frame_name = display_name(hierarchy, frame) if frame in hierarchy.scene else frame
+    return PoseDetails(pose.position, (roll, pitch, yaw), frame_name)
 
 
 def _plain(number: float) -> float:

@@ -191,11 +191,12 @@ class WorldPresenter:
 
     def expire_highlights(self) -> None:
         """Removes old highlights. To be called periodically."""
-        over = [eid for eid, mark in self.highlights.items() if self._clock() - mark.stamp >= HIGHLIGHT_SECONDS]
-        for eid in over:
+        oldest = self._clock() - HIGHLIGHT_SECONDS
+        expired = [eid for eid, highlight in self.highlights.items() if highlight.stamp <= oldest]
+        for eid in expired:
             del self.highlights[eid]
-        if over and self.view is not None:
-            self.view.show_highlights(over)
+        if expired and self.view is not None:
+            self.view.show_highlights(expired)
 
     # -- selection ---------------------------------------------------------------------------------------------
 
@@ -288,10 +289,10 @@ class WorldPresenter:
     def _who(self, eid: str) -> str:
         """Returns who changed an element last, and when. Called by jobs; read-only."""
         hierarchy = self.hierarchy
-        node = hierarchy.scene.record(eid) if hierarchy is not None else None
-        if node is None or not node.provenance.author:
+        record = hierarchy.scene.record(eid) if hierarchy is not None else None
+        if record is None or not record.provenance.author:
             return ""
-        last = node.provenance
+        last = record.provenance
         return f"{last.author.strip('/')} at {time.strftime('%H:%M:%S', time.localtime(last.stamp))}"
 
     def author(self) -> str:

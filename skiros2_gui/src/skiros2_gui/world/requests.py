@@ -39,20 +39,20 @@ class Requests:
 
     def set_values(self, eid: str, key: str, texts: Sequence[str]) -> list[Operation]:
         """Sets the values of a property from texts, lists and dicts as JSON. No texts: no values."""
-        node = self._node(eid)
+        record = self._record(eid)
         key = full_name(key.strip())
         if key in ("rdfs:label", "rdf:type") or not key.rpartition(":")[2]:
             raise WrongValue(f"{key!r} cannot be the name of a property")
         if self._vocabulary.ontology.has_relation(key) and not self._vocabulary.is_declared(key):
             raise WrongValue(f"{key} is a relation, not a property: add it as a relation")
-        known = node.properties.get(key)
+        known = record.properties.get(key)
         current = known.dataType() if known is not None else None
         if current in (list, dict):
             prop = Property(key, current)
             prop.assign([_from_json(key, text, current) for text in texts])
         else:
-            prop = Property(key, self._vocabulary.value_type(node.type, key, current))
-            prop.assign([self._vocabulary.parsed(node.type, key, text, current) for text in texts])
+            prop = Property(key, self._vocabulary.value_type(record.type, key, current))
+            prop.assign([self._vocabulary.parsed(record.type, key, text, current) for text in texts])
         if known is not None and known.values == prop.values:
             return []
         return [Patch(eid, ElementChanges({key: prop}))]
@@ -61,20 +61,20 @@ class Requests:
         """Removes a property."""
         if key in ANGLES:
             raise WrongValue(f"{key} is computed from the orientation, and is removed with it")
-        if key not in self._node(eid).properties:
+        if key not in self._record(eid).properties:
             raise UnknownName(f"{eid} has no property {key}")
         return [Patch(eid, ElementChanges(removed_properties=[key]))]
 
     def set_label(self, eid: str, label: str) -> list[Operation]:
         """Sets the label."""
-        if label == self._node(eid).label:
+        if label == self._record(eid).label:
             return []
         return [Patch(eid, ElementChanges(label=label))]
 
     def set_type(self, eid: str, etype: str) -> list[Operation]:
         """Sets the class; the id does not change."""
         self._check_class(etype)
-        if etype == self._node(eid).type:
+        if etype == self._record(eid).type:
             return []
         return [Patch(eid, ElementChanges(type=etype))]
 
@@ -84,16 +84,16 @@ class Requests:
         :param position: x, y, z (m).
         :param angles: roll, pitch, yaw (degrees), about the fixed axes x, y, z in this order.
         """
-        node = self._node(eid)
+        record = self._record(eid)
         if not all(math.isfinite(number) for number in (*position, *angles)):
             raise WrongValue(f"{eid}: a pose is six finite numbers")
         x, y, z = position
         pose = Pose((x, y, z), from_euler(*map(math.radians, angles)))
-        moved = Element(node.type, node.label, eid)
-        for key in pose_keys(node.properties):
-            moved._put(key, node.properties[key].clone())
+        moved = Element(record.type, record.label, eid)
+        for key in pose_keys(record.properties):
+            moved._put(key, record.properties[key].clone())
         set_pose(moved, pose)
-        before = node.properties
+        before = record.properties
         changed = {k: p for k, p in moved._props.items() if k not in before or p.values != before[k].values}
         return [Patch(eid, ElementChanges(changed))] if changed else []
 
@@ -103,7 +103,7 @@ class Requests:
         :param name: one of `ANGLES`.
         :param text: degrees.
         """
-        element = self._hierarchy.scene.element(self._node(eid).id)
+        element = self._hierarchy.scene.element(self._record(eid).id)
         pose = pose_of(element) if element is not None else None
         if pose is None:
             raise WrongValue(f"{eid} has no pose; set one first")
@@ -141,27 +141,27 @@ class Requests:
 
     def removed_with(self, eid: str) -> list[str]:
         """Returns the elements that are removed with an element: itself, and descendants without other parents."""
-        self._node(eid)
+        self._record(eid)
         return cascade_ids(self._hierarchy.scene, self._vocabulary.ontology, eid, "skiros:sceneProperty")
 
     def remove(self, ids: Sequence[str]) -> list[Operation]:
         """Removes elements with their descendants."""
-        gone: set[str] = set()
+        removed: set[str] = set()
         operations: list[Operation] = []
         for eid in ids:
             if eid == ROOT:
                 raise WrongValue("the scene itself cannot be removed")
-            if eid not in gone:
+            if eid not in removed:
                 under = self.removed_with(eid)
                 operations = [o for o in operations if not (isinstance(o, Remove) and o.id in under)]
-                gone.update(under)
+                removed.update(under)
                 operations.append(Remove(eid))
         return operations
 
     def move(self, eid: str, parent: str, predicate: str = CONTAINS) -> list[Operation]:
         """Moves an element to a new parent."""
-        self._node(eid)
-        self._node(parent)
+        self._record(eid)
+        self._record(parent)
         if eid == parent or eid in self._hierarchy.path(parent):
             raise WrongValue(f"{eid} cannot be moved into {parent}, its descendant")
         if eid == ROOT:
@@ -179,7 +179,7 @@ class Requests:
 
     def relate(self, src: str, predicate: str, dst: str) -> list[Operation]:
         """Adds a relation to an element or template."""
-        node = self._node(src)
+        record = self._record(src)
         if not self._vocabulary.ontology.has_relation(predicate):
             raise UnknownName(f"the ontologies know no relation {predicate!r}")
         if dst not in self._hierarchy.scene and not self._vocabulary.ontology.knows(dst):
@@ -187,7 +187,7 @@ class Requests:
         if self._hierarchy.scene.related(src, predicate, dst):
             return []
         added = ElementChanges(added_relations=[relation_dict("-1", predicate, dst)])
-        return [Patch(node.id, added)]
+        return [Patch(record.id, added)]
 
     def unrelate(self, src: str, predicate: str, dst: str) -> list[Operation]:
         """Removes a relation."""
@@ -204,24 +204,24 @@ class Requests:
     def _placed(self, parent: str, predicate: str) -> list[dict[str, object]]:
         if not parent:
             return []
-        self._node(parent)
+        self._record(parent)
         if predicate not in self._hierarchy.spatial:
             raise WrongValue(f"{predicate} does not place one element in another")
         return [relation_dict(parent, predicate, "-1")]
 
     def _type_of(self, eid: str) -> str:
-        node = self._hierarchy.scene.record(eid)
-        return node.type if node is not None else self._vocabulary.type_of(eid)
+        record = self._hierarchy.scene.record(eid)
+        return record.type if record is not None else self._vocabulary.type_of(eid)
 
     def _check_class(self, etype: str) -> None:
         if not self._vocabulary.ontology.has_class(etype):
             raise UnknownName(f"the ontologies have no class {etype!r}")
 
-    def _node(self, eid: str) -> ElementRecord:
-        node = self._hierarchy.scene.record(eid)
-        if node is None:
+    def _record(self, eid: str) -> ElementRecord:
+        record = self._hierarchy.scene.record(eid)
+        if record is None:
             raise UnknownName(f"there is no element {eid!r} any more" if eid else "no element is chosen")
-        return node
+        return record
 
 
 def _from_json(key: str, text: str, kind: type) -> object:

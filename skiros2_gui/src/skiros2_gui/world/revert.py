@@ -225,5 +225,5 @@ def _same_content(one: ElementRecord, other: ElementRecord) -> bool:
     )
 
 
-def _element(node: ElementRecord) -> Element:
-    return Element.shared(node.type, node.label, node.id, node.properties, (), node.version)
+def _element(record: ElementRecord) -> Element:
+    return Element.shared(record.type, record.label, record.id, record.properties, (), record.version)

@@ -33,7 +33,7 @@ class SceneUpdate:
     """The effect of changes.
 
     :param elements: the ids of added, removed and changed elements; changed relations count.
-    :param by_change: the change itself, by snapshot id, for changes of the wanted author.
+    :param by_change: the change itself, by snapshot id, for changes of the requested author.
     """
 
     elements: dict[str, None] = field(default_factory=dict)
@@ -80,15 +80,15 @@ class SceneHierarchy:
         self._moving: set[str] = set()  # not inserted yet, while a change is applied
         elements = list(elements)
         for element in elements:
-            made = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
-            self.scene.put(ElementRecord(element.id, element.type, element.label, element._props, made))
+            provenance = Provenance(max(element.version, 0), element.getLastUpdate().timestamp())
+            self.scene.put(ElementRecord(element.id, element.type, element.label, element._props, provenance))
         for element in elements:
             for relation in element._rels:
                 if relation["src"] == "-1":
                     self.scene.relate(element.id, relation["type"], relation["dst"])
         self._texts.find(" ", self.scene)
         self._newest = max((element.version for element in elements), default=0)
-        self._unplaced = {node.id for node in self.scene if self._parent(node.id) == UNPLACED}
+        self._unplaced = {record.id for record in self.scene if self._parent(record.id) == UNPLACED}
 
     def __len__(self) -> int:
         return len(self.scene)
@@ -164,10 +164,10 @@ class SceneHierarchy:
 
     # -- changes -----------------------------------------------------------------------------------------------
 
-    def follow(self, changes: Iterable[Change], wanted: str = "") -> SceneUpdate | None:
+    def follow(self, changes: Iterable[Change], author: str = "") -> SceneUpdate | None:
         """Applies changes and notifies the view.
 
-        :param wanted: the author whose changes are returned.
+        :param author: the author whose changes are returned.
         :returns: None if a change is missing, or the scene was replaced: it has to be read again.
         """
         update = SceneUpdate()
@@ -181,29 +181,29 @@ class SceneHierarchy:
                 continue
             affected = self._affected(change)
             before = {eid: self.scene.record(eid) for eid in affected}
-            relations = self._relations(affected) if change.author == wanted else set()
+            relations = self._relations(affected) if change.author == author else set()
             self._apply(change, affected)
             update.elements.update(affected)
-            if change.author == wanted:
+            if change.author == author:
                 after = {eid: self.scene.record(eid) for eid in affected}
-                made = recorded_change(change, before, after, relations, self._relations(affected))
-                update.by_change[change.snapshot_id] = made
+                entry = recorded_change(change, before, after, relations, self._relations(affected))
+                update.by_change[change.snapshot_id] = entry
         if self.view is not None:
             self.view.changes_ended()
         return update
 
     def _apply(self, change: Change, affected: dict[str, None]) -> None:
-        places = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
+        parents = {eid: (self.parent(eid), len(self.path(eid))) for eid in affected if eid in self.scene}
         apply_change(self.scene, change)
-        moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != places.get(e, (TOP, 0))[0]]
+        moves = [e for e in affected if (self._parent(e) if e in self.scene else TOP) != parents.get(e, (TOP, 0))[0]]
         if len(moves) > _MANY_MOVES:
             self._reset_order(moves)
         else:
             self._moving = set(moves)
             # Children are removed before, and inserted after, their parents.
-            for eid in sorted(moves, key=lambda e: -places.get(e, (TOP, 0))[1]):
-                if eid in places:
-                    self._take_out(eid, places[eid][0])
+            for eid in sorted(moves, key=lambda e: -parents.get(e, (TOP, 0))[1]):
+                if eid in parents:
+                    self._take_out(eid, parents[eid][0])
             for eid in sorted((e for e in moves if e in self.scene), key=self._depth):
                 self._put_in(eid)
             self._moving.clear()
@@ -359,19 +359,19 @@ class SearchTexts:
     def __init__(self) -> None:
         self._texts: dict[str, tuple[ElementRecord, str]] = {}
 
-    def find(self, text: str, nodes: Iterable[ElementRecord]) -> list[str]:
+    def find(self, text: str, records: Iterable[ElementRecord]) -> list[str]:
         """Returns the elements that contain all words of a text, sorted by id; none without words."""
         words = text.lower().split()
-        found = [node.id for node in nodes if all(map(self._text(node).__contains__, words))]
+        found = [record.id for record in records if all(map(self._text(record).__contains__, words))]
         return sorted(found, key=id_order) if words else []
 
     def forget(self, eid: str) -> None:
         """Removes an element."""
         self._texts.pop(eid, None)
 
-    def _text(self, node: ElementRecord) -> str:
-        known = self._texts.get(node.id)
-        if known is None or known[0] is not node:
-            values = (str(v) for prop in node.properties.values() for v in prop.values if isinstance(v, str))
-            known = self._texts[node.id] = node, " ".join((node.id, node.label, *values)).lower()
+    def _text(self, record: ElementRecord) -> str:
+        known = self._texts.get(record.id)
+        if known is None or known[0] is not record:
+            values = (str(v) for prop in record.properties.values() for v in prop.values if isinstance(v, str))
+            known = self._texts[record.id] = record, " ".join((record.id, record.label, *values)).lower()
         return known[1]

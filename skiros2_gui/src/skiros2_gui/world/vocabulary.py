@@ -129,13 +129,13 @@ class Vocabulary:
     def mismatch(self, subject_type: str, predicate: str, object_type: str) -> str:
         """Returns why a relation violates its domain or range; "" if it does not. The world model accepts it."""
         known = self.predicate(predicate)
-        for what, etype, wanted in (
+        for role, etype, classes in (
             ("a subject", subject_type, known.domain),
             ("an object", object_type, known.range),
         ):
-            if wanted and etype and not any(self.ontology.is_subclass(etype, c) for c in wanted):
-                expected = " or ".join(map(local_name, wanted))
-                return f"{local_name(predicate)} is meant for {what} of class {expected}, not {local_name(etype)}"
+            if classes and etype and not any(self.ontology.is_subclass(etype, c) for c in classes):
+                expected = " or ".join(map(local_name, classes))
+                return f"{local_name(predicate)} is meant for {role} of class {expected}, not {local_name(etype)}"
         return ""
 
     def _inherited(self, known: dict[str, list[str]], name: str) -> tuple[str, ...]:

@@ -116,7 +116,7 @@ class pick(SkillBase):
 
 
 class place(SkillBase):
-    """Reaches for the container, lets go of the object, and tucks the arm. The object then stands in the container."""
+    """Reaches for the container, releases the object, and tucks the arm. The object then stands in the container."""
 
     def createDescription(self) -> None:
         self.setDescription(Place(), self.__class__.__name__)

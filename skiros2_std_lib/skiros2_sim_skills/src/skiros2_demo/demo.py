@@ -184,7 +184,7 @@ class Demo:
         came = all(disturbance.done for disturbance in self._disturbances)
         return [
             Finding(came, "; ".join(self._disturbance_log) or "nothing was disturbed"),
-            Finding(len(reasons) >= len(self._disturbances), f"planned anew {len(reasons)} times"),
+            Finding(len(reasons) >= len(self._disturbances), f"replanned {len(reasons)} times"),
             *(Finding(True, f"because {reason}") for reason in reasons),
         ]
 

@@ -99,8 +99,8 @@ def _empty_neighbour(world: WorldState, product: str, goal: str) -> Thing:
     """
     trays = world.holders(product, CONTAIN)
     stations = {station for tray in trays for station in world.holders(tray, CONTAIN)}
-    beside = sorted(o for s, p, o in world.relations if p == CONTAIN and s in stations and o not in (*trays, goal))
-    for thing in (world.things[other] for other in beside):
+    neighbours = sorted(o for s, p, o in world.relations if p == CONTAIN and s in stations and o not in (*trays, goal))
+    for thing in (world.things[other] for other in neighbours):
         if thing.properties.get("skiros:ContainerState") == ["Empty"]:
             return thing
     raise Refused(f"there is no other empty tray on the workstation where {world.name(product)} is")

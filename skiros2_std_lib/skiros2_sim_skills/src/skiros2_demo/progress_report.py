@@ -53,9 +53,9 @@ class ProgressReport:
         plan = steps_of(feedback.plan)
         states = {step["number"]: step for step in steps_of(feedback.steps)}
         for step in plan:
-            told = states.get(step["number"], {})
-            if told.get("state") == "failed":
-                self._planning = f"{name_of(step)} has failed: {_plain(told.get('message', ''))}"
+            state = states.get(step["number"], {})
+            if state.get("state") == "failed":
+                self._planning = f"{name_of(step)} has failed: {_plain(state.get('message', ''))}"
         new = [step for step in plan if step["number"] > self._known]
         if new:
             self._print_plan(new)
@@ -97,12 +97,12 @@ class ProgressReport:
         if again:
             reason = self._with_names(self._planning)
             self.reasons.append(reason)
-            self.title(f"Planned anew, for {reason}")
+            self.title(f"New plan: {reason}")
         else:
             self.title(f"Plan ({time.monotonic() - self._started:.1f} s)")
         for line in plan_lines(new, self._name):
             self.say(f"  {line}")
-        self.title("The tree as it runs" if not again else "It goes on")
+        self.title("The tree as it runs" if not again else "Continued")
 
     def _with_names(self, text: str) -> str:
         """Replaces ids in a text by names."""

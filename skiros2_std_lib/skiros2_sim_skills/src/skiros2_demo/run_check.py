@@ -107,7 +107,8 @@ def _check_result(goal_run: GoalRun) -> list[Finding]:
         return [Finding(True, "the goal was reached already, there was nothing to do")]
     if goal.state != SUCCEEDED:
         return [Finding(False, f"the goal ended as {goal.state}: {goal.message}")]
-    plans = [f"a plan was made{' anew' if n else ''}: {_with_names(plan)}" for n, plan in enumerate(goal_run.plans)]
+    kinds = ["a plan", *["another plan"] * (len(goal_run.plans) - 1)]
+    plans = [f"{kind} was made: {_with_names(plan)}" for kind, plan in zip(kinds, goal_run.plans, strict=False)]
     return [*(Finding(True, text) for text in plans), *_check_steps(goal_run)]
 
 

@@ -8,15 +8,15 @@ import actionlib
 from actionlib_msgs.msg import GoalStatus
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
+from skiros2_common.core.manager_names import manager_of
 from skiros2_common.core.params import ParamTypes
 from skiros2_msgs.msg import AchieveAction, AchieveGoal
-from skiros2_skill.core.manager_names import manager_of
 from skiros2_std_skills.action_client_primitive import PrimitiveActionClient
 from skiros2_task.ros.task_manager_interface import ACHIEVE_ACTION
 
 
 class Achieve(SkillDescription):
-    """Reaches a goal: it is planned, carried out by the robots, and planned anew when something goes wrong."""
+    """Achieves a goal: plans for it, executes the plan on the robots, and replans after a failure."""
 
     def createDescription(self) -> None:
         self.addParam("Goal", str, ParamTypes.Required, description="PDDL goals, parted by commas")

@@ -34,7 +34,7 @@ class _Call:
 
 
 class PrimitiveServiceClient(ClientPrimitive):
-    """Calls a service in a thread of its own, so that the tree goes on meanwhile. Override `buildClient`,
+    """Calls a service in its own thread, so that the tree continues meanwhile. Override `buildClient`,
     `buildRequest` and `onDone`.
 
     Attributes for subclasses:
@@ -44,7 +44,7 @@ class PrimitiveServiceClient(ClientPrimitive):
       when the skill is loaded;
     - `call_timeout_sec`: how long the call may take before the skill fails (s of wall time); None: for ever.
 
-    A call that is given up, by preemption or timeout, is not taken back: its answer is dropped.
+    A call abandoned by preemption or timeout is not cancelled: its answer is discarded.
     """
 
     build_client_onstart = False

@@ -8,11 +8,10 @@ import actionlib
 
 from skiros2_common.core.abstract_skill import SkillDescription, State
 from skiros2_common.core.errors import SkirosError, WrongValue
-from skiros2_common.core.names import same_node
+from skiros2_common.core.manager_names import manager_of, same_node
 from skiros2_common.core.params import ParamTypes
 from skiros2_common.ros.action_server_watch import ServerWatch
 from skiros2_msgs.msg import AssignTaskAction, AssignTaskGoal
-from skiros2_skill.core.manager_names import manager_of
 from skiros2_skill.core.processors import SerialStar
 from skiros2_skill.core.skill import SkillBase
 from skiros2_skill.ros.utils import deserialize_skill

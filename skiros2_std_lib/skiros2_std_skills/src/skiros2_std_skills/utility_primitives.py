@@ -124,7 +124,7 @@ class wm_set_properties(PrimitiveBase):
 
 
 class WmMoveObject(SkillDescription):
-    """Tells the world model that an object has moved from one place to another."""
+    """Moves an object in the world model from one place to another."""
 
     def createDescription(self) -> None:
         self.addParam("StartLocation", Element("sumo:Object"), ParamTypes.Inferred, description="Where it was")

@@ -1,4 +1,4 @@
-"""Names of ontology terms, elements and ROS nodes.
+"""Names of ontology terms and elements.
 
 An ontology name is `prefix:Name`. `:Name` and `Name` stand for the default prefix.
 """
@@ -38,17 +38,6 @@ def spellings(name: str) -> tuple[str, ...]:
     full = full_name(name)
     prefix, colon, local = full.partition(":")
     return (full, local, f":{local}") if colon and prefix == DEFAULT_PREFIX else (full,)
-
-
-def same_node(one: str, other: str) -> bool:
-    """Whether two names denote the same ROS node. A name without a leading slash may be the last part of the full name.
-
-    Scenes name skill managers in both forms.
-    """
-    if one.startswith("/") == other.startswith("/"):
-        return one == other
-    full, last = (one, other) if one.startswith("/") else (other, one)
-    return bool(last) and full.endswith(f"/{last}")
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:

@@ -9,13 +9,13 @@ from collections.abc import Iterable
 from typing import Any
 
 from skiros2_common.core.errors import ConfigurationError, SkirosError
+from skiros2_common.core.manager_names import SKILL_MGR, bare_name, runs_on
 from skiros2_common.core.names import DEFAULT_PREFIX, full_name
 from skiros2_common.core.property import Property
 from skiros2_common.core.skill_description import DEVICE_IDLE, DEVICE_STATE, SkillDescription
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.engine.devices import DEVICE_HOLDER, release_stale_devices
 from skiros2_skill.core.library.library import Implementation
-from skiros2_skill.core.manager_names import SKILL_MGR, bare_name, runs_on
 from skiros2_world_model.core.last_will import CleanupAction
 
 log = logging.getLogger(__name__)

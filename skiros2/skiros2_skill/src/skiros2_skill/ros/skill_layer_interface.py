@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from skiros2_common.core.errors import UnknownName
+from skiros2_common.core.manager_names import manager_of, matching_name
 from skiros2_common.core.world_element import Element
-from skiros2_skill.core.manager_names import manager_of, matching_name
 from skiros2_skill.ros.discovery_interface import DiscoveryInterface
 from skiros2_skill.ros.skill_manager_interface import SkillManagerInterface
 

@@ -9,7 +9,7 @@ from typing import Any
 from skiros2_common.command_line.command import REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.names import same_node
+from skiros2_common.core.manager_names import same_node
 from skiros2_task.command_line.planning import goal_text
 from skiros2_task.command_line.world import manager_of, planning_world
 from skiros2_task.core.actions import Action, Effect, condition_predicates, make_actions

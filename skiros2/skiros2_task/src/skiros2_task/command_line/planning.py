@@ -12,7 +12,7 @@ from typing import Any
 from skiros2_common.command_line.command import OK, REFUSED, CommandResult
 from skiros2_common.command_line.layout import Screen, table
 from skiros2_common.core.errors import UnknownName, WrongValue
-from skiros2_common.core.names import same_node
+from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.world_element import Element
 from skiros2_task.command_line.world import manager_of, planning_world
 from skiros2_task.core.archive import Archive

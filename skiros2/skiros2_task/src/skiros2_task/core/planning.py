@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from skiros2_common.core.errors import WrongType, WrongValue
-from skiros2_common.core.names import same_node
+from skiros2_common.core.manager_names import same_node
 from skiros2_task.core.actions import condition_predicates, make_actions
 from skiros2_task.core.archive import Archive
 from skiros2_task.core.compiler import make_task

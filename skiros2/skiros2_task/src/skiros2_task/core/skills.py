@@ -14,7 +14,8 @@ from enum import Enum
 from typing import Any
 
 from skiros2_common.core.errors import WrongValue
-from skiros2_common.core.names import full_name, same_node
+from skiros2_common.core.manager_names import same_node
+from skiros2_common.core.names import full_name
 from skiros2_common.core.world_element import Element
 
 log = logging.getLogger(__name__)

@@ -26,13 +26,13 @@ class Bridge(QObject):
     """
 
     _ended = Signal()
-    _came = Signal()
+    _event_posted = Signal()
 
     def __init__(self) -> None:
         super().__init__()
         self.problems = Problems()
         self.jobs = Jobs(self.problems, lambda: self._ended.emit())
-        self.event_queue = EventQueue(lambda: self._came.emit())
+        self.event_queue = EventQueue(lambda: self._event_posted.emit())
         self._window: Window | None = None
         self._last = 0.0
         self._timer = QTimer(self)
@@ -40,7 +40,7 @@ class Bridge(QObject):
         self._timer.setTimerType(Qt.PreciseTimer)
         self._timer.timeout.connect(self._take)
         self._ended.connect(self.jobs.deliver, Qt.QueuedConnection)
-        self._came.connect(self._soon, Qt.QueuedConnection)
+        self._event_posted.connect(self._soon, Qt.QueuedConnection)
 
     def attach(self, window: Window) -> None:
         """Delivers events to `window`, including those queued so far."""

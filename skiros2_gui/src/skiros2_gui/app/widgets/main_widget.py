@@ -48,7 +48,7 @@ from skiros2_gui.app.widgets.theme import is_dark, tint
 from skiros2_gui.app.window import Window
 from skiros2_gui.run.widgets.tab import RunTab
 from skiros2_gui.skills.widgets.tab import SkillsTab
-from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_trouble
+from skiros2_gui.view3d.widgets.rviz_panel import RvizPanel, rviz_problem
 from skiros2_gui.world.widgets.tab import WorldTab
 
 log = logging.getLogger(__name__)
@@ -106,8 +106,8 @@ class MainWidget(QWidget):
         self.shared.subscribe(NodeShutdown, lambda event: self.shared.problems.report(_NODE_ENDED, event.reason))
         self.tabs = QTabWidget()
         self.tabs.setDocumentMode(True)
-        tabs = TABS if rviz_trouble() else (*TABS, RvizPanel)
-        self.pages = [_Page(made(self.shared), self.shared) for made in tabs]
+        tabs = TABS if rviz_problem() else (*TABS, RvizPanel)
+        self.pages = [_Page(tab(self.shared), self.shared) for tab in tabs]
         for number, page in enumerate(self.pages):
             self.tabs.addTab(page, page.tab.title)
             self.tabs.setTabToolTip(number, f"{page.tab.title} (Alt+{number + 1})")

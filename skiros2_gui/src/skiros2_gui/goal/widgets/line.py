@@ -8,7 +8,7 @@ from python_qt_binding.QtCore import QEvent, QModelIndex, QRect, Qt
 from python_qt_binding.QtGui import QKeyEvent, QStandardItem, QStandardItemModel
 from python_qt_binding.QtWidgets import QCompleter, QLabel, QLineEdit, QWidget
 
-from skiros2_gui.goal.completion import WORD, Completion
+from skiros2_gui.goal.completion import KEYWORD, Completion
 from skiros2_gui.goal.presenter import GoalPresenter
 
 _TEXT = Qt.UserRole
@@ -16,7 +16,7 @@ _REST_OF_WORD = re.compile(r'^[^\s(),";]+')
 
 
 class GoalLine(QLineEdit):
-    """Ctrl+space completes an empty word too.
+    """Ctrl+space completes an empty completion too.
 
     Tab and Enter insert the selected completion. In a complete goal Enter inserts a completion only if it was selected
     with the arrow keys; otherwise it plans.
@@ -56,15 +56,15 @@ class GoalLine(QLineEdit):
         """Shows the completions at the cursor."""
         found = self._goals.completions(self.cursorPosition())
         typed = self.text()[found.start : self.cursorPosition()]
-        words = [word for word in found.items if word.text != typed]
+        completions = [completion for completion in found.items if completion.text != typed]
         popup = self._completer.popup()
-        if not words or not (typed or even_if_empty or self.text()[: self.cursorPosition()].endswith("(")):
+        if not completions or not (typed or even_if_empty or self.text()[: self.cursorPosition()].endswith("(")):
             popup.hide()
             return
         self._start = found.start
         self._model.clear()
-        for word in words:
-            self._model.appendRow(_item(word))
+        for completion in completions:
+            self._model.appendRow(_item(completion))
         self._completer.complete(self._area())
         popup.setCurrentIndex(self._model.index(0, 0))
 
@@ -104,18 +104,20 @@ class GoalLine(QLineEdit):
 
     def _insert(self, index: QModelIndex) -> None:
         """Replaces the word at the cursor with a completion."""
-        word = str(index.data(_TEXT))
+        completion = str(index.data(_TEXT))
         self._completer.popup().hide()
         text, cursor = self.text(), self.cursorPosition()
         after = text[cursor:] if self._start == cursor else _REST_OF_WORD.sub("", text[cursor:], count=1)
-        gap = "" if word == "(" or after.startswith((" ", ")")) else " "
-        self.setText(f"{text[: self._start]}{word}{gap}{after}")
-        self.setCursorPosition(self._start + len(word) + len(gap))
+        gap = "" if completion == "(" or after.startswith((" ", ")")) else " "
+        self.setText(f"{text[: self._start]}{completion}{gap}{after}")
+        self.setCursorPosition(self._start + len(completion) + len(gap))
 
 
-def _item(word: Completion) -> QStandardItem:
-    more = "" if word.kind == WORD else f"   {word.kind}" + (f" {word.text}" if word.text != word.label else "")
-    item = QStandardItem(f"{word.label}{more}")
-    item.setData(word.text, _TEXT)
+def _item(completion: Completion) -> QStandardItem:
+    more = "" if completion.kind == KEYWORD else f"   {completion.kind}"
+    if more and completion.text != completion.label:
+        more += f" {completion.text}"
+    item = QStandardItem(f"{completion.label}{more}")
+    item.setData(completion.text, _TEXT)
     item.setEditable(False)
     return item

@@ -49,7 +49,7 @@ class TaskBanner(QLabel):
 
     def _set_colours(self) -> None:
         """Follows the theme; the colours change the palette themselves."""
-        wanted = (self._has_failed, is_dark(self.parentWidget()))
-        if wanted != self._colours:
-            self._colours = wanted
-            tint(self, background="error" if wanted[0] else "notice", dark=wanted[1])
+        colours = (self._has_failed, is_dark(self.parentWidget()))
+        if colours != self._colours:
+            self._colours = colours
+            tint(self, background="error" if colours[0] else "notice", dark=colours[1])

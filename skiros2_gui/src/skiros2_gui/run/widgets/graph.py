@@ -252,12 +252,12 @@ class TreeItem(QGraphicsItem):
         painter.setPen(self._faint)
         painter.drawText(room, Qt.AlignVCenter | Qt.AlignRight, text)
 
-    def _paint_breakpoint(self, painter: QPainter, mark: str, left: float, top: float, width: float) -> None:
+    def _paint_breakpoint(self, painter: QPainter, moments: str, left: float, top: float, width: float) -> None:
         """Paints a red dot at the start or end of a node."""
         painter.setPen(QPen(self._palette.color(QPalette.Base), 1.0))
         painter.setBrush(role_colour("failure", self._widget))
         for when, x in (("start", left), ("end", left + width)):
-            if when in mark:
+            if when in moments:
                 painter.drawEllipse(QPointF(x, top + self.box / 2), 5.0, 5.0)
 
     def _paint_selection(self, painter: QPainter, seen: QRectF, scale: float) -> None:

@@ -66,8 +66,8 @@ class RunTab(QWidget):
         self._times.chosen.connect(lambda node: self._go_to_node(node))
         self._details.element.connect(lambda eid: window.publish(ElementSelected(eid, self)))
         self.view.moved.connect(lambda: self._bar.follow.setChecked(False))
-        self._bar.wanted.connect(self._go_to)
-        self._bar.fitted.connect(self._fit)
+        self._bar.reveal_requested.connect(self._go_to)
+        self._bar.fit_requested.connect(self._fit)
         self._bar.follow.toggled.connect(lambda _: self._on_change(Redraw.STATES))
         self._on_change(Redraw.ALL)
 

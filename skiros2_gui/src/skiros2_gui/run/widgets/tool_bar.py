@@ -15,10 +15,10 @@ class TreeBar(QToolBar):
     """Buttons that do not fit move to the extension menu."""
 
     #: Emitted with the index of a node to scroll to.
-    wanted = Signal(int)
+    reveal_requested = Signal(int)
 
     #: Emitted to show the whole tree.
-    fitted = Signal()
+    fit_requested = Signal()
 
     def __init__(self, presenter: RunPresenter, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -44,7 +44,7 @@ class TreeBar(QToolBar):
         fold.setPopupMode(QToolButton.InstantPopup)
         fold.setMenu(self._menu())
         fit = _button("Fit", "fitTree", "show the whole tree (F); 0 shows it at 100 %, + and − zoom")
-        fit.clicked.connect(lambda: self.fitted.emit())
+        fit.clicked.connect(lambda: self.fit_requested.emit())
         for widget in (self.search, self.count, self.follow, self._jump, fold, fit):
             self.addWidget(widget)
 
@@ -85,14 +85,14 @@ class TreeBar(QToolBar):
             self._go_next()
 
     def _go_next(self) -> None:
-        self._want(self._presenter.select_next(self._presenter.found()))
+        self._request(self._presenter.select_next(self._presenter.found()))
 
     def _go_to_running(self) -> None:
-        self._want(self._presenter.select_next(self._presenter.running()[::-1]))
+        self._request(self._presenter.select_next(self._presenter.running()[::-1]))
 
-    def _want(self, index: int | None) -> None:
+    def _request(self, index: int | None) -> None:
         if index is not None:
-            self.wanted.emit(index)
+            self.reveal_requested.emit(index)
 
     def _on_follow(self, is_on: bool) -> None:
         self._presenter.follows = is_on

@@ -96,7 +96,7 @@ class TreeView(QGraphicsView):
         self._catch_up()
         drawing = self._presenter.tree.drawing
         if drawing is not None:
-            rect = self._item.rect_of(drawing.shown_for(index))
+            rect = self._item.rect_of(drawing.visible_node(index))
             if not self.viewport().rect().contains(self.mapFromScene(rect).boundingRect()):
                 self.centerOn(rect.center())
 
@@ -116,7 +116,7 @@ class TreeView(QGraphicsView):
             self.centerOn(bounds.center())
         else:
             running = self._presenter.running()
-            self.centerOn(self._item.rect_of(drawing.shown_for(running[-1] if running else 0)).center())
+            self.centerOn(self._item.rect_of(drawing.visible_node(running[-1] if running else 0)).center())
 
     def zoom(self, factor: float) -> None:
         """Scales the view."""

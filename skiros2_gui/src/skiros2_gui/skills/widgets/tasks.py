@@ -161,11 +161,11 @@ class TaskList(QWidget):
             self.list.addTopLevelItem(item)
         if new and (chosen is None or chosen.is_finished):
             chosen = new[0]
-        wanted = self._items.get(chosen.key) if chosen is not None else None
-        if wanted is None and rows:
-            wanted = self._items[rows[0].key]
-        if wanted is not None:
-            self.list.setCurrentItem(wanted)
+        item = self._items.get(chosen.key) if chosen is not None else None
+        if item is None and rows:
+            item = self._items[rows[0].key]
+        if item is not None:
+            self.list.setCurrentItem(item)
 
     def _fill(self, item: QTreeWidgetItem, row: TaskRow) -> None:
         state = row.state_at(time.time())

@@ -28,7 +28,7 @@ _LOST = "The ROS master was down. rviz does not reconnect to a restarted master:
 _reusable: list[Any] = []
 
 
-def rviz_trouble() -> str:
+def rviz_problem() -> str:
     """Returns why rviz cannot be embedded here; "" if it can."""
     if find_spec("rviz") is None:
         return "rviz's Python bindings are not installed (Debian: python3-rviz)"
@@ -50,18 +50,18 @@ class RvizPanel(QWidget):
         self._frame: Any = None
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
-        self._said = QLabel(
+        self._message = QLabel(
             "The scene in 3D, drawn by rviz. The element selected in another tab has arrows and rings to move it."
         )
-        self._said.setObjectName("rvizSaid")
-        self._said.setWordWrap(True)
-        self._said.setAlignment(Qt.AlignCenter)
+        self._message.setObjectName("rvizSaid")
+        self._message.setWordWrap(True)
+        self._message.setAlignment(Qt.AlignCenter)
         self._start = QPushButton("Open rviz here")
         self._start.setObjectName("rvizOpen")
         self._start.setToolTip("It stays until the window is closed")
         self._start.clicked.connect(self.open)
         self._column.addStretch(1)
-        self._column.addWidget(self._said)
+        self._column.addWidget(self._message)
         self._column.addWidget(self._start, 0, Qt.AlignHCenter)
         self._column.addStretch(1)
         window.subscribe(ConnectionChanged, lambda _: self._show_state())
@@ -74,7 +74,7 @@ class RvizPanel(QWidget):
 
     def open(self) -> None:
         """Starts rviz in this tab, unless it is open or cannot be embedded."""
-        if self._frame is None and not self._trouble():
+        if self._frame is None and not self._problem():
             self._frame = _rviz_frame()
             self._frame.getManager().startUpdate()
             while self._column.count():
@@ -117,21 +117,21 @@ class RvizPanel(QWidget):
         if self._frame is not None:
             self._frame.getManager().stopUpdate()
 
-    def _trouble(self) -> str:
+    def _problem(self) -> str:
         master = part_of(self._window.system, MASTER)
         if master is not None and not master.is_up:
             return "rviz needs the ROS master"
-        return rviz_trouble()
+        return rviz_problem()
 
     def _show_state(self) -> None:
-        trouble = self._trouble()
-        if self._frame is not None and trouble:
-            self._said.setText(_LOST)
-            self._column.insertWidget(0, self._said)
-            self._said.show()
+        problem = self._problem()
+        if self._frame is not None and problem:
+            self._message.setText(_LOST)
+            self._column.insertWidget(0, self._message)
+            self._message.show()
         elif self._frame is None:
-            self._start.setEnabled(not trouble)
-            self._start.setToolTip(trouble or "It stays until the window is closed")
+            self._start.setEnabled(not problem)
+            self._start.setToolTip(problem or "It stays until the window is closed")
 
 
 def _rviz_frame() -> Any:

@@ -49,7 +49,7 @@ class ClassChoice(QWidget):
     #: The selection has changed.
     changed = Signal()
     #: A choice was double-clicked.
-    taken = Signal()
+    accepted = Signal()
 
     def __init__(self, choices: Sequence[Choice], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -64,7 +64,7 @@ class ClassChoice(QWidget):
         self.tree.expandToDepth(1)
         self.search.textChanged.connect(self._filter)
         self.tree.currentItemChanged.connect(lambda *_: self.changed.emit())
-        self.tree.itemDoubleClicked.connect(lambda *_: self.taken.emit())
+        self.tree.itemDoubleClicked.connect(lambda *_: self.accepted.emit())
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.search)
@@ -119,7 +119,7 @@ class ElementChoice(QWidget):
     """
 
     changed = Signal()
-    taken = Signal()
+    accepted = Signal()
 
     def __init__(self, presenter: WorldPresenter, without: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -133,7 +133,7 @@ class ElementChoice(QWidget):
         self.search.setObjectName("elementSearch")
         self.search.textChanged.connect(lambda _: self._fill())
         self.list.currentItemChanged.connect(lambda *_: self.changed.emit())
-        self.list.itemDoubleClicked.connect(lambda *_: self.taken.emit())
+        self.list.itemDoubleClicked.connect(lambda *_: self.accepted.emit())
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self.search)

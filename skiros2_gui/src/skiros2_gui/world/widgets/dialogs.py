@@ -23,7 +23,7 @@ from python_qt_binding.QtWidgets import (
 from skiros2_common.core.errors import WrongValue
 from skiros2_common.core.names import full_name, local_name
 from skiros2_gui.world.choices import CLASS, class_choices, predicate_choices
-from skiros2_gui.world.details import Details, PropertyRow, ShownPose, shown_name
+from skiros2_gui.world.details import Details, PoseDetails, PropertyRow, display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.requests import CONTAINS
 from skiros2_gui.world.vocabulary import Vocabulary
@@ -85,14 +85,14 @@ class AddDialog(_Dialog):
         self.in_space.setChecked(True)
         self.in_space.setToolTip("Gives it a frame and a pose, which the world model maintains and publishes")
         form = QFormLayout()
-        form.addRow("Parent", QLabel(shown_name(hierarchy, parent_id)))
+        form.addRow("Parent", QLabel(display_name(hierarchy, parent_id)))
         form.addRow("Relation", self.relation)
         form.addRow("Label", self.label)
         form.addRow("", self.in_space)
         self.content.addWidget(self.choice, 1)
         self.content.addLayout(form)
         self.choice.changed.connect(self._show)
-        self.choice.taken.connect(self._take)
+        self.choice.accepted.connect(self._take)
         self.choice.setFocus()
         self.size_to(28, 34)
         self._show()
@@ -152,18 +152,18 @@ class ClassDialog(_Dialog):
 class RemoveDialog(_Dialog):
     """Confirms the removal of elements and their descendants."""
 
-    def __init__(self, presenter: WorldPresenter, ids: Sequence[str], gone: Sequence[str], parent: QWidget) -> None:
+    def __init__(self, presenter: WorldPresenter, ids: Sequence[str], removed: Sequence[str], parent: QWidget) -> None:
         super().__init__("Remove", "Remove", parent)
         hierarchy = presenter.hierarchy
         assert hierarchy is not None
-        others = [eid for eid in gone if eid not in ids]
-        text = f"Remove {', '.join(shown_name(hierarchy, eid) for eid in ids[:3])}"
+        others = [eid for eid in removed if eid not in ids]
+        text = f"Remove {', '.join(display_name(hierarchy, eid) for eid in ids[:3])}"
         text += f" and {len(ids) - 3} more" if len(ids) > 3 else ""
         self.text = QLabel(f"{text}?")
         self.text.setWordWrap(True)
         self.content.addWidget(self.text)
         if others:
-            names = [shown_name(hierarchy, eid) for eid in others[:_MAX_NAMED]]
+            names = [display_name(hierarchy, eid) for eid in others[:_MAX_NAMED]]
             more = [f"and {len(others) - _MAX_NAMED} more"] if len(others) > _MAX_NAMED else []
             self.note.setText(f"Also removes {_counted(len(others))} below it:\n" + "\n".join([*names, *more]))
         else:
@@ -185,12 +185,12 @@ class RelationDialog(_Dialog):
         hierarchy, vocabulary = presenter.hierarchy, presenter.vocabulary
         assert hierarchy is not None and vocabulary is not None
         self._vocabulary = vocabulary
-        node = hierarchy.scene.record(eid)
+        record = hierarchy.scene.record(eid)
         self.predicate = QComboBox()
         self.predicate.setObjectName("relationChoice")
-        for predicate, fits in predicate_choices(vocabulary, node.type if node is not None else ""):
+        for predicate, matches in predicate_choices(vocabulary, record.type if record is not None else ""):
             text = local_name(predicate.name)
-            self.predicate.addItem(text if fits else f"{text}  (other domain)", predicate.name)
+            self.predicate.addItem(text if matches else f"{text}  (other domain)", predicate.name)
             tip = "\n".join(line for line in (predicate.name, predicate.description) if line)
             self.predicate.setItemData(self.predicate.count() - 1, tip, Qt.ToolTipRole)
         self.predicate.setEditable(True)
@@ -199,7 +199,7 @@ class RelationDialog(_Dialog):
         self.predicate.completer().setFilterMode(Qt.MatchContains)
         self.direction = QComboBox()
         self.direction.setObjectName("relationDirection")
-        name = shown_name(hierarchy, eid)
+        name = display_name(hierarchy, eid)
         self.direction.addItems((f"from {name}", f"to {name}"))
         self.other = ElementChoice(presenter, eid)
         form = QFormLayout()
@@ -210,7 +210,7 @@ class RelationDialog(_Dialog):
         self.predicate.currentIndexChanged.connect(lambda _: self._show())
         self.direction.currentIndexChanged.connect(lambda _: self._show())
         self.other.changed.connect(self._show)
-        self.other.taken.connect(self.accept)
+        self.other.accepted.connect(self.accept)
         self.size_to(28, 30)
         self._show()
 
@@ -330,7 +330,7 @@ class PoseDialog(_Dialog):
 
     def __init__(self, details: Details, parent: QWidget | None = None) -> None:
         super().__init__(f"Pose of {local_name(details.id)}", "Write", parent)
-        self._pose = pose = details.pose or ShownPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
+        self._pose = pose = details.pose or PoseDetails((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "")
         self.position = [_spin_box(number, " m", 1000.0, 0.01, 4) for number in pose.position]
         self.angles = [_spin_box(number, " °", 360.0, 5.0, 3) for number in pose.angles]
         form = QFormLayout()

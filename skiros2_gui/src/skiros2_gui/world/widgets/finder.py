@@ -26,7 +26,7 @@ class ElementFinder(QWidget):
         self.line.setToolTip("Words in ids, labels and values; Enter, F3: next result, Shift+F3: previous")
         self.line.setClearButtonEnabled(True)
         self.line.returnPressed.connect(lambda: self.go_to_next())
-        self.said = QLabel()
+        self.message = QLabel()
         self._timer = QTimer(self)
         self._timer.setInterval(_DELAY)
         self._timer.setSingleShot(True)
@@ -35,7 +35,7 @@ class ElementFinder(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.line, 1)
-        row.addWidget(self.said)
+        row.addWidget(self.message)
         self.setFocusProxy(self.line)
 
     def close_finder(self) -> None:
@@ -69,9 +69,9 @@ class ElementFinder(QWidget):
     def _show_count(self) -> None:
         count, selected = len(self._found), self._presenter.selected
         if not self.line.text().strip():
-            self.said.setText("")
+            self.message.setText("")
         elif not count:
-            self.said.setText("none")
+            self.message.setText("none")
         else:
-            place = f"{self._found.index(selected) + 1} of {count}" if selected in self._found else f"{count} found"
-            self.said.setText(place)
+            text = f"{self._found.index(selected) + 1} of {count}" if selected in self._found else f"{count} found"
+            self.message.setText(text)

@@ -63,10 +63,10 @@ class QueryPanel(QWidget):
         self.table = RowsView(RowsModel(()))
         self.table.setObjectName("sparqlResult")
         self.table.doubleClicked.connect(self._go_to)
-        self.said = QLabel()
-        self.said.setObjectName("sparqlSaid")
-        self.said.setWordWrap(True)
-        self.said.setTextInteractionFlags(Qt.TextSelectableByMouse)
+        self.message = QLabel()
+        self.message.setObjectName("sparqlSaid")
+        self.message.setWordWrap(True)
+        self.message.setTextInteractionFlags(Qt.TextSelectableByMouse)
         row = QHBoxLayout()
         row.addWidget(self.examples, 1)
         row.addWidget(QLabel("of"))
@@ -77,7 +77,7 @@ class QueryPanel(QWidget):
         above.setContentsMargins(0, 0, 0, 0)
         above.addWidget(self.box, 1)
         above.addLayout(row)
-        above.addWidget(self.said)
+        above.addWidget(self.message)
         splitter = QSplitter(Qt.Vertical)
         splitter.addWidget(top)
         splitter.addWidget(self.table)
@@ -91,7 +91,7 @@ class QueryPanel(QWidget):
         """Executes the query."""
         text = self.box.toPlainText()
         if text.strip():
-            self.said.setText("Executing…")
+            self.message.setText("Executing…")
             self._queries.ask(text, CONTEXTS[self.context.currentIndex()])
 
     def _show(self) -> None:
@@ -104,10 +104,10 @@ class QueryPanel(QWidget):
         self.table.resizeColumnsToContents()
         self._highlight_line(diagnostic.line if diagnostic is not None else 0)
         if diagnostic is not None:
-            place = f"Line {diagnostic.line}, column {diagnostic.column}: " if diagnostic.line else ""
-            self.said.setText(f"⚠ {place}{diagnostic.text}")
+            position = f"Line {diagnostic.line}, column {diagnostic.column}: " if diagnostic.line else ""
+            self.message.setText(f"⚠ {position}{diagnostic.text}")
         else:
-            self.said.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
+            self.message.setText("1 row" if len(rows) == 1 else f"{len(rows)} rows" if rows else "No rows")
         self._fill_examples()
 
     def _highlight_line(self, line: int) -> None:

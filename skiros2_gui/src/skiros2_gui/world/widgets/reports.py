@@ -23,9 +23,9 @@ class ReportPanel(QWidget):
         super().__init__(parent)
         self._presenter = presenter
         self._queries = queries
-        self.said = QLabel("Not validated yet.")
-        self.said.setObjectName("validationSaid")
-        self.said.setWordWrap(True)
+        self.message = QLabel("Not validated yet.")
+        self.message.setObjectName("validationSaid")
+        self.message.setWordWrap(True)
         self.again = QPushButton("Validate")
         self.again.setObjectName("validateButton")
         self.again.setToolTip("Validates the scene against ontologies and shapes")
@@ -34,7 +34,7 @@ class ReportPanel(QWidget):
         self.table.setObjectName("validationTable")
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._go_to())
         row = QHBoxLayout()
-        row.addWidget(self.said, 1)
+        row.addWidget(self.message, 1)
         row.addWidget(self.again)
         column = QVBoxLayout(self)
         column.addLayout(row)
@@ -45,7 +45,7 @@ class ReportPanel(QWidget):
         report = self._queries.report
         if report is None:
             return
-        self.said.setText(f"{format_time(report.stamp)}: {report.summary}")
+        self.message.setText(f"{format_time(report.stamp)}: {report.summary}")
         self.table.rows.show_rows(
             [
                 Row(
@@ -74,16 +74,16 @@ class HistoryPanel(QWidget):
         super().__init__(parent)
         self._presenter = presenter
         self._queries = queries
-        self.said = QLabel()
-        self.said.setObjectName("historySaid")
-        self.said.setWordWrap(True)
+        self.message = QLabel()
+        self.message.setObjectName("historySaid")
+        self.message.setWordWrap(True)
         self.again = QPushButton("Refresh")
         self.again.setToolTip("Reads the history again")
         self.again.clicked.connect(lambda: self.show_element(is_changed=True))
         self.table = RowsView(RowsModel(("Time", "Author", "Changes")))
         self.table.setObjectName("historyTable")
         row = QHBoxLayout()
-        row.addWidget(self.said, 1)
+        row.addWidget(self.message, 1)
         row.addWidget(self.again)
         column = QVBoxLayout(self)
         column.addLayout(row)
@@ -106,14 +106,14 @@ class HistoryPanel(QWidget):
         past = self._queries.history
         name = local_name(past.eid)
         if not past.eid:
-            self.said.setText("No element is selected.")
+            self.message.setText("No element is selected.")
         elif past.entries is None:
-            self.said.setText(f"{name}: reading…")
+            self.message.setText(f"{name}: reading…")
             return
         elif past.text:
-            self.said.setText(past.text[:1].upper() + past.text[1:])
+            self.message.setText(past.text[:1].upper() + past.text[1:])
         else:
-            self.said.setText(f"{name}: {len(past.entries)} changes, the newest first")
+            self.message.setText(f"{name}: {len(past.entries)} changes, the newest first")
         rows = []
         for entry in past.entries or ():
             own = [line.replace(f"~ {past.eid} ", "~ ") for line in entry.lines]

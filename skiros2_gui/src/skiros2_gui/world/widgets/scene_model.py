@@ -11,7 +11,7 @@ from python_qt_binding.QtGui import QColor, QFont
 
 from skiros2_common.core.names import local_name
 from skiros2_gui.app.widgets import theme
-from skiros2_gui.world.details import shown_name
+from skiros2_gui.world.details import display_name
 from skiros2_gui.world.presenter import WorldPresenter
 from skiros2_gui.world.scene import TOP, UNPLACED
 from skiros2_world_model.core.scene import ROOT
@@ -170,11 +170,11 @@ class SceneModel(QAbstractItemModel):
         hierarchy = self._presenter.hierarchy
         assert hierarchy is not None
         if column == 0:
-            name = shown_name(hierarchy, eid)
+            name = display_name(hierarchy, eid)
             return f"{name} ({hierarchy.count(UNPLACED)})" if eid == UNPLACED else name
-        node = hierarchy.scene.record(eid)
+        record = hierarchy.scene.record(eid)
         if column == 1:
-            return local_name(node.type) if node is not None else ""
+            return local_name(record.type) if record is not None else ""
         highlight = self._presenter.highlights.get(eid)
         return f"● {highlight.author.strip('/')}" if highlight is not None else ""
 
@@ -183,13 +183,13 @@ class SceneModel(QAbstractItemModel):
         assert hierarchy is not None
         if eid == UNPLACED:
             return "Elements without parent: skills, parameters, elements without location"
-        node = hierarchy.scene.record(eid)
-        if node is None:
+        record = hierarchy.scene.record(eid)
+        if record is None:
             return eid
-        lines = [eid, vocabulary.description(node.type) if vocabulary is not None else ""]
-        if node.provenance.author:
-            when = time.strftime("%H:%M:%S", time.localtime(node.provenance.stamp))
-            lines.append(f"Last changed by {node.provenance.author.strip('/')} at {when}")
+        lines = [eid, vocabulary.description(record.type) if vocabulary is not None else ""]
+        if record.provenance.author:
+            when = time.strftime("%H:%M:%S", time.localtime(record.provenance.stamp))
+            lines.append(f"Last changed by {record.provenance.author.strip('/')} at {when}")
         return "\n".join(line for line in lines if line)
 
     # -- drag and drop -----------------------------------------------------------------------------------------

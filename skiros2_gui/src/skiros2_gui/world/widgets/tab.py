@@ -225,8 +225,8 @@ class WorldTab(QWidget):
         ids, requests = [eid for eid in self.chosen() if eid != ROOT], self.presenter.requests
         if not ids or requests is None:
             return
-        gone = dict.fromkeys(one for eid in ids for one in requests.removed_with(eid))
-        dialog = RemoveDialog(self.presenter, ids, list(gone), self)
+        removed = dict.fromkeys(one for eid in ids for one in requests.removed_with(eid))
+        dialog = RemoveDialog(self.presenter, ids, list(removed), self)
         names = ", ".join(map(local_name, ids[:3])) + (", …" if len(ids) > 3 else "")
         dialog.accepted.connect(lambda: self.presenter.change(f"remove {names}", lambda r: r.remove(ids)))
         self._open(dialog)

@@ -151,9 +151,9 @@ class _Chart:
         labels = [("    " * (len(row) - 2) + row[-1], len(row) == 1) for row in self._rows]
         labels += [("goals", True), ("changes of the world model by", True)]
         labels += [(author or "(nobody)", False) for author in self._authors]
-        beside = -0.0078 * max(len(label) for label, _ in labels)
+        label_x = -0.0078 * max(len(label) for label, _ in labels)
         for y, (label, is_title) in enumerate(labels):
-            axes.text(beside, y, label, transform=axes.get_yaxis_transform(), fontsize=8, va="center", color=_TEXT,
+            axes.text(label_x, y, label, transform=axes.get_yaxis_transform(), fontsize=8, va="center", color=_TEXT,
                       fontweight="bold" if is_title else "normal")  # fmt: skip
         axes.set_yticks([])
         axes.set_ylim(len(labels) - 0.4, -0.8)

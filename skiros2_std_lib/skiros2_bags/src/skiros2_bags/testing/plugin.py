@@ -161,5 +161,5 @@ def _settings(request: pytest.FixtureRequest, given: dict[str, Any]) -> Settings
 
 
 def _file(request: pytest.FixtureRequest, name: str | Path) -> Path:
-    beside = request.path.parent / name
-    return beside if beside.exists() else Path(name).resolve()
+    candidate = request.path.parent / name
+    return candidate if candidate.exists() else Path(name).resolve()

@@ -11,9 +11,9 @@ import rospy
 from skiros2_bags.core.errors import BagError
 from skiros2_bags.testing.recorded_world import scene_operations
 from skiros2_bags.testing.recording import Recording
+from skiros2_common.core.manager_names import SKILL_MGR, matching_name
 from skiros2_common.ros.private_system import PrivateSystem
 from skiros2_msgs import srv as srvs
-from skiros2_skill.core.manager_names import SKILL_MGR, matching_name
 from skiros2_world_model.core.scene import Scene
 from skiros2_world_model.ros.wire import operation2msg
 

@@ -15,10 +15,10 @@ from skiros2_bags.testing.recorded_world import change_operations
 from skiros2_bags.testing.recording import NodeProgress
 from skiros2_common.core.abstract_skill import State
 from skiros2_common.core.errors import ConfigurationError
+from skiros2_common.core.manager_names import runs_on
 from skiros2_common.core.primitive import PrimitiveBase
 from skiros2_common.core.world_element import Element
 from skiros2_skill.core.library.library import SkillLibrary
-from skiros2_skill.core.manager_names import runs_on
 from skiros2_skill.core.tree.compound import SkillBase
 from skiros2_world_model.core.local_world_model import LocalWorldModel
 from skiros2_world_model.core.world_model import WorldModel

@@ -17,7 +17,7 @@ from skiros2_bags.testing.recording import ActionMessage, Recording
 from skiros2_bags.testing.replay_settings import Settings
 from skiros2_bags.testing.replay_system import ReplaySystem, start_task_manager, start_world_model
 from skiros2_common.core.errors import TimedOut, WrongValue
-from skiros2_common.core.names import same_node
+from skiros2_common.core.manager_names import same_node
 from skiros2_common.core.world_element import Element
 from skiros2_msgs import msg as msgs
 from skiros2_skill.ros.utils import deserialize_skill

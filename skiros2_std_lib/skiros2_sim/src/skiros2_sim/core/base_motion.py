@@ -206,8 +206,8 @@ class BaseMotion:
         sign = -1.0 if leg.backward else 1.0
         c, s = sign * math.cos(self._line), sign * math.sin(self._line)
         dx, dy = leg.x - pose.x, leg.y - pose.y
-        left, beside = c * dx + s * dy, s * dx - c * dy
-        turn = 4.0 * wrapped(self._line - math.atan(1.5 * beside) - pose.yaw)
+        left, lateral = c * dx + s * dy, s * dx - c * dy
+        turn = 4.0 * wrapped(self._line - math.atan(1.5 * lateral) - pose.yaw)
         speed = sign * _reachable(max(left, 0.0), SPEED, _ACCELERATION)
         self._command(speed, min(max(turn, -TURN_SPEED), TURN_SPEED) if left > 0.05 else 0.0, dt)
         if left < _EXACT and self._is_at_rest():
@@ -233,8 +233,8 @@ class BaseMotion:
         self._robot.set_base_velocity(self._speed, 0.0, self._turn)
 
     def _is_at_rest(self) -> bool:
-        told = abs(self._speed) < _STANDS and abs(self._turn) < _STANDS_TURN
-        return told and self._still_time >= _STANDS_AFTER
+        commanded_rest = abs(self._speed) < _STANDS and abs(self._turn) < _STANDS_TURN
+        return commanded_rest and self._still_time >= _STANDS_AFTER
 
     def _rejection(self) -> str:
         """Returns why the goal is rejected; "" if it is not."""

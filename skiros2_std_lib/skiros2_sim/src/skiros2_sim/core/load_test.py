@@ -52,8 +52,8 @@ def _load_in_process(file: Path, text: str | None) -> str:
         return ""
     if ended.returncode < 0:
         return f"PyBullet crashes on it (signal {-ended.returncode})"
-    told = ended.stderr.decode(errors="replace").strip().splitlines()
-    return f"PyBullet does not load it: {told[-1] if told else 'no reason given'}"
+    errors = ended.stderr.decode(errors="replace").strip().splitlines()
+    return f"PyBullet does not load it: {errors[-1] if errors else 'no reason given'}"
 
 
 def _main(file: str) -> int:

@@ -70,15 +70,15 @@ class Frames:
             in_map = robot.pose()
             yield f"{robot.name}/{ODOM}", base, in_map
             joints = robot.joint_positions()
-            told = self._last_joints.get(robot.id)
-            if told is not None and all(abs(now - then) < _STILL for now, then in zip(joints, told, strict=True)):
+            last = self._last_joints.get(robot.id)
+            if last is not None and all(abs(now - then) < _STILL for now, then in zip(joints, last, strict=True)):
                 continue
             self._last_joints[robot.id] = joints
             from_base = inverted(in_map)
-            if told is None:
+            if last is None:
                 yield self.map, f"{robot.name}/{ODOM}", IDENTITY
             for link, pose in robot.link_poses().items():
-                if link != BASE_LINK and (told is None or robot.links[link] not in robot.base_links):
+                if link != BASE_LINK and (last is None or robot.links[link] not in robot.base_links):
                     yield base, f"{robot.name}/{link}", composed(from_base, pose)
             for camera in self._there(robot.spec.cameras):
                 yield base, self._cameras[camera], composed(from_base, world.pose_of(camera))

@@ -188,5 +188,5 @@ def _create_world(scene: SceneSpec, options: Options) -> World:
         try:
             return World(scene, options.seed, True, *noise)
         except Refused as error:
-            log.warning("%s: the simulator goes on without", error)
+            log.warning("%s: the simulator continues without a window", error)
     return World(scene, options.seed, False, *noise)

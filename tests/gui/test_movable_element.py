@@ -1,4 +1,4 @@
-"""What is selected can be moved in rviz, and the window says what could not be moved."""
+"""The selected element is movable in rviz."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skiros2_gui.app.widgets.main_widget import MainWidget
 from skiros2_gui.testing.local_system import LocalSystem
 
 
-def test_views_beside_the_window_are_told_what_is_selected_and_tell_what_went_wrong(qtbot: QtBot) -> None:
+def test_selection_is_movable_in_rviz_and_failures_are_reported(qtbot: QtBot) -> None:
     event_queues: list[EventQueue] = []
 
     def connect(event_queue: EventQueue) -> LocalSystem:

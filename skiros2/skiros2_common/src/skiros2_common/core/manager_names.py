@@ -21,6 +21,17 @@ def manager_of(robot: Element) -> str:
     return f"/{str(name).lstrip('/')}" if name else ""
 
 
+def same_node(one: str, other: str) -> bool:
+    """Whether two names denote the same ROS node. A name without a leading slash may be the last part of the full name.
+
+    Scenes name skill managers in both forms.
+    """
+    if one.startswith("/") == other.startswith("/"):
+        return one == other
+    full, last = (one, other) if one.startswith("/") else (other, one)
+    return bool(last) and full.endswith(f"/{last}")
+
+
 def runs_on(robot: Element, manager: str) -> bool:
     """Whether a robot's element names this manager, with or without slash."""
     return bool(manager) and matching_name(manager_of(robot), [manager]) == manager

@@ -1,4 +1,4 @@
-"""The ticks of a task: kept in little room, and gone back to."""
+"""The recorded ticks of a task."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def seen(frame: Frame) -> list[tuple[int, int, int, str]]:
     return [(frame.shape.id(p), frame.state(p), frame.code(p), frame.message(p)) for p in places]
 
 
-def test_every_tick_can_be_gone_back_to() -> None:
+def test_every_tick_can_be_restored() -> None:
     """Also over changes of the tree's shape, and over those that are kept whole."""
     chance, run, told = random.Random(7), TaskRun("/robot", 5), []
     nodes = random_tree(12)
@@ -38,7 +38,7 @@ def test_every_tick_can_be_gone_back_to() -> None:
         run.frame(999)
 
 
-def test_ticks_in_which_nothing_changes_take_no_room() -> None:
+def test_unchanged_tick_is_not_stored() -> None:
     run = TaskRun("/robot", 5)
     for number in range(50):
         run.record(pick_and_place(), 1000.0 + number)
@@ -46,7 +46,7 @@ def test_ticks_in_which_nothing_changes_take_no_room() -> None:
     assert run.latest.time == 1049.0
 
 
-def test_nodes_that_are_the_same_objects_are_not_read_again() -> None:
+def test_identical_node_objects_count_as_unchanged() -> None:
     """As `QuickTreeProgress` tells those of which nothing is new."""
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     run.record(nodes, 1000.0)
@@ -59,7 +59,7 @@ def test_nodes_that_are_the_same_objects_are_not_read_again() -> None:
     assert run.record([*nodes[:4], ProgressNode(300, 5, "other")], 1002.0)
 
 
-def test_how_long_a_node_ran_is_known_live_and_back_in_time() -> None:
+def test_durations_are_known_at_every_tick() -> None:
     run = TaskRun("/robot", 5)
     run.record(pick_and_place(IDLE), 1000.0)
     run.record(pick_and_place(RUNNING), 1001.0)
@@ -74,14 +74,14 @@ def test_how_long_a_node_ran_is_known_live_and_back_in_time() -> None:
     assert run.latest.began(pick) == 1001.0
 
 
-def test_a_node_that_starts_again_is_timed_anew() -> None:
+def test_duration_restarts_with_the_node() -> None:
     run = TaskRun("/robot", 5)
     for second, state in enumerate([RUNNING, SUCCESS, IDLE, RUNNING, RUNNING]):
         run.record(pick_and_place(state), 1000.0 + second)
     assert run.latest.duration(1) == 1.0
 
 
-def test_a_task_that_ran_before_the_window_opened_has_its_managers_times() -> None:
+def test_first_message_uses_run_times_of_the_manager() -> None:
     nodes = pick_and_place()
     nodes[2].progress_time = 30.0
     nodes[1].progress_time = float("nan")
@@ -91,13 +91,13 @@ def test_a_task_that_ran_before_the_window_opened_has_its_managers_times() -> No
     assert run.latest.duration(1) == 0.0
 
 
-def test_what_runs_is_what_is_lowest() -> None:
+def test_running_returns_leaf_nodes() -> None:
     run = TaskRun("/robot", 5)
     run.record(pick_and_place(), 1000.0)
     assert [run.latest.shape.name(p) for p in run.latest.running()] == ["move_arm"]
 
 
-def test_a_number_that_is_used_again_is_another_task() -> None:
+def test_reused_id_is_a_new_run() -> None:
     runs = Runs()
     runs.record("/robot", pick_and_place(), 1.0)
     runs.record("/robot", pick_and_place(SUCCESS, SUCCESS, state=SUCCESS, code=1), 2.0)
@@ -108,7 +108,7 @@ def test_a_number_that_is_used_again_is_another_task() -> None:
     assert runs.record("/robot", [], 6.0) is None
 
 
-def test_a_manager_that_was_started_anew_counts_anew_and_its_old_tasks_stay_lost() -> None:
+def test_restarted_manager_gets_new_runs() -> None:
     runs = Runs()
     runs.record("/robot", pick_and_place(), 1.0)
     runs.record("/other", pick_and_place(), 1.0)
@@ -120,7 +120,7 @@ def test_a_manager_that_was_started_anew_counts_anew_and_its_old_tasks_stay_lost
     assert [run.start for run in runs] == [1.0, 2.0]
 
 
-def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:
+def test_oldest_ticks_are_dropped_and_counted() -> None:
     runs, nodes = Runs(most=200_000), random_tree(50)
     for number in range(2000):
         for node in nodes[1:20]:
@@ -134,7 +134,7 @@ def test_memory_is_bounded_the_oldest_ticks_go_first_and_it_is_said() -> None:
     assert run.tick_at(0.0) == 0 and run.tick_at(9e9) == len(run) - 1
 
 
-def test_of_tasks_that_have_ended_the_oldest_go_first() -> None:
+def test_oldest_ended_tasks_are_evicted() -> None:
     runs = Runs(most_tasks=3)
     for number in range(6):
         runs.record("/robot", pick_and_place(task_id=number, state=SUCCESS, code=1), float(number))
@@ -142,7 +142,7 @@ def test_of_tasks_that_have_ended_the_oldest_go_first() -> None:
     assert runs.evicted == 2
 
 
-def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
+def test_message_log_is_limited_to_one_line_per_second() -> None:
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     for number in range(50):
         nodes[2].progress_message = f"{number} mm"
@@ -154,7 +154,7 @@ def test_messages_are_noted_when_they_change_and_not_at_each_tick() -> None:
     assert [line.name for line in run.log.lines if line.message == ""] == ["task 5", "pick"]
 
 
-def test_the_messages_of_a_node_that_fails_and_starts_all_the_time_are_bounded() -> None:
+def test_message_log_is_bounded() -> None:
     run, nodes = TaskRun("/robot", 5), pick_and_place()
     for number in range(MAX_LINES):
         nodes[2].state, nodes[2].progress_message = (FAILURE, "x" * 5000) if number % 2 else (RUNNING, "")

@@ -61,9 +61,9 @@ def _planned(planner: Planner) -> float:
 
 def _replanned(planner: Planner) -> float:
     world = transport_world(*SIZE)
-    crew = StandInStepRunner(world, STEP)
-    executor = GoalExecutor(TaskPlanner(world.wm, planner, _LIMITS), crew)
-    crew.on_change = executor.world_changed
+    step_runner = StandInStepRunner(world, STEP)
+    executor = GoalExecutor(TaskPlanner(world.wm, planner, _LIMITS), step_runner)
+    step_runner.on_change = executor.world_changed
     again = threading.Event()
     begins = 0
 
@@ -75,13 +75,13 @@ def _replanned(planner: Planner) -> float:
 
     try:
         executor.achieve(Goal(_goal(world)), on_change, lambda execution, end: None)
-        crew.wait_for_starts(2)
+        step_runner.wait_for_starts(2)
         world.wm.set_relation(world.places[8], "skiros:contain", world.products[8], False)
         world.wm.set_relation(world.places[9], "skiros:contain", world.products[8], True)
         start = time.monotonic()
         executor.world_changed()
         if not again.wait(_LIMITS.seconds):
-            raise RuntimeError("it was not planned anew")
-        return crew.wait_for_step(lambda step: step.number >= begins) - start
+            raise RuntimeError("no new plan was made")
+        return step_runner.wait_for_step(lambda step: step.number >= begins) - start
     finally:
         executor.close()

@@ -1,4 +1,4 @@
-"""Several programs on one world model: changes that depend on what was read, requests of several changes, waiting."""
+"""Coordination of programs on one world model: optimistic locking, atomic requests, waiting."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_relation_of_somebody_else_is_a_change_too(world, wm, other, part):
         wm.update_element_if_unchanged(mine)
 
 
-def test_what_was_not_read_cannot_be_compared(wm, part):
+def test_hand_made_element_cannot_be_compared(wm, part):
     by_hand = Element("skiros:Part", "part", part.id)
     with pytest.raises(WmException, match="was not read"):
         wm.update_element_if_unchanged(by_hand)
@@ -132,12 +132,12 @@ def test_an_expectation_alone_changes_nothing(wm, part):
 # -- waiting -------------------------------------------------------------------------------------------------------
 
 
-def test_what_holds_is_not_waited_for(wm, part):
+def test_wait_for_a_relation_that_holds_returns_at_once(wm, part):
     assert wm.wait_for_relation(SCENE, "skiros:contain", part.id, timeout=0.0)
     assert wm.wait_for_relation(part.id, "skiros:contain", SCENE, state=False, timeout=0.0)
 
 
-def test_what_does_not_come_ends_with_the_time(wm, part):
+def test_wait_ends_at_the_timeout(wm, part):
     assert not wm.wait_for_relation(part.id, "skiros:contain", SCENE, timeout=0.05)
 
 

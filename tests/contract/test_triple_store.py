@@ -1,4 +1,4 @@
-"""The store that follows the contexts and answers SPARQL: one suite for memory and for an endpoint over HTTP."""
+"""The triple store: one suite for the store in memory and for an endpoint over HTTP."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_contexts_are_apart_and_together(store):
     assert content(store, "none") == set()
 
 
-def test_what_was_there_is_replaced(store):
+def test_replace_removes_the_previous_triples(store):
     store.replace("one", [A])
     assert content(store, "one") == rows(A)
     store.replace("one", [C])
@@ -113,7 +113,7 @@ def test_terms_come_back_as_they_went(store, term):
     assert content(store, "one") == rows(A)
 
 
-def test_blank_nodes_stay_what_they_are(store):
+def test_blank_nodes_stay_blank_nodes(store):
     n = ox.BlankNode("n1")
     restriction = [ox.Triple(node("a"), node("p"), n), ox.Triple(n, node("q"), ox.Literal("x"))]
     store.replace("one", restriction)
@@ -152,7 +152,7 @@ def test_select_ask_construct_and_unbound_values(store):
         ("", "1:1"),
     ],
 )
-def test_what_is_no_query_is_refused_with_its_place(store, query, said):
+def test_invalid_query_is_refused_with_line_and_column(store, query, said):
     store.replace("one", [A])
     with pytest.raises(WrongValue, match=said) as error:
         ask(store, query)

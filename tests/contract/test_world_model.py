@@ -1,4 +1,4 @@
-"""The world model's port: one suite for the adapter in process, the one over ROS, and the one with a replica."""
+"""The world model port: one suite for the adapter in process, over ROS, and over ROS with a replica."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_number_is_kept_if_free_else_the_new_one_reaches_the_caller(world):
     assert world.wm.add_element(clash).id == clash.id == "skiros:Product-81"
 
 
-def test_what_is_added_is_read_at_once_by_whoever_added_it(world, wm):
+def test_client_reads_its_own_additions(world, wm):
     part = world.add("skiros:Part", "part", ContainerState="Empty", Weight=2)
     found = wm.get_element(part.id)
     assert (found.type, found.label) == ("skiros:Part", "part")
@@ -114,7 +114,7 @@ def test_removed_properties_and_relations_are_gone(world, wm):
     assert found.getRelations() == []
 
 
-def test_an_element_made_by_hand_is_written_whole(world, wm):
+def test_hand_made_element_replaces_the_stored_one(world, wm):
     part = world.add("skiros:Part", "part", ContainerState="Empty", SizeX=1.0)
     made = Element("skiros:Part", "renamed", part.id)
     made.setProperty("skiros:SizeX", 2.0)
@@ -136,7 +136,7 @@ def test_update_of_properties_leaves_relations_and_keeps_their_changes_for_later
     assert wm.get_relations(part.id, "skiros:at", tray.id)
 
 
-def test_properties_of_an_element_made_by_hand_leave_relations_too(world, wm):
+def test_properties_of_a_hand_made_element_keep_relations(world, wm):
     part = world.add("skiros:Part", "part", SizeX=1.0)
     made = Element("skiros:Part", "part", part.id)
     made.setProperty("skiros:SizeY", 2.0)
@@ -185,7 +185,7 @@ def test_lists_dicts_and_texts_of_all_kinds_are_kept(world, wm):
 # -- removing ------------------------------------------------------------------------------------------------------
 
 
-def test_removal_takes_what_is_under_the_element(world, wm):
+def test_recursive_removal_includes_descendants(world, wm):
     tray = world.add("skiros:LargeBox", "tray")
     part = world.add("skiros:Part", "part", tray)
     screw = world.add("skiros:Part", "screw", part, "skiros:hasA")
@@ -194,7 +194,7 @@ def test_removal_takes_what_is_under_the_element(world, wm):
     assert wm.get_element(SCENE).getRelations("-1", "skiros:contain") == []
 
 
-def test_removal_leaves_what_something_else_holds_too(world, wm):
+def test_recursive_removal_keeps_descendants_held_by_others(world, wm):
     tray, shelf = world.add("skiros:LargeBox", "tray"), world.add("skiros:LargeBox", "shelf")
     part = world.add("skiros:Part", "part", tray)
     inner = world.add("skiros:Part", "inner", part)
@@ -203,7 +203,7 @@ def test_removal_leaves_what_something_else_holds_too(world, wm):
     assert [wm.is_scene_element(e.id) for e in (tray, part, inner)] == [False, True, True]
 
 
-def test_removal_of_one_element_leaves_what_is_under_it(world, wm):
+def test_removal_without_recursion_keeps_descendants(world, wm):
     tray = world.add("skiros:LargeBox", "tray")
     part = world.add("skiros:Part", "part", tray)
     wm.remove_element(tray, recursive=False)
@@ -266,7 +266,7 @@ def test_resolve_narrows_by_label_and_values_and_empty_ones_match_any(world, wm)
     assert wm.resolve_element(Element("skiros:LargeBox", "other")) is None
 
 
-def test_a_branch_is_an_element_and_what_is_under_it_along_a_relation(world, wm):
+def test_branch_is_an_element_with_its_descendants_along_a_relation(world, wm):
     tray = world.add("skiros:LargeBox", "tray")
     part = world.add("skiros:Part", "part", tray)
     screw = world.add("skiros:Part", "screw", part, "skiros:hasA")
@@ -337,13 +337,13 @@ def test_a_relation_holds_between_elements_or_some_element_of_a_class(world, wm)
     assert holds(tray.id, part.id)
 
 
-def test_an_abstract_relation_between_classes_is_what_restrictions_allow(world, wm):
+def test_abstract_relation_between_classes_follows_the_restrictions(world, wm):
     robot, arm = Element("cora:Robot"), Element("rparts:ArmDevice")
     assert wm.check_relation(robot, "skiros:hasA", arm, True, True)
     assert wm.check_relation(robot, "skiros:hasA", Element("skiros:Location"), False, True)
 
 
-def test_an_abstract_relation_between_elements_is_what_is_stated_of_their_templates(world, wm):
+def test_abstract_relation_between_elements_follows_their_templates(world, wm):
     box = world.add("skiros:LargeBox", "start_box", Template="skiros:large_box_test_starter")
     labelled = world.add("skiros:LargeBox", "skiros:large_box_test_starter")
     motor = world.add("skiros:Starter", "motor 7", Template="skiros:starter")
@@ -386,14 +386,14 @@ def test_a_template_is_copied_alone(wm):
     assert wm.get_relations(pallet.id, "skiros:hasTemplate", "factory:euro_pallet")
 
 
-def test_a_template_is_copied_with_what_it_has_and_contains_but_not_itself_again(wm):
+def test_template_is_copied_with_its_parts_but_not_into_itself(wm):
     pallet = wm.instanciate("factory:euro_pallet", recursive=True)
     branch = wm.get_branch(pallet.id)
     assert [e.label for e in branch] == ["factory:euro_pallet", "factory:part", "skiros:starter", "factory:screw"]
     assert wm.get_relations(branch[1].id, "skiros:partReference", "skiros:starter")
 
 
-def test_what_of_a_template_is_copied_can_be_chosen(wm):
+def test_relation_filter_selects_the_copied_parts_of_a_template(wm):
     pallet = wm.instanciate("factory:euro_pallet", True, relation_filter=["skiros:hasA"])
     assert ids(wm.get_branch(pallet.id)) == [pallet.id]
     pallet = wm.instanciate("factory:euro_pallet", True, antiloop_bind={"factory:part"})
@@ -539,7 +539,7 @@ def test_a_context_is_loaded_and_saved_by_its_name(world, wm):
 # -- changes seen --------------------------------------------------------------------------------------------------
 
 
-def test_each_change_is_told_once_in_order_with_its_author(world, wm):
+def test_each_change_is_published_once_in_order_with_its_author(world, wm):
     seen = []
     wm.add_listener(seen.append)
     other = world.connect("the other")

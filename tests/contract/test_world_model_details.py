@@ -1,4 +1,4 @@
-"""The world model's port, the finer points: what the contract says in half a sentence. Runs against each adapter."""
+"""Details of the contract of the world model port, for each adapter."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_elements_that_hold_each_other_are_refused_together(wm):
     assert (one.id, two.id) == ("", "")
 
 
-def test_a_long_chain_of_children_is_added_whole(wm):
+def test_long_chain_of_children_is_added_completely(wm):
     first = last = Element("skiros:LargeBox", "first")
     for number in range(2000):
         child = Element("skiros:LargeBox", f"child {number}")
@@ -167,7 +167,7 @@ def test_a_relation_may_lead_to_an_element_of_another_context(world, wm):
 
 
 @pytest.mark.parametrize("context", ["a/b", "ontology", "two words", "<x>", "\x00"])
-def test_a_context_that_cannot_be_named_so_is_refused(wm, context):
+def test_invalid_context_name_is_refused(wm, context):
     with pytest.raises(WmException) as error:
         wm.add_element(Element("skiros:Part"), context)
     assert repr(context)[1:-1] in str(error.value).replace("\\\\", "\\")
@@ -188,7 +188,7 @@ def test_an_element_that_is_gone_is_named_when_it_is_written(world, wm):
     assert wm.find_element(part.id) is None
 
 
-def test_what_another_has_changed_meanwhile_stays(world, wm):
+def test_concurrent_changes_of_another_client_are_kept(world, wm):
     part = world.add("skiros:Part", "part", SizeX=1.0)
     held = wm.get_element(part.id)
     tray = world.add("skiros:LargeBox", "tray")
@@ -241,14 +241,14 @@ def slow_monitor(wm):
     wm.remove_listener(wait)
 
 
-def test_a_loaded_scene_is_read_at_once_by_who_loaded_it(world, wm, slow_monitor):
+def test_client_reads_the_scene_it_loaded(world, wm, slow_monitor):
     world.add("skiros:Part", "part")
     assert len(wm.resolve_elements(Element("skiros:Part"))) == 1
     wm.load("blank.ttl")
     assert wm.resolve_elements(Element("skiros:Part")) == []
 
 
-def test_statements_about_the_scene_are_read_at_once_by_who_made_them(world, wm, slow_monitor):
+def test_client_reads_its_own_statements(world, wm, slow_monitor):
     world.add("skiros:Part", "part")
     wm.add_individual(Element("skiros:Part", "skiros:Part-70"), "scene")
     assert wm.find_element("skiros:Part-70") is not None

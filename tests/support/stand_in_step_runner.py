@@ -1,4 +1,4 @@
-"""Simulated robots that run plan steps on a world model in process, by the conditions of the skills."""
+"""Simulates the execution of steps in a local world model, by the conditions of the skills."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from support.planning_world import PlanningWorld
 
 
 class StandInStepRunner:
-    """Each step takes some time; then its effects are in the world model.
+    """Applies the effects of each step after a delay.
 
-    :param seconds: that a step takes.
+    :param seconds: the duration of a step.
     :param on_change: called after the world has been changed.
     """
 
@@ -24,16 +24,16 @@ class StandInStepRunner:
         self._seconds = seconds
         self._change = threading.Condition()
         self.on_change: Callable[[], None] = lambda: None
-        self.begun: list[tuple[float, Step]] = []  # with the time
-        self.at_once = 0  # so many steps ran at the same time at most
+        self.started: list[tuple[float, Step]] = []  # with the start time (s, monotonic)
+        self.max_parallel = 0  # the largest number of steps that ran at the same time
         self._running: dict[int, tuple[Step, Ended]] = {}
 
     def start(self, step: Step, ended: Ended) -> Callable[[], None]:
         with self._change:
-            self.begun.append((time.monotonic(), step))
+            self.started.append((time.monotonic(), step))
             key = id(step)
             self._running[key] = (step, ended)
-            self.at_once = max(self.at_once, len(self._running))
+            self.max_parallel = max(self.max_parallel, len(self._running))
             self._change.notify_all()
         timer = threading.Timer(self._seconds, self._finish, (key,))
         timer.daemon = True
@@ -41,23 +41,23 @@ class StandInStepRunner:
         return lambda: self._end(key, False, "stopped")
 
     def wait_for_starts(self, count: int, timeout: float = 30.0) -> None:
-        """Waits until a number of steps were started."""
+        """Waits until `count` steps were started."""
         with self._change:
-            assert self._change.wait_for(lambda: len(self.begun) >= count, timeout), f"{len(self.begun)} steps"
+            assert self._change.wait_for(lambda: len(self.started) >= count, timeout), f"{len(self.started)} steps"
 
     def wait_for_step(self, condition: Callable[[Step], bool], timeout: float = 30.0) -> float:
-        """Waits until such a step was started, and returns when (s, monotonic)."""
+        """Waits until a matching step was started. Returns the start time (s, monotonic)."""
 
         def found() -> float | None:
-            return next((begun for begun, step in self.begun if condition(step)), None)
+            return next((time for time, step in self.started if condition(step)), None)
 
         with self._change:
-            began = self._change.wait_for(found, timeout)
-            assert began is not None, "no such step"
-            return began
+            started = self._change.wait_for(found, timeout)
+            assert started is not None, "no such step"
+            return started
 
     def lose(self, manager: str) -> None:
-        """The steps of a robot have no effect, without a message."""
+        """Drops the steps of a robot without a report."""
         with self._change:
             self._running = {k: (step, e) for k, (step, e) in self._running.items() if step.call.manager != manager}
 

@@ -24,11 +24,11 @@ PLANNING_TIME, STEP_TIME = 0.5, 2.0
 
 
 @dataclass
-class Doing:
-    """A step that a robot does.
+class RunningStep:
+    """A running step.
 
-    :param until: when it ends.
-    :param fails: it changes nothing, and fails.
+    :param until: when it ends (s).
+    :param fails: whether it fails without effects.
     """
 
     step: Step
@@ -37,9 +37,9 @@ class Doing:
 
 
 class TransportCell:
-    """Carries out one goal: each product at the place after its own.
+    """Executes one goal: each product at the place after its own.
 
-    :param fails: tells of each step that is started whether it will fail.
+    :param fails: returns whether a started step will fail.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class TransportCell:
         self.facts = task.init
         self.now = 0.0
         self.gone: set[str] = set()
-        self.doing: dict[int, Doing] = {}
+        self.running: dict[int, RunningStep] = {}
         self.started: list[tuple[Step, bool]] = []  # with whether what it needs held
         self.end: End | None = None
         self.plans = 0  # that were asked for
@@ -95,7 +95,7 @@ class TransportCell:
             elif isinstance(command, Wake):
                 self._later(command.delay, self.machine.wake)
             else:
-                assert not self.doing, "steps run after the end"
+                assert not self.running, "steps run after the end"
                 self.end = command
 
     def _later(self, seconds: float, event: Callable[[], Sequence[Command]]) -> None:
@@ -118,30 +118,30 @@ class TransportCell:
     def _start(self, step: Step) -> None:
         robot = step.call.manager
         assert robot not in self.gone, f"{step}: the robot is gone"
-        assert not any(d.step.call.manager == robot for d in self.doing.values()), f"{step}: the robot is busy"
+        assert not any(d.step.call.manager == robot for d in self.running.values()), f"{step}: the robot is busy"
         self.started.append((step, holds(step.precondition, self.facts)))
         fails = self._fails(step) or not holds(step.precondition, self.facts)
-        self.doing[step.number] = Doing(step, self.now + STEP_TIME, fails)
+        self.running[step.number] = RunningStep(step, self.now + STEP_TIME, fails)
 
     def _stopped(self, number: int) -> Sequence[Command]:
-        doing = self.doing.pop(number, None)
-        return self.machine.ended(number, False, "stopped") if doing is not None else []
+        running = self.running.pop(number, None)
+        return self.machine.ended(number, False, "stopped") if running is not None else []
 
-    # -- what happens ------------------------------------------------------------------------------------------
+    # -- events ------------------------------------------------------------------------------------------
 
     def run(self, until: float = float("inf"), most: int = 10_000) -> None:
-        """Continues until that time, or the end.
+        """Runs until a time (s), or the end.
 
-        :raises AssertionError: it does not end.
+        :raises AssertionError: there are too many events.
         """
         for _ in range(most):
-            times = [time for time, _ in self._due] + [doing.until for doing in self.doing.values()]
+            times = [time for time, _ in self._due] + [running.until for running in self.running.values()]
             if self.end is not None or not times or min(times) > until:
                 self.now = max(self.now, until) if until != float("inf") else self.now
                 return
             self.now = max(self.now, min(times))
             self._next()
-        raise AssertionError("it goes on for ever")
+        raise AssertionError("the execution does not end")
 
     def _next(self) -> None:
         for index, (time, event) in enumerate(self._due):
@@ -149,41 +149,41 @@ class TransportCell:
                 del self._due[index]
                 self.tell(event())
                 return
-        number, doing = next((n, d) for n, d in self.doing.items() if d.until <= self.now)
-        del self.doing[number]
-        if not doing.fails:
-            self.facts = doing.step.apply(self.facts)
-        self.tell(self.machine.ended(number, not doing.fails, "broken" if doing.fails else ""))
+        number, running = next((n, d) for n, d in self.running.items() if d.until <= self.now)
+        del self.running[number]
+        if not running.fails:
+            self.facts = running.step.apply(self.facts)
+        self.tell(self.machine.ended(number, not running.fails, "broken" if running.fails else ""))
         self.change(self.facts)
 
     def change(self, facts: frozenset[Atom]) -> None:
-        """Makes the world another."""
+        """Changes the world."""
         self.facts = facts
         if self.end is None:
             self.tell(self.machine.world(self.task))
 
     def move(self, product: str, place: str) -> None:
-        """Somebody carries a product away."""
+        """Moves a product."""
         there = {a for a in self.facts if a.predicate == CONTAIN and a.terms[1] == product}
         self.change((self.facts - there) | {contain(place, product)})
 
     def lose(self, robot: str) -> None:
-        """A robot disappears, with what it was doing; what it held lies where it stood."""
+        """Removes a robot with its running steps."""
         self.gone.add(robot)
-        for number in [n for n, d in self.doing.items() if d.step.call.manager == robot]:
-            del self.doing[number]
+        for number in [n for n, d in self.running.items() if d.step.call.manager == robot]:
+            del self.running[number]
         if self.end is None:
             self.tell(self.machine.robot_lost(robot))
 
     def find(self, robot: str) -> None:
-        """A robot is back."""
+        """Adds a lost robot again."""
         self.gone.discard(robot)
         if self.end is None:
             self.tell(self.machine.robot_found(robot))
 
 
 def transport_plan(task: PlanningTask, robots: Sequence[str]) -> list[PlanStep] | None:
-    """A plan for products that are to be at places: the robots take turns. None when there is no robot for one."""
+    """Returns a plan that brings products to places with the robots in turn; None if a product has no robot."""
     facts = set(task.init)
     place_of = {a.terms[0]: a.terms[1] for a in facts if a.predicate.name == "skiros:at"}
     inside = {a.terms[1]: a.terms[0] for a in facts if a.predicate == CONTAIN}

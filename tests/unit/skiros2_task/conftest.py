@@ -1,4 +1,4 @@
-"""A planner that tests share: its process is loaded once, and all that it makes is checked."""
+"""Shared fixtures: a planner whose plans and PDDL are checked."""
 
 from __future__ import annotations
 

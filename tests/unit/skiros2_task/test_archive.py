@@ -1,4 +1,4 @@
-"""The folder in which what was made for each goal is kept."""
+"""The archive of planning requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worlds and goals with known answers, planned from the world model's elements to the skills to be called."""
+"""Worlds and goals with known answers, from the world model's elements to skill calls."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def test_missing_class_of_elements_is_reported(plan: Plan) -> None:
     assert any("the scene has no element for Gripper (rparts:GripperEffector)" in note for note in result.notes)
 
 
-def test_goals_that_are_contradictory_are_impossible(plan: Plan) -> None:
+def test_mutex_goals_are_impossible(plan: Plan) -> None:
     world = transport_world(places=3)
     robot, places = world.robots[0], world.places
     result = plan(world, f"(skiros:at {robot} {places[1]}), (skiros:at {robot} {places[2]})")
@@ -271,7 +271,7 @@ def test_missing_boolean_is_neither_true_nor_false(plan: Plan) -> None:
 
 
 def test_negative_boolean_condition_is_planned(plan: Plan) -> None:
-    """A door has to be shut (state False) before what is inside may be heated."""
+    """The content of a container may be heated only if its door is shut (state False)."""
     world = PlanningWorld()
     oven = world.thing("skiros:Container", Open=True)
     hot = prop("Door", "skiros:Temperature", "=", "Hot")
@@ -356,7 +356,7 @@ def test_numeric_comparisons_are_planned(plan: Plan) -> None:
 
 
 def test_locked_device_is_free_before_and_after(plan: Plan) -> None:
-    """What a skill itself holds while it runs is not asked for at its start."""
+    """A hold-condition that contradicts a pre-condition is not needed at the start."""
     from skiros2_common.core.abstract_skill import ParamOptions
 
     world = PlanningWorld()
@@ -722,7 +722,7 @@ def weight(operator: str, value: float, state: bool = True) -> Any:
         [prop("Object", "skiros:Surface", "=", "Raw"), has("Object", "skiros:Surface", False)],
     ],
 )
-def test_a_skill_whose_conditions_are_contradictory_is_left_out_and_told(plan: Plan, pre: list[Any]) -> None:
+def test_skill_with_contradictory_conditions_is_reported(plan: Plan, pre: list[Any]) -> None:
     world = PlanningWorld()
     product = world.thing("skiros:Product", Surface="Raw", Weight=5.0, Open=True)
     world.robot("alpha", skill("Paint", PRODUCT, pre, [PAINTED]))

@@ -1,4 +1,4 @@
-"""The commands of `rosrun skiros2_task` on scene files: what they print, and what they end with."""
+"""The commands of `rosrun skiros2_task` on scene files: output and exit status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `rosrun skiros2_task achieve` tells of a goal as it goes on, and of its end."""
+"""The output of `rosrun skiros2_task achieve`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def feedback(phase: str, message: str = "", plan: Any = (), steps: Any = ()) -> 
 
 
 def lines(*feedbacks: Any, fancy: bool = True) -> list[str]:
-    """What is told, without the times."""
+    """Returns the printed lines without the times."""
     out = io.StringIO()
     printer = ProgressPrinter(Screen(fancy=fancy), out)
     for one in feedbacks:

@@ -1,4 +1,4 @@
-"""Problems that need steps at the same time, told from those that steps one after the other can solve."""
+"""Detection of required concurrency."""
 
 from __future__ import annotations
 

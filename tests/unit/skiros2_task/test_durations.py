@@ -1,4 +1,4 @@
-"""How long skills take: given with the skill, or learned."""
+"""Declared and measured durations of skills."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the facts of one relation or property hang together."""
+"""Dependencies between facts of one relation or property."""
 
 from __future__ import annotations
 

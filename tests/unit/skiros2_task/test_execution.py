@@ -1,4 +1,4 @@
-"""How a goal is carried out: with robots that fail and disappear, and a world that others change."""
+"""The execution state machine, with failing and lost robots and a changing world."""
 
 from __future__ import annotations
 
@@ -93,11 +93,11 @@ def test_execution_fails_after_max_replans() -> None:
 def test_needed_step_continues_during_replan() -> None:
     cell = TransportCell(2, 4, 2, fails=lambda step: step.number == 1)
     cell.run(until=PLANNING_TIME + STEP_TIME / 2)
-    other = next(d.step for d in cell.doing.values() if d.step.call.manager == "cora:Robot-1")
-    cell.doing[other.number].until += STEP_TIME  # it takes long
+    other = next(d.step for d in cell.running.values() if d.step.call.manager == "cora:Robot-1")
+    cell.running[other.number].until += STEP_TIME  # it takes long
     cell.run(until=PLANNING_TIME + STEP_TIME * 1.9)
     assert cell.machine.replans == 1
-    assert other.number in cell.doing
+    assert other.number in cell.running
     cell.run()
     assert cell.reached
     assert cell.machine.records[other.number].state is StepState.SUCCEEDED
@@ -129,7 +129,7 @@ def test_reverted_change_causes_no_replan() -> None:
 def test_unneeded_running_step_is_stopped() -> None:
     cell = TransportCell(2, 3, 2)
     cell.run(until=PLANNING_TIME + 0.1)
-    assert {d.step.call.label for d in cell.doing.values()} == {"pick", "drive"}
+    assert {d.step.call.label for d in cell.running.values()} == {"pick", "drive"}
     product = cell.task.members["skiros:Product"][1]
     cell.move(product, cell.task.members["skiros:Location"][2])
     cell.run()
@@ -226,7 +226,7 @@ def test_execution_ends_with_true_verdict(
             cell.tell(cell.machine.cancel())
     cell.run()
     assert cell.end is not None
-    assert not cell.doing
+    assert not cell.running
     assert cell.machine.replans <= max_replans
     if cell.end.verdict in (Verdict.PLANNED, Verdict.NOTHING_TO_DO):
         assert cell.reached

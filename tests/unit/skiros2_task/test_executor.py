@@ -1,4 +1,4 @@
-"""Goals that are carried out in a world model, by robots that follow the skills' conditions."""
+"""The goal executor, with simulated robots in a world model."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Cell:
 
     def __init__(self, world: PlanningWorld, processes: EngineProcesses, seconds: float = 0.02) -> None:
         self.world = world
-        self.crew = StandInStepRunner(world, seconds)
-        self.executor = GoalExecutor(TaskPlanner(world.wm, UpPlanner(processes), Limits(30.0)), self.crew)
-        self.crew.on_change = self.executor.world_changed
+        self.step_runner = StandInStepRunner(world, seconds)
+        self.executor = GoalExecutor(TaskPlanner(world.wm, UpPlanner(processes), Limits(30.0)), self.step_runner)
+        self.step_runner.on_change = self.executor.world_changed
 
     @property
     def goal(self) -> str:
@@ -83,7 +83,7 @@ def test_robots_reach_goal_in_parallel(cell: Make) -> None:
     request = busy.achieve()
     assert (request.end.verdict, request.end.message) == (Verdict.PLANNED, "the goal is reached")
     assert busy.reached
-    assert busy.crew.at_once == 2
+    assert busy.step_runner.max_parallel == 2
     assert {record.state for record in request.execution.started} == {StepState.SUCCEEDED}
     assert busy.achieve().end.verdict is Verdict.NOTHING_TO_DO
 
@@ -91,8 +91,8 @@ def test_robots_reach_goal_in_parallel(cell: Make) -> None:
 def test_changed_world_causes_replan(cell: Make) -> None:
     busy = cell(1, 3, 4, seconds=0.2)
     request = busy.achieve()
-    busy.crew.wait_for_starts(1)
-    taken = {element.id for _, step in busy.crew.begun for _, element in step.call.arguments}
+    busy.step_runner.wait_for_starts(1)
+    taken = {element.id for _, step in busy.step_runner.started for _, element in step.call.arguments}
     product = next(p for p in busy.world.products[1:] if p not in taken)
     start = busy.world.places[busy.world.products.index(product) % 3]
     busy.move(product, start, next(p for p in busy.world.places[:-1] if p != start))
@@ -104,9 +104,9 @@ def test_changed_world_causes_replan(cell: Make) -> None:
 def test_steps_of_lost_robot_move_to_other(cell: Make) -> None:
     busy = cell(2, 3, 4, seconds=0.2)
     request = busy.achieve()
-    busy.crew.wait_for_starts(2)
-    manager = busy.crew.begun[0][1].call.manager
-    busy.crew.lose(manager)
+    busy.step_runner.wait_for_starts(2)
+    manager = busy.step_runner.started[0][1].call.manager
+    busy.step_runner.lose(manager)
     busy.executor.robot_lost(manager)
     assert request.end.verdict is Verdict.PLANNED
     assert busy.reached
@@ -120,13 +120,13 @@ def test_goals_for_one_robot_run_in_sequence(cell: Make) -> None:
     requests = [busy.achieve(f"(skiros:contain {place} {product})") for product in busy.world.products]
     assert [request.end.verdict for request in requests] == [Verdict.PLANNED] * 2
     assert busy.reached
-    assert busy.crew.at_once == 1
+    assert busy.step_runner.max_parallel == 1
 
 
 def test_goal_is_cancelled_while_running_and_planning(cell: Make) -> None:
     busy = cell(1, 3, 2, seconds=30.0)
     request = busy.achieve()
-    busy.crew.wait_for_starts(1)
+    busy.step_runner.wait_for_starts(1)
     busy.executor.cancel(request.execution)
     assert request.end.verdict is Verdict.CANCELLED
     assert request.execution.started[-1].state is StepState.STOPPED
@@ -155,7 +155,7 @@ def test_impossible_goals_do_not_wait_for_each_other(cell: Make) -> None:
 def test_close_cancels_all_goals(cell: Make) -> None:
     busy = cell(2, 3, 4, seconds=30.0)
     requests = [busy.achieve(), busy.achieve()]
-    busy.crew.wait_for_starts(1)
+    busy.step_runner.wait_for_starts(1)
     busy.executor.close()
     assert [request.end.verdict for request in requests] == [Verdict.CANCELLED] * 2
 
@@ -177,8 +177,9 @@ class BadStepRunner(StandInStepRunner):
 def test_internal_error_ends_goal_with_message(processes: EngineProcesses) -> None:
     world = transport_world()
     goal = Goal(f"(skiros:contain {world.places[1]} {world.products[0]})")
-    for planner, crew in ((BadPlanner(), StandInStepRunner(world)), (UpPlanner(processes), BadStepRunner(world))):
-        executor = GoalExecutor(TaskPlanner(world.wm, planner, Limits(30.0)), crew)
+    cases = ((BadPlanner(), StandInStepRunner(world)), (UpPlanner(processes), BadStepRunner(world)))
+    for planner, step_runner in cases:
+        executor = GoalExecutor(TaskPlanner(world.wm, planner, Limits(30.0)), step_runner)
         end = Request(executor, goal).end
         assert (end.verdict, end.message) == (Verdict.FAILED, "internal error: RuntimeError: a bug")
         executor.close()

@@ -1,4 +1,4 @@
-"""Why there is no plan: what each part of the goal lacks."""
+"""Explanations why there is no plan."""
 
 from __future__ import annotations
 

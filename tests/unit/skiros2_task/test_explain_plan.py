@@ -1,4 +1,4 @@
-"""Why a plan is as it is: what each step is for."""
+"""Explanations of the purpose of each step of a plan."""
 
 from __future__ import annotations
 

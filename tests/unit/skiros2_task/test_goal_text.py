@@ -1,4 +1,4 @@
-"""The text of goals."""
+"""The parser of goal texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals as Python objects: what they say, and that their text reads back as them."""
+"""Goals as Python objects, and the round trip of their text."""
 
 from __future__ import annotations
 

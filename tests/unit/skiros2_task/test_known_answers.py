@@ -1,4 +1,4 @@
-"""The catalogue of domains and goals with known answers: what planning says of each, and the shortest plan."""
+"""The catalogue of domains with known verdicts and shortest plans."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAMES = [case.name for case in CASES]
 
 
 def answer(case: Case, processes: EngineProcesses, quality: Quality) -> PlanningResult:
-    """What planning says. A plan is validated, and carried out on a copy of the world: the goal has to hold then."""
+    """Plans a case. The plan is validated and executed on a copy of the world."""
     world, goal = case.build()
     planner = CheckedPlanner(planner_named(processes, quality.value), goal_action=quality is Quality.OPTIMAL)
     result = TaskPlanner(world.wm, planner, Limits(seconds=60.0)).plan(goal)

@@ -1,4 +1,4 @@
-"""Which facts can never hold at the same time."""
+"""Mutex facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans of which only the order that is needed is kept."""
+"""Deordering of plans."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_causal_links_name_producers() -> None:
 
 
 def test_order_is_transitively_reduced() -> None:
-    """The robot and its gripper order pick before place, too; through the drive that is said already."""
+    """The order of pick and place follows from the drive between them."""
     assert (0, 2) not in deorder(transport_task(1, 2, 1), bring(0, 0, 0, 1)).before
 
 
@@ -175,7 +175,7 @@ def test_deorder_raises_on_invalid_plan(plan: tuple[PlanStep, ...]) -> None:
 
 
 def test_lock_of_skill_orders_steps() -> None:
-    """Two robots look through one camera, which each locks while it looks."""
+    """Two robots share a camera, which each locks while it looks."""
     world = PlanningWorld()
     camera = world.thing("skiros:DepthCamera", StateProperty="Idle")
     products = [world.thing("skiros:Product") for _ in range(2)]
@@ -217,7 +217,7 @@ def test_every_linearisation_is_valid(
 def test_unordered_steps_do_not_interfere(
     planned: tuple[PlanningTask, tuple[PlanStep, ...]],
 ) -> None:
-    """Neither makes false what the other makes, not even while it runs, and each has a robot of its own."""
+    """Unordered steps have different robots, and neither changes a fact that the other produces."""
     task, plan = planned
     for i, j in unordered(deorder(task, plan)):
         assert robot_of(task, plan[i]) != robot_of(task, plan[j])
@@ -239,7 +239,7 @@ def test_no_step_breaks_a_causal_link(
 
 
 def net_effects(task: PlanningTask, step: PlanStep) -> set[tuple[Atom, bool]]:
-    """What a step changes; what it makes both true and false is true."""
+    """Returns the changes of a step; an atom that is made both true and false is true."""
     made = set(effects_of(task, step))
     return {(atom, state) for atom, state in made if state or (atom, True) not in made}
 

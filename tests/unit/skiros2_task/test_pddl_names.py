@@ -1,4 +1,4 @@
-"""Names as PDDL has them."""
+"""PDDL names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Searches side by side: plan qualities, which plan wins, and nothing left of the others."""
+"""Search portfolios for each plan quality, and engines chosen by name."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def test_bad_engine_fails_and_next_run_succeeds(
 
 
 def test_hanging_engine_is_killed_at_time_limit(processes: EngineProcesses, own_folder: Path) -> None:
-    """Also one that ignores what asks it to end, and has processes of its own in another session."""
+    """The engine ignores signals and has processes in another session."""
     answer = UpPlanner(processes, f"{BAD}:Hanging").solve(transport_task(1, 2, 1), Limits(seconds=0.5))
     assert answer.outcome is Outcome.TIMED_OUT
     wait_until(lambda: running_in(own_folder / "tmp") == {}, 2.0, "the killed processes to be gone")
@@ -180,7 +180,7 @@ def test_engine_without_type_hierarchy_gets_flat_problem(processes: EngineProces
 
 
 def test_quantified_effect_is_limited_to_crossing_class(processes: EngineProcesses) -> None:
-    """Emptying a place of its red things leaves the others there; types cannot say what is red, as some boxes are."""
+    """A skill removes red objects from a place; the class of red objects crosses the class of boxes."""
     red, boxes = (P, "skiros:Product-1"), ("skiros:Product-1", "skiros:Product-2")
     base = transport_task(1, 1, 3)
     robot, box = base.action("drive").variables[0], Variable("?Box", "Box", ("test:Box",))

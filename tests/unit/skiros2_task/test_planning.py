@@ -1,4 +1,4 @@
-"""From a goal to a plan that is checked, with planners that behave in all ways."""
+"""Planning with given planner answers."""
 
 from __future__ import annotations
 

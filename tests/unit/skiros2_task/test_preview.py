@@ -1,4 +1,4 @@
-"""Plans tried out on a copy of the scene. Each plan of the catalogue is tried out too, by the fixture `plan`."""
+"""Plan simulation. The fixture `plan` also simulates each plan of the catalogue."""
 
 from __future__ import annotations
 

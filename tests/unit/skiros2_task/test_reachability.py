@@ -1,4 +1,4 @@
-"""What may come about when nothing is undone."""
+"""Relaxed reachability."""
 
 from __future__ import annotations
 

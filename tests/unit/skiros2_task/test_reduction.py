@@ -1,4 +1,4 @@
-"""Redundant steps of plans."""
+"""Removal of redundant steps."""
 
 from __future__ import annotations
 

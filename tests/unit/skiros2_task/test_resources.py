@@ -1,4 +1,4 @@
-"""Robots and devices that several goals want."""
+"""Allocation of robots and devices to goals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The steps of a plan dealt out anew to the robots, so that it takes less time."""
+"""Assignment of plan parts to robots."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_shared_location_is_not_a_tool() -> None:
 
 
 def test_chained_moves_are_not_reassigned() -> None:
-    """Only neighbouring places are connected: what takes several drives is not dealt out."""
+    """Only neighbouring places are connected: parts with several drives keep their robot."""
     world = PlanningWorld()
     places = [world.thing("skiros:Location") for _ in range(3)]
     for one, other in ((0, 1), (1, 2), (1, 0), (2, 1)):

@@ -1,4 +1,4 @@
-"""When each step of a plan is done, and by whom."""
+"""Schedules of plans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans carried out on a task's facts."""
+"""Effects of steps and validation of plans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The task manager beside actionlib, which calls it under a lock of its own."""
+"""The action server of the task manager, called with actionlib's lock held."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Classes as PDDL types."""
+"""PDDL types of ontology classes."""
 
 from __future__ import annotations
 

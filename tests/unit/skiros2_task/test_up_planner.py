@@ -1,4 +1,4 @@
-"""Engines of unified-planning, each run in a process of its own."""
+"""Engines of unified-planning in their processes."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class WhyStep:
         if reached:
             yield f"     in the end for {', '.join(reached)}"
         for link in self.needs:
-            yield f"     needs {link.fact} {f'of step {link.step}' if link.step else 'as it is at the start'}"
+            yield f"     needs {link.fact} {f'of step {link.step}' if link.step else 'of the initial state'}"
 
 
 @dataclass

@@ -81,7 +81,7 @@ def test_a_port_in_use_is_named(run: DemoRun) -> None:
         port = taken.getsockname()[1]
         status, shown = run.end("--port", str(port))
     assert status == 1
-    assert shown == f"pick_place_demo: port {port} is in use; give a free one, or none"
+    assert shown == f"pick_place_demo: port {port} is in use; pass a free one, or none"
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ def test_in_memory_not_many_queries_that_were_given_up_go_on():
     for _ in range(2):
         with pytest.raises(TimedOut):
             ask(store, ALL_PAIRS)
-    with pytest.raises(Refused, match="what was given up is still running: SPARQL query: SELECT"):
+    with pytest.raises(Refused, match="refused while abandoned calls are still running: SPARQL query: SELECT"):
         ask(store, "ASK {}")
 
 

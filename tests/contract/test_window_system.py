@@ -19,6 +19,7 @@ from skiros2_gui.app.system import MANAGER, WORLD_MODEL, System, part_of
 from skiros2_gui.testing.local_system import LocalSystem
 from skiros2_skill.command_line.assignments import Step
 from skiros2_skill.command_line.tree import SUCCESS, has_ended
+from skiros2_world_model.core.changes import Add
 from skiros2_world_model.core.local_world_model import LocalWorldModel, source_ontologies
 from skiros2_world_model.core.world_model import WorldModel
 from support import hand_skills
@@ -178,3 +179,14 @@ def test_added_class_is_known_when_reported(desk: Desk) -> None:
     desk.wait_for(
         WorldChanged, lambda e: e.ontology and desk.system.ontology.is_subclass("skiros:Bolt", "skiros:Product")
     )
+
+
+def test_changes_without_content_are_reported_in_their_order(desk: Desk) -> None:
+    """The scene tab reads the scene again, and loses what it could undo, when a change does not continue the last one."""
+    world = desk.system.world
+    world.add_class("skiros:Probe", "sumo:Object")  # of the ontologies alone
+    outcome = world.transact([Add(Element("skiros:Product"))])
+    wanted, known = outcome.changes[-1].snapshot_id, []
+    desk.wait_for(WorldChanged, lambda e: known.extend(e.changes) or any(c.snapshot_id == wanted for c in known))
+    newest = known[[c.snapshot_id for c in known].index(wanted)]
+    assert newest.prev_snapshot_id in [c.snapshot_id for c in known]

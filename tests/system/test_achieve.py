@@ -149,7 +149,7 @@ def test_goal_waits_for_an_irreplaceable_manager(ros: Ros) -> None:
     request = cell.achieve()
     request.wait_for(lambda f: any(step["robot"] == "/washer" for step in running(f)))
     ros.kill_node("/washer")
-    request.wait_for(lambda f: f.phase == f.PLANNING and "robot is gone" in f.message)
+    request.wait_for(lambda f: f.phase == f.PLANNING and "robot is lost" in f.message)
     cell.start_manager("washer", SPECIALISTS["washer"])
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done

@@ -333,7 +333,7 @@ def test_goal_of_a_killed_manager_is_lost(ros, robot):
     ros.kill_node(ROBOT)  # it is started anew
     result = run.result(60)
     assert (result.task_id, result.state) == (task, msgs.SkillProgress.FAILURE)
-    assert "it was started anew" in result.message
+    assert "it was restarted" in result.message
     assert robot.run([skill(robot, "add", B=1.0)]).succeeded(30)
     assert robot.execute(skill_list=[skill(robot, "add", B=1.0)]) >= 0, "commands reach the new one too"
 

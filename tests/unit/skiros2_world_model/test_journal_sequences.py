@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from skiros2_common.core.errors import SkirosError
@@ -153,6 +153,9 @@ def replayed(entries: list[HistoryEntry]) -> dict[str, Any]:
 
 @pytest.mark.filterwarnings("ignore")
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@example(  # a relation of another context is refused, after the context of the request was created
+    sequence=[("transact", [Relate(IDS[0], "skiros:contain", IDS[0]), Add(Element(TYPES[0]))], "memory")]
+)
 @given(sequence=st.lists(requests, min_size=1, max_size=12))
 def test_recovered_state_equals_the_state_of_the_world_model(sequence: list[tuple[str, Any, Any]]) -> None:
     with tempfile.TemporaryDirectory() as folder:

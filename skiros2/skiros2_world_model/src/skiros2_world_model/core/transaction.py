@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -63,7 +64,7 @@ class Transaction:
         #: Relations changed without an element of theirs, and whether each existed before.
         self._relations_before: dict[tuple[str, str, str], bool] = {}
         #: Relations to add whose subjects are in other contexts, with the context of each.
-        self.in_other_contexts: dict[Relate, str] = {}
+        self.in_other_contexts: defaultdict[str, list[Operation]] = defaultdict(list)
 
     def run(self, operations: Iterable[Operation]) -> list[str]:
         """Applies the operations in order and returns the id that each affected.
@@ -116,7 +117,8 @@ class Transaction:
         for relation, before in part._relations_before.items():
             self._relations_before.setdefault(relation, before)
         self.renamed += part.renamed
-        self.in_other_contexts.update(part.in_other_contexts)
+        for context, relations in part.in_other_contexts.items():
+            self.in_other_contexts[context] += relations
         self.removed_recursively |= part.removed_recursively
         return ids
 
@@ -273,7 +275,7 @@ class Transaction:
         if src not in self._scene:
             if (context := next((name for name, scene in self._others.items() if src in scene), None)) is None:
                 raise UnknownName(f"{self._author}: {who}: there is no element {src!r}")
-            self.in_other_contexts[Relate(src, pred, dst)] = context
+            self.in_other_contexts[context].append(Relate(src, pred, dst))
             return src
         self._checks.relation_ends(self._record(src), pred, self._scene.record(dst), who)
         if self._ontology.is_subproperty(pred, SPATIAL):

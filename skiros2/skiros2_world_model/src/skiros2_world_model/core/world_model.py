@@ -119,6 +119,8 @@ class WorldModel(WorldModelState):
             scene.begin()
             try:
                 ids = transaction.run(operations)
+                for other, relations in transaction.in_other_contexts.items():
+                    self._check(relations, author, other)
                 if context == SCENE:
                     self.reasoning.offer(scene, transaction)
                 pending = pending_changes(transaction, scene) if context == SCENE else [PendingChange(UPDATE)]
@@ -140,11 +142,21 @@ class WorldModel(WorldModelState):
             for wanted, assigned in transaction.renamed:
                 log.warning("%s: the number of %s is taken; the element was added as %s", author, wanted, assigned)
             changes = self._notifier.notify_all(pending, provenance, context, scene)
-            for relation, other in transaction.in_other_contexts.items():
-                changes += self.transact([relation], author, other).changes
+            for other, relations in transaction.in_other_contexts.items():
+                changes += self.transact(relations, author, other).changes
             for other, patches in self._contexts.dangling([e.id for e in transaction.removed]):
                 changes += self.transact(patches, author, other).changes
             return Outcome(ids, changes)
+
+    def _check(self, operations: Sequence[Operation], author: str, context: str) -> None:
+        """Raises what `transact` would raise, and changes nothing."""
+        scene = self._contexts.named(context).scene
+        scene.begin()
+        try:
+            others = self._contexts.others(context)
+            Transaction(scene, self.ontology, self.checks(author), author, others).run(operations)
+        finally:
+            scene.roll_back()
 
     def checks(self, author: str) -> Checks:
         """Creates the checks of names and values for a request of an author."""

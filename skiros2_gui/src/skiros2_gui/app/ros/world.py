@@ -157,9 +157,8 @@ class WorldModelConnection:
     def _on_change(self, change: Change) -> None:
         """Reports a change that the replica has applied. Called in the thread of the subscription."""
         if change.action == RESET or not (change.elements or change.relations):
-            self._wanted.set()  # the connection thread fetches it first
-        if change.action == RESET or change.elements or change.relations:
-            self._on_event(WorldChanged((change,)))
+            self._wanted.set()  # the connection thread fetches the scene or the ontologies
+        self._on_event(WorldChanged((change,)))  # also without content: the next change continues it
 
     def _set(self, is_up: bool, problem: str) -> None:
         with self._lock:

@@ -182,7 +182,7 @@ def test_added_class_is_known_when_reported(desk: Desk) -> None:
 
 
 def test_changes_without_content_are_reported_in_their_order(desk: Desk) -> None:
-    """The scene tab reads the scene again, and loses what it could undo, when a change does not continue the last one."""
+    """After a gap the scene tab reads the scene again, and cannot undo the changes in the gap."""
     world = desk.system.world
     world.add_class("skiros:Probe", "sumo:Object")  # of the ontologies alone
     outcome = world.transact([Add(Element("skiros:Product"))])

@@ -120,6 +120,7 @@ def test_robots_with_different_skills_reach_a_goal_together(ros: Ros) -> None:
 @pytest.mark.parametrize("finished", [1, 5])
 def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> None:
     cell = Cell(ros, CREW)
+    managers = {f"/{name}": SkillManagerInterface(f"/{name}", "tests") for name in CREW}  # connected beforehand
     request = cell.achieve()
     # The one that has just begun a step, held so that it is still at it when it is killed.
     victim = request.wait_for(
@@ -132,9 +133,9 @@ def test_goal_is_reached_after_a_manager_is_killed(ros: Ros, finished: int) -> N
             ]
         )
     )[0]["robot"]
-    manager = SkillManagerInterface(victim, "tests")
-    manager.pause_all()
-    manager.shutdown()
+    managers[victim].pause_all()
+    for manager in managers.values():
+        manager.shutdown()
     ros.kill_node(victim)
     assert request.result.state == AchieveResult.SUCCEEDED, request.result.message
     assert cell.is_done

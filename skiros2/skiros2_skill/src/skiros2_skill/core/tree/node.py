@@ -322,7 +322,8 @@ class SkillInterface(NodeParams):
         """Ticks the node once without a task, with an executor of its own."""
         if "_executor" not in self.__dict__:
             self._executor = type(self).executor_class(self._wmi)
-        return self._executor.tick(self)
+        state: State = self._executor.tick(self)
+        return state
 
     def start(self, params: ParamHandler | None = None) -> State:
         """Specifies parameters and resets the node. Returns the state."""
